@@ -206,7 +206,8 @@ def _compute_costs(rows: FloatArray, force: FloatArray, at: IntArray, shifts: In
     power, square = (common - common.mean()) ** 2, np.sum(measured**2, axis=1)
     normal = (both @ (rows[:, :, None] * rows[:, None, :]).reshape(len(rows), -1)).reshape(-1, width, width)
     right = measured @ rows
-    enough = (count >= np.maximum(2 * width, _KEPT * len(rows))) & (both @ power >= _KEPT * power.sum())
+    most, seen = count.max(initial=0.0), both @ power  # forces may be shorter than the recording
+    enough = (count >= max(2 * width, _KEPT * most)) & (seen >= _KEPT * seen.max(initial=0.0))
     normal[~enough] = np.eye(width)
     ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(width)  # two thirds may move alike
     masses = np.linalg.solve(normal + ridge, right[..., None])[..., 0]
@@ -214,4 +215,4 @@ def _compute_costs(rows: FloatArray, force: FloatArray, at: IntArray, shifts: In
     together = square - (measured @ common) ** 2 / np.maximum(both @ common**2, 1e-12)  # all parts have one mass
     rest = np.where((masses < 0.0).any(axis=1), together, rest)
     spread = np.sqrt(np.maximum(rest, 0.0) / np.maximum(count - width, 1.0))
-    return np.where(enough, spread * len(rows) / np.maximum(count, 1.0), np.nan)
+    return np.where(enough, spread * most / np.maximum(count, 1.0), np.nan)
