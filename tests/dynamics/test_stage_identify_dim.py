@@ -486,6 +486,76 @@ def test_a_clock_that_is_left_as_it_is() -> None:
     assert "clock-offset-kept" not in codes(run(late)[2])
 
 
+def with_clock(recorded: TrialData, offset: float, clock: dict[str, Any], **settings: Any) -> tuple[Table, Tree]:
+    """Return dynamics of a plate ``offset`` late, s, whose wrench the coarse search corrected by ``clock``."""
+    coarse = round(clock["offset_s"] * recorded.rate)
+    late = recorded.wrench.copy()
+    late[: max(coarse, 0)] = late[len(late) + min(coarse, 0) :] = np.nan
+    moved = CubicSpline(recorded.time, recorded.wrench)(recorded.time + offset - coarse / recorded.rate)
+    given = context(with_(recorded, wrench=np.where(np.isfinite(late), moved, np.nan)), **settings)
+    wrench = given.table("wrench.parquet")
+    given = Context(given.trial, given.settings, {**given.inputs, "wrench.parquet": wrench_with(wrench, clock)})
+    _, table, tree, _ = STAGE.function(given)
+    return table, tree
+
+
+def wrench_with(wrench: Table, clock: dict[str, Any]) -> Table:
+    return Table(wrench.schema, wrench.columns, {**wrench.facts, "clock": clock}, wrench.reasons)
+
+
+FOUND = {"offset_s": 0.5, "peak_s": 0.5, "rivals_s": [], "why": None}
+
+
+def test_a_coarse_offset_and_the_rest_are_one_offset() -> None:
+    recorded = moving_body(seconds=15.0, noise=(0.5, 0.5, 0.15))
+    table, tree = with_clock(recorded, 0.513, FOUND)
+    assert tree.facts["clock_offset_s"] == pytest.approx(0.513, abs=5e-4)
+    assert tree.facts["clock"]["applied_s"] == pytest.approx(0.013, abs=5e-4)
+    (reason,) = [each for each in tree.reasons if each.code.startswith("clock")]
+    assert reason.code == "clock-offset-large"
+    assert reason.value == pytest.approx(0.513, abs=5e-4)
+    assert "513 ms too early" in reason.message
+    np.testing.assert_allclose(table["Fy"][100:-100], moving_body(seconds=15.0).wrench[100:-100, 1], atol=6.0)
+
+
+def test_the_settings_hold_for_the_coarse_offset_too() -> None:
+    """Without correction, the wrench is used as it was recorded; beyond the user's limit, the offset is unknown."""
+    recorded = moving_body(seconds=15.0, noise=(0.5, 0.5, 0.15))
+    table, tree = with_clock(recorded, 0.513, FOUND, apply_clock_offset=False)
+    assert tree.facts["clock_offset_s"] == pytest.approx(0.513, abs=2e-3)
+    assert "clock-offset-kept" in codes(tree)
+    raw = CubicSpline(recorded.time, recorded.wrench[:, 1])(recorded.time + 0.513)
+    known = np.isfinite(table["Fy"])
+    assert known.mean() > 0.95
+    np.testing.assert_allclose(table["Fy"][known][50:-150], raw[known][50:-150], atol=1e-6)
+    _, tree = with_clock(recorded, 0.513, FOUND, clock_offset_limit_s=0.2)
+    assert "clock-offset-unknown" in codes(tree)
+    assert tree.facts["clock_offset_s"] is None
+
+
+def test_an_offset_that_cannot_be_told_is_said_and_not_reported() -> None:
+    recorded = moving_body(seconds=15.0, noise=(0.5, 0.5, 0.15))
+    why = "the movement repeats"
+    _, tree = with_clock(recorded, 0.0, {"offset_s": 0.0, "peak_s": 0.0, "rivals_s": [1.5], "why": why})
+    (reason,) = [each for each in tree.reasons if each.code.startswith("clock")]
+    assert reason.code == "clock-offset-unknown"
+    assert why in reason.message
+    assert tree.facts["clock_offset_s"] is None
+    assert tree.facts["wrench"]["Fy"]["r2"] > 0.999  # the fit is that of the assumed offset
+
+
+@pytest.mark.parametrize("drift", [0.0, -5e-4, 2e-3])
+def test_a_drift_is_measured_and_said(drift: float) -> None:
+    recorded = moving_body(seconds=20.0, noise=(0.5, 0.5, 0.15))
+    stamped = recorded.time + drift * (recorded.time - recorded.time.mean())
+    wrench = CubicSpline(recorded.time, moving_body(seconds=20.0).wrench)(stamped)
+    noise = recorded.wrench - moving_body(seconds=20.0).wrench
+    _, _, tree = run(with_(recorded, wrench=wrench + noise))
+    clock = tree.facts["clock"]
+    assert abs(clock["drift_s_per_s"] - drift) < max(4 * clock["drift_sd_s_per_s"], 0.05 * abs(drift))
+    assert ("clock-drift" in codes(tree)) == (drift != 0.0)
+
+
 def test_artefacts_that_do_not_belong_together() -> None:
     broken = context(moving_body())
     wrench = broken.table("wrench.parquet")

@@ -315,3 +315,18 @@ def test_a_sensor_with_the_wrong_sign_is_reported(holding: Finished) -> None:
     told = again(holding, change)
     message = next(reason.message for reason in told.tree.reasons if reason.code == "external-contradiction")
     assert "`rail` times -" in message
+
+
+@pytest.mark.parametrize("late", [-0.08, 0.3])
+def test_a_sensor_with_a_wrong_clock_is_reported(holding: Finished, late: float) -> None:
+    """Its samples come ``late``, s: the time stamp t was given at t - late."""
+
+    def change(frame: pd.DataFrame) -> pd.DataFrame:
+        names = [name for name in frame if name.endswith("_external_1")]
+        time = frame["time"].to_numpy()
+        return frame.assign(**{name: np.interp(time - late, time, frame[name]) for name in names})
+
+    told = again(holding, change)
+    reason = next(each for each in told.tree.reasons if each.code == "external-clock")
+    assert reason.value == pytest.approx(-late, abs=0.02)
+    assert "`rail`" in reason.message

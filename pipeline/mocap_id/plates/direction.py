@@ -69,7 +69,7 @@ def compare_courses(vertical: FloatArray, positions: FloatArray, rate: float) ->
     there are too few of them, or if the body does not move.
     """
     positions = positions[:, _find_rising_markers(positions)]
-    half, groups = max(1, round(_COURSE_STEP_S * rate)), _group_by_height(positions)
+    half, groups = max(1, round(_COURSE_STEP_S * rate)), group_by_height(positions)
     if len(positions) < 4 * half or not groups or np.isfinite(vertical).sum() < _MIN_COMPARED_S * rate:
         return None
     heights = positions[:, :, 2:]
@@ -160,7 +160,7 @@ def compare_directions(force: FloatArray, positions: FloatArray, rate: float) ->
     second difference of a position over a step h is the acceleration averaged with these weights. The result is None if
     there are too few samples.
     """
-    half, groups = max(1, round(_STEP_S * rate)), _group_by_height(positions)
+    half, groups = max(1, round(_STEP_S * rate)), group_by_height(positions)
     if len(positions) < 4 * half or not groups or not np.isfinite(force).any():
         return None
     each = (positions[2 * half :] - 2 * positions[half:-half] + positions[: -2 * half]) * (rate / half) ** 2
@@ -192,7 +192,7 @@ def _average_triangular(values: FloatArray, half: int) -> FloatArray:
     return np.stack([np.convolve(each, weights, "valid")[1:-1] for each in values.T], axis=1)
 
 
-def _group_by_height(positions: FloatArray) -> Sequence[IntArray]:
+def group_by_height(positions: FloatArray) -> Sequence[IntArray]:
     """Return the indices of the markers in each third of the body's height; thirds without markers are left out."""
     height = np.array([np.median(z[np.isfinite(z)]) if np.isfinite(z).any() else np.nan for z in positions[:, :, 2].T])
     if not np.isfinite(height).any():

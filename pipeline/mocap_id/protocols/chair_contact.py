@@ -62,6 +62,8 @@ def find_contact(
         nowhere = np.zeros(len(vertical), dtype=bool)
         return Contact(False, nowhere, ~nowhere, nowhere, weight, None, rule)
     off_chair = contact_rules.find_samples_off_chair(posture)
+    if rule == "weight" and determines_parameters(prepared, off_chair):  # no model finds the clock later by this rule
+        vertical = prepared.measured(fit(prepared, off_chair).offset)[:, 1]
     with np.errstate(invalid="ignore"):
         by_weight = contact_rules.find_contact_in_low_phases(posture, vertical < weight_share * weight)
         knee = min(prepared.recorded.knee, prepared.recorded.q.shape[1] - 1)

@@ -49,6 +49,7 @@ from mocap_id.stages.identify_dim.trial_data import (
     read_cop_threshold,
     read_joint_names,
     read_kinematic_error,
+    read_wrench,
 )
 from mocap_id.stages.identify_dim.trial_inputs import TrialInputs, describe_gaps, read_inputs
 from mocap_id.stages.identify_dim.wrench_checks import check_sensors, make_gain_facts
@@ -72,7 +73,7 @@ def identify_dim(context: Context) -> Outputs:
         table, tree = _explain_obstacle(context, inputs, inputs.obstacle)
     else:
         table, tree, prepared = _identify(context, inputs, prepared)
-    events = _make_events(context, inputs, prepared, table)
+    events = _make_events(context, inputs, prepared, table, tree)
     table = _mark_contact(context, inputs, prepared, (events, table, tree))
     return events, table, tree, average_signals(context, events, table)
 
@@ -122,14 +123,16 @@ def _fit(
     return found, fit_segments(context, inputs.body_sets, prepared, inputs.movement, pinned=found, tables=references)
 
 
-def _make_events(context: Context, inputs: TrialInputs, prepared: PreparedTrial | None, dynamics: Table) -> Table:
+def _make_events(
+    context: Context, inputs: TrialInputs, prepared: PreparedTrial | None, dynamics: Table, tree: Tree
+) -> Table:
     """Return events.parquet; for sit-to-stand, it contains details of every rise."""
     movement, recorded = inputs.movement, inputs.recorded
     if movement.posture is None:
         return make_events(movement.repetitions)
     states, names = context.table("states.parquet"), [f"sd_dtheta_{j + 1}" for j in range(recorded.q.shape[1])]
     return make_sit_to_stand_events(
-        context.table("wrench.parquet"),
+        read_wrench(context)[0],
         recorded,
         movement,
         compute_missing_force(prepared, dynamics.columns),
@@ -137,6 +140,7 @@ def _make_events(context: Context, inputs: TrialInputs, prepared: PreparedTrial 
         seat_measured=recorded.seat is not None,
         # the speed is a norm of joint velocities, so its standard deviation is at most the largest of theirs
         speed_sd=states.stack(names).max(axis=1) if set(names) <= set(states.names) else None,
+        clock_offset=(tree.facts["clock"] or {}).get("applied_s", 0.0),
     )
 
 

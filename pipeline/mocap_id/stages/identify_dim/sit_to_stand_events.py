@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray
+from mocap_id.dynamics.clock_offset import SampledWrench
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData
 from mocap_id.protocols.attempts import Attempt, find_failed_attempts
 from mocap_id.protocols.five_times import PUBLISHED, REQUIRED_RISES, FiveTimes, compute_five_times
@@ -39,6 +40,7 @@ def make_sit_to_stand_events(
     share: float,
     seat_measured: bool,
     speed_sd: FloatArray | None = None,
+    clock_offset: float = 0.0,
 ) -> Table:
     """Return events.parquet of a sit-to-stand with a known posture; ``plates`` is wrench.parquet.
 
@@ -53,14 +55,17 @@ def make_sit_to_stand_events(
         Whether the chair's force is measured and therefore not part of ``missing``.
     speed_sd : (T,) array, optional
         Standard deviation of the speed in the posture, rad/s; without it, those of the five-times test are unknown.
+    clock_offset : float
+        Clock offset of the plates that the fit found, s; both wrenches are still without this correction.
     """
     assert movement.posture is not None
     posture, repetitions, contact = movement.posture, movement.repetitions, movement.contact
     chair = None if contact is None else contact.chair
     weight = float("nan") if contact is None else contact.weight
-    vertical = recorded.wrench[:, 1] / weight
+    stamped = recorded.time - clock_offset
+    vertical = _sample(recorded.time, recorded.wrench[:, 1], stamped) / weight
     attempts = find_failed_attempts(recorded.time, posture, vertical, repetitions, chair=chair)
-    shared = _share_load(plates, recorded, posture, movement)
+    shared = _share_load(plates, recorded, posture, movement, stamped)
     rises = tuple(
         replace(
             _describe_rise(k, recorded.time, movement, vertical, share),
@@ -154,14 +159,21 @@ def compute_missing_force(prepared: PreparedTrial | None, columns: Mapping[str, 
     return ()
 
 
-def _share_load(plates: Table, recorded: TrialData, posture: Posture, movement: Movement) -> LoadShare:
+def _sample(time: FloatArray, force: FloatArray, stamped: FloatArray) -> FloatArray:
+    """Return a force (T,) of the plates at the times ``stamped`` (T,) of their clock, s."""
+    return SampledWrench.of(time, force[:, None])(stamped)[:, 0]
+
+
+def _share_load(
+    plates: Table, recorded: TrialData, posture: Posture, movement: Movement, stamped: FloatArray
+) -> LoadShare:
     nothing = {phase: np.full(len(movement.repetitions), np.nan) for phase in PHASES}
     feet = [plate for plate in plates.facts.get("plates") or () if plate.get("use") == "feet"]
     across = [(int(plate["index"]), _number(plate.get("across_m"))) for plate in feet]
     found = find_foot_plates(across, find_facing(recorded))
     if isinstance(found, str):
         return LoadShare(None, None, nothing, found)
-    left, right = (plates[f"Fy_p{plate}"] for plate in found)
+    left, right = (_sample(recorded.time, plates[f"Fy_p{plate}"], stamped) for plate in found)
     return LoadShare(*found, compute_load_share(recorded.time, posture, left, right, movement.repetitions))
 
 

@@ -15,7 +15,7 @@ from mocap_id.kinematics import PlaneFit, fit_plane
 from mocap_id.kinematics.base_motion import find_base_motion
 from mocap_id.kinematics.plane import find_feet
 from mocap_id.kinematics.simple_faults import find_lone_markers
-from mocap_id.plates import GRAVITY, PlateChoice, choose_plates, find_dropouts
+from mocap_id.plates import GRAVITY, PlateChoice, choose_plates, find_clock_offset, find_dropouts
 from mocap_id.plates.direction import compare_courses
 from mocap_id.plates.feet import find_standing_feet
 from mocap_id.recording import PlateSamples, Recording, ThinnedFrames
@@ -62,8 +62,14 @@ def planarise(context: Context) -> Outputs:
     positions, swaps, swap_reasons = check_swaps(part, repair=settings.repair_swaps)
     part = replace(part, positions=positions)
     thinned = ThinnedFrames.of(part.positions, part.time, source.rate, source.plates)
-    samples = [recording.decimate(plate, part.time, source.rate) for plate in source.plates]
     choice = choose_plates(source.plates, thinned.samples, thinned.positions, feet=plates.feet, seat=plates.seat)
+    loaded = [source.plates[index] for index in (*choice.indices("feet"), *choice.indices("seat"))]
+    clock = find_clock_offset(loaded, thinned.positions, thinned.time, thinned.rate, frame_s=1.0 / source.rate)
+    if clock.offset_s:  # everything below, and every later stage, uses the corrected clock
+        source = replace(source, plates=clock.correct(source.plates))
+        thinned = ThinnedFrames.of(part.positions, part.time, source.rate, source.plates)
+        choice = choose_plates(source.plates, thinned.samples, thinned.positions, feet=plates.feet, seat=plates.seat)
+    samples = [recording.decimate(plate, part.time, source.rate) for plate in source.plates]
     base = find_base_motion(thinned.positions, thinned.time, thinned.rate)
     still = moved_base.undo_in_frames(base, thinned)
     frame, faced, plane = _fit_frame(still, source, choice, settings)
@@ -122,12 +128,12 @@ def planarise(context: Context) -> Outputs:
     else:
         wrench["Fx"] = np.full(len(part.time), np.nan)
         facts, reasons = facts | {"board": board.facts}, (*reasons, *board.reasons)
-    facts["registration"] = check.facts
+    facts |= {"registration": check.facts, "clock": clock.facts()}
     facts["unusable"], facts["horizontal_measured"] = check.unusable, check.horizontal
     belonging = judge_course(course, source.files, files.forces)
     across = measure_lateral_cop(thinned.samples, frame, threshold)
     facts["plates"] = [plate | {"across_m": each} for plate, each in zip(facts["plates"], across, strict=True)]
-    losses = describe_losses(feet, part.time, missing)
+    losses = describe_losses(feet, part.time, missing, clock.offset_s)
     registered = moved_base.remove_explained_by_lean(check.reasons, plane)
     reasons = (*doubt_units(assumptions), *reasons, *losses, *registered, *belonging, *external.reasons)
     return planar, Table(WRENCH, wrench, facts, reasons)

@@ -78,13 +78,18 @@ def doubt_units(assumptions: Sequence[str]) -> tuple[Reason, ...]:
     )
 
 
-def describe_losses(plates: Sequence[Plate], time: FloatArray, dropout: BoolArray) -> tuple[Reason, ...]:
+def describe_losses(
+    plates: Sequence[Plate], time: FloatArray, dropout: BoolArray, corrected: float
+) -> tuple[Reason, ...]:
     """Return reasons for samples of the feet's plates that cannot be used in an identification.
 
-    ``time`` (F,) are the marker times, s; ``dropout`` (F,) marks the frames from :func:`mocap_id.plates.find_dropouts`.
+    ``time`` (F,) are the marker times, s; ``dropout`` (F,) marks the frames from :func:`mocap_id.plates.find_dropouts`;
+    ``corrected`` is the clock offset by which the times of the plates were corrected, s.
     """
     reasons = [
-        reason for plate in plates for reason in (_describe_saturation(plate, time), _describe_short_plate(plate, time))
+        reason
+        for plate in plates
+        for reason in (_describe_saturation(plate, time), _describe_short_plate(plate, time, corrected))
     ]
     return tuple(reason for reason in (*reasons, _describe_dropout(time, dropout)) if reason is not None)
 
@@ -105,16 +110,17 @@ def _describe_saturation(plate: Plate, time: FloatArray) -> Reason | None:
     )
 
 
-def _describe_short_plate(plate: Plate, time: FloatArray) -> Reason | None:
+def _describe_short_plate(plate: Plate, time: FloatArray, corrected: float) -> Reason | None:
     """Return a reason if frames are before the plate's first sample or after its last by more than one interval."""
     slack = 1.0 / plate.rate + float(np.median(np.diff(time)))
     end = plate.start + (len(plate.ok) - 1) / plate.rate
     share = float(np.mean((time < plate.start - slack) | (time > end + slack)))
     if share == 0.0:
         return None
+    clocks = f" (on the cameras' clock: {corrected:+.2f} s)" if corrected else ""
     return Reason(
         "plate-short",
-        f"the forces of plate {plate.index} run from {plate.start:.2f} to {end:.2f} s and the markers from "
+        f"the forces of plate {plate.index} run from {plate.start:.2f} to {end:.2f} s{clocks} and the markers from "
         f"{time[0]:.2f} to {time[-1]:.2f} s: {100 * share:.0f} % of the frames have no force and are not used "
         "for the identification. Export both completely, and check that they belong to the same trial",
         value=share,
