@@ -114,9 +114,9 @@ def check_registration(
         }
         if pinned:
             reasons = [each for each in reasons if each is None or each.code != "plate-misplaced"]
-            told = _describe_pinned(pinned)
-            reasons.append(told)
-            unusable = told.message
+            missing = _describe_pinned(pinned)
+            reasons.append(missing)
+            unusable = missing.message
     weak = whole is not None and whole.expected >= _EXPECTED_N and whole.size < _WEAK * whole.expected
     direction = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     along = any(abs(axis @ direction) > _ALONG for plate in plates for _, axis in plate.dead)
