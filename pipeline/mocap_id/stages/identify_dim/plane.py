@@ -7,7 +7,7 @@ import numpy as np
 from mocap_id.design.recommendation import describe_recommendations, recommend_if_doubtful
 from mocap_id.dynamics.acceleration_noise import correlate_errors
 from mocap_id.dynamics.built_in_sensors import combine_with_sensors
-from mocap_id.dynamics.cautions import find_cautions
+from mocap_id.dynamics.cautions import OFFSET_LARGE, find_cautions
 from mocap_id.dynamics.excitation import WEAK, WEAK_ROBOT, measure_excitation
 from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.point_grid import PointGrid
@@ -106,6 +106,7 @@ def _make_events(
 ) -> Table:
     """Return events.parquet; for sit-to-stand, it contains details of every rise."""
     movement, recorded = inputs.movement, inputs.recorded
+    late = float((tree.facts["clock"] or {}).get("applied_s") or 0.0)
     if movement.posture is None:
         return make_events(movement.repetitions)
     return make_sit_to_stand_events(
@@ -115,7 +116,7 @@ def _make_events(
         compute_missing_force(prepared, dynamics.columns),
         share=context.settings.seat_off_share,
         seat_measured=recorded.seat is not None,
-        clock_offset=(tree.facts["clock"] or {}).get("applied_s", 0.0),
+        clock_offset=late if abs(late) > OFFSET_LARGE else 0.0,
     )
 
 
