@@ -33,6 +33,7 @@ _STEP_S = 0.025  # step of the search; the cost is smooth over about 0.1 s
 _AVERAGED_S = 0.1, 0.2
 _SLOW_S, _SLOW_SHARE = 1.5, 0.2  # duration of the weighted mean that counts as slow, s, and its share in the cost
 _SAMPLES_HZ = 10.0  # number of averaged samples per second that are compared
+_EXPLAINED = 0.8  # largest cost at a peak as a fraction of the standard deviation of the force
 _UNLOADED = 0.04  # fraction of the largest load below which nothing is measured
 _LEAST = 15  # smallest number of samples at an offset
 _KEPT = 0.5  # smallest fraction of samples and of movement that is measured by both at an offset
@@ -143,7 +144,8 @@ def _search(
     moves = min(float(np.nanstd(force[beyond:-beyond])), inertia) / max(abs(weight), 1e-9)
     if moves < _SEEN or (best > _VERY_CLEAR * usual and moves < _MOVES):
         return ClockSearch()
-    if best > _CLEAR * usual:
+    at_best = sharp[used + beyond - steps[int(np.nanargmin(cost))]]
+    if best > min(_CLEAR * usual, _EXPLAINED * float(np.nanstd(at_best))):
         return ClockSearch(why=f"at no offset within ± {_RANGE_S:g} s do the forces follow the movement of the markers")
     # minima that are as good as the best one, the smallest offset first
     before, after = (np.nan_to_num(np.roll(cost, by), nan=np.inf) for by in (1, -1))
