@@ -18,9 +18,10 @@ if TYPE_CHECKING:
 
 AnyIdentification: TypeAlias = "Identification | SpatialIdentification"
 """Identified parameters in the plane or in space."""
+OFFSET_LARGE = 0.02
+"""Largest clock offset of synchronised devices, s."""
 _BOUNDED = 0.05  # relative increase of the cost because of physical consistency
 _MASS_APART = 0.05  # relative difference of two masses
-_OFFSET_LARGE = 0.02  # s, largest clock offset of synchronised devices
 _OFFSET_OF_DELAYS = 0.15  # s, largest offset by filters, export and a late start; only a note, because it is corrected
 _DRIFT_SEEN, _DRIFT_LEAST = 5.0, 0.005  # significant change of the offset in a trial: in standard deviations, and in s
 _OFFSET_SEEN, _OFFSET_LEAST = 3.0, 5e-4  # significant clock offset: in standard deviations, and in s
@@ -112,18 +113,18 @@ def _check_clock(prepared: AnyTrial, result: AnyIdentification) -> Iterator[Reas
     if not prepared.settings.apply_offset:
         yield _check_uncorrected_offset(result)
         return
-    if abs(fit.total_offset) <= _OFFSET_LARGE:
+    if abs(fit.total_offset) <= OFFSET_LARGE:
         return
     board = isinstance(prepared, PreparedTrial) and len(prepared.recorded.measures) < prepared.recorded.wrench.shape[1]
     late = "late" if fit.total_offset < 0 else "early"
     yield Reason(
         "clock-offset-large",
         f"the forces come {1e3 * abs(fit.total_offset):.0f} ms too {late} in relation to the cameras (standard "
-        f"deviation {1e3 * result.offset_sd:.1f} ms), expected at most {1e3 * _OFFSET_LARGE:.0f} ms. This was corrected"
+        f"deviation {1e3 * result.offset_sd:.1f} ms), expected at most {1e3 * OFFSET_LARGE:.0f} ms. This was corrected"
         + ("" if board else ", but the clocks are not synchronised: check trigger, delays and export of the plates")
         + (". At the ends of the trial, frames without force are left out" if clock.offset else ""),
         value=fit.total_offset,
-        limit=_OFFSET_LARGE,
+        limit=OFFSET_LARGE,
         level="ok" if board or abs(fit.total_offset) <= _OFFSET_OF_DELAYS else "caution",
     )
 

@@ -33,6 +33,9 @@ _STEP_S = 0.025  # step of the search; the cost is smooth over about 0.1 s
 _AVERAGED_S = 0.1, 0.2
 _SLOW_S, _SLOW_SHARE = 1.5, 0.2  # duration of the weighted mean that counts as slow, s, and its share in the cost
 _SAMPLES_HZ = 10.0  # number of averaged samples per second that are compared
+_EXPLAINED = 0.8  # largest cost at a peak as a fraction of the standard deviation of the force
+_UNLOADED = 0.04  # fraction of the largest load below which nothing is measured
+_LEAST = 15  # smallest number of samples at an offset
 _KEPT = 0.5  # smallest fraction of samples and of movement that is measured by both at an offset
 _RISES_M, _OFF_CHAIR = 0.15, 0.4  # smallest rise of a body that sits down, and fraction of it above any chair
 
@@ -109,6 +112,8 @@ def _search(
     # saturated samples count, because those without them are not spread evenly over the movement
     whole = [plate if plate.saturated is None else replace(plate, ok=plate.ok | plate.saturated) for plate in plates]
     total = sum((decimate(plate, stamped, rate).force[:, 2] for plate in whole), np.zeros(len(stamped)))
+    with np.errstate(invalid="ignore"):
+        total[total < _UNLOADED * np.nanmax(total, initial=0.0)] = np.nan  # a loose cable, or a flight
     weights = np.concatenate([np.arange(1, half + 1), np.arange(half - 1, 0, -1)]) / half**2
     force = np.full(len(total), np.nan)
     force[half - 1 : len(total) - half + 1] = np.convolve(total, weights, "valid")
@@ -139,7 +144,8 @@ def _search(
     moves = min(float(np.nanstd(force[beyond:-beyond])), inertia) / max(abs(weight), 1e-9)
     if moves < _SEEN or (best > _VERY_CLEAR * usual and moves < _MOVES):
         return ClockSearch()
-    if best > _CLEAR * usual:
+    at_best = sharp[used + beyond - steps[int(np.nanargmin(cost))]]
+    if best > min(_CLEAR * usual, _EXPLAINED * float(np.nanstd(at_best))):
         return ClockSearch(why=f"at no offset within ± {_RANGE_S:g} s do the forces follow the movement of the markers")
     # minima that are as good as the best one, the smallest offset first
     before, after = (np.nan_to_num(np.roll(cost, by), nan=np.inf) for by in (1, -1))
@@ -186,9 +192,9 @@ def _stands(positions: FloatArray) -> bool:
 
 def _smooth(values: FloatArray, weights: FloatArray) -> FloatArray:
     """Return the weighted means (F, k) of the known values around each sample; NaN where a value is not known."""
-    known = np.isfinite(values)
-    total = np.stack([np.convolve(column, weights, "same") for column in np.where(known, values, 0.0).T], axis=1)
-    count = np.stack([np.convolve(column, weights, "same") for column in known.T.astype(np.float64)], axis=1)
+    known, kept = np.isfinite(values), slice(len(weights) // 2, len(weights) // 2 + len(values))
+    total = np.stack([np.convolve(column, weights)[kept] for column in np.where(known, values, 0.0).T], axis=1)
+    count = np.stack([np.convolve(column, weights)[kept] for column in known.T.astype(np.float64)], axis=1)
     return np.where(known, total / np.maximum(count, 1e-12), np.nan)
 
 
@@ -207,7 +213,7 @@ def _compute_costs(rows: FloatArray, force: FloatArray, at: IntArray, shifts: In
     normal = (both @ (rows[:, :, None] * rows[:, None, :]).reshape(len(rows), -1)).reshape(-1, width, width)
     right = measured @ rows
     most, seen = count.max(initial=0.0), both @ power  # forces may be shorter than the recording
-    enough = (count >= max(2 * width, _KEPT * most)) & (seen >= _KEPT * seen.max(initial=0.0))
+    enough = (count >= max(_LEAST, _KEPT * most)) & (seen >= _KEPT * seen.max(initial=0.0))
     normal[~enough] = np.eye(width)
     ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(width)  # two thirds may move alike
     masses = np.linalg.solve(normal + ridge, right[..., None])[..., 0]

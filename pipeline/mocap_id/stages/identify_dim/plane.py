@@ -11,7 +11,7 @@ import numpy as np
 from mocap_id.design.recommendation import describe_recommendations, recommend_if_doubtful
 from mocap_id.dynamics.acceleration_noise import correlate_errors
 from mocap_id.dynamics.built_in_sensors import combine_with_sensors
-from mocap_id.dynamics.cautions import find_cautions, get_identified_mass
+from mocap_id.dynamics.cautions import OFFSET_LARGE, find_cautions, get_identified_mass
 from mocap_id.dynamics.excitation import WEAK, WEAK_ROBOT, measure_excitation
 from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.point_grid import PointGrid
@@ -128,6 +128,7 @@ def _make_events(
 ) -> Table:
     """Return events.parquet; for sit-to-stand, it contains details of every rise."""
     movement, recorded = inputs.movement, inputs.recorded
+    late = float((tree.facts["clock"] or {}).get("applied_s") or 0.0)
     if movement.posture is None:
         return make_events(movement.repetitions)
     states, names = context.table("states.parquet"), [f"sd_dtheta_{j + 1}" for j in range(recorded.q.shape[1])]
@@ -140,7 +141,7 @@ def _make_events(
         seat_measured=recorded.seat is not None,
         # the speed is a norm of joint velocities, so its standard deviation is at most the largest of theirs
         speed_sd=states.stack(names).max(axis=1) if set(names) <= set(states.names) else None,
-        clock_offset=(tree.facts["clock"] or {}).get("applied_s", 0.0),
+        clock_offset=late if abs(late) > OFFSET_LARGE else 0.0,
     )
 
 
