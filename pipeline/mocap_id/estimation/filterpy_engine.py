@@ -15,6 +15,7 @@ from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.errors import NumericalError
+from mocap_id.estimation.filter_kernels import ENOUGH
 from mocap_id.estimation.filter_problem import ANCHOR_SD, START_SD, FilterProblem, Track, start_sd
 from mocap_id.estimation.process_model import joint_noise, joint_transition
 from mocap_id.geometry.planar import marker_positions
@@ -114,6 +115,12 @@ def _measure(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int) -> tupl
         return 0.0, problem.anchors.used[k] & taken
     passed = visible.copy()
     passed[visible] = _passes_gate(ukf, problem, k, visible)
+    own = problem.segment[:, None] == np.arange(1, problem.joints + 1)  # (M, n)
+    seen, through, fitting = ((own & each[:, None]).sum(axis=0) for each in (visible, passed, problem.anchors.used[k]))
+    lost = problem.anchors.observed[k] & (seen >= ENOUGH) & (2 * through < seen) & (seen < 2 * fitting)
+    if lost.any():
+        _anchor(ukf, problem.anchors.angles[k], problem.anchors.covariance[k], np.inf)
+        return 0.0, problem.anchors.used[k].copy()
     if not passed.any():
         return 0.0, passed
     noise = np.diag(np.repeat(problem.variance[passed], 2))

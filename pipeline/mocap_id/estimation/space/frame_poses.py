@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.estimation.dropouts import find_rejected_segments
 from mocap_id.estimation.space.chain_model import (
     LEAST_MARKERS,
     degrees_of_freedom,
@@ -119,7 +120,9 @@ def find_frame_poses(
             getattr(found, name)[partly] = getattr(again, name)
         found.residual[partly] = points[partly] - predict_positions(model, again.track)
         found = replace(found, slips=slips)
-    return replace(found, observed=found.observed & ~find_rejected_segments(model.segment, points, found.used))
+    visible = np.isfinite(points).all(axis=2)
+    rejected = find_rejected_segments(model.segment, found.observed.shape[1], visible, found.used)
+    return replace(found, observed=found.observed & ~rejected)
 
 
 def _search_lost_again(
@@ -129,7 +132,8 @@ def _search_lost_again(
 
     The search follows the frame before. After markers that were wrong, it can stay at a wrong pose for ever.
     """
-    rejected = find_rejected_segments(model.segment, points, found.used)
+    visible = np.isfinite(points).all(axis=2)
+    rejected = find_rejected_segments(model.segment, found.observed.shape[1], visible, found.used)
     lost = np.flatnonzero((rejected & find_visible_clusters(chain, points)).any(axis=1))
     if not lost.size:
         return
@@ -141,22 +145,14 @@ def _search_lost_again(
     again = _search(chain, model, some, sd=sd, limit=limit, near=near)
     own = model.segment[:, None] == np.arange(rejected.shape[1])
     before, after = found.used[lost].astype(np.int64) @ own, again.used.astype(np.int64) @ own
-    fits = ~find_rejected_segments(model.segment, some, again.used) & (after >= LEAST_MARKERS)
+    fits = ~find_rejected_segments(model.segment, rejected.shape[1], visible[lost], again.used) & (
+        after >= LEAST_MARKERS
+    )
     better = (rejected[lost] & fits).any(axis=1) & (after.sum(axis=1) > before.sum(axis=1))
     for name in ("variance", "observed", "used", "residual", "leverage"):
         getattr(found, name)[lost[better]] = getattr(again, name)[better]
     for old, newer in zip(found.track, again.track, strict=True):
         old[lost[better]] = newer[better]
-
-
-def find_rejected_segments(segment: IntArray, points: FloatArray, used: BoolArray) -> BoolArray:
-    """Return where (F, n + 1) over half of the visible markers of a segment are not ``used`` (F, M).
-
-    ``segment`` (M,) is the segment of each marker, and ``points`` (F, M, 2 or 3) are the markers; NaN where missing.
-    """
-    own = segment[:, None] == np.arange(segment.max(initial=0) + 1)
-    seen = np.isfinite(points).all(axis=2)
-    return np.asarray(2 * (seen & used).astype(np.int64) @ own < seen.astype(np.int64) @ own)
 
 
 def widen_sds(found: FramePoses, sd: FloatArray) -> FloatArray:

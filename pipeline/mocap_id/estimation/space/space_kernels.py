@@ -1148,9 +1148,7 @@ def run_filter(
             if fine and any_found and _loses_segment(model, noise, z[k], used[k], noise.weight[k], found[k], start):
                 _copy_pose(kept, pose)
                 _copy(moved, p)
-                fine = _update(
-                    model, noise, pose, p, z[k], used[k], noise.weight[k], start, True, _WIDE * noise.gate
-                )
+                fine = _update(model, noise, pose, p, z[k], used[k], noise.weight[k], start, True, _WIDE * noise.gate)
         if not fine:
             return k
         _update_inertial(model, sensors, k, noise.gate, pose, p, sensed[k])

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, chunks, find_runs
+from mocap_id.estimation.dropouts import FEW, find_rejected_segments
 from mocap_id.estimation.process_model import ORDER
 from mocap_id.estimation.space.chain_model import degrees_of_freedom, group_columns, make_chain_model, select_frames
 from mocap_id.estimation.space.frame_poses import (
     FramePoses,
     estimate_marker_sds,
     find_frame_poses,
-    find_rejected_segments,
     predict_positions,
     remove_displacements,
 )
@@ -37,8 +37,6 @@ from mocap_id.estimation.space.space_filter import SpatialTrack, filter_and_smoo
 from mocap_id.estimation.space.space_kernels import ChainModel, Pose, predict_markers
 from mocap_id.estimation.space.spatial_noise import SpatialNoise, estimate_camera_noise, estimate_process_noise
 from mocap_id.geometry.spatial_chain import SpatialChain
-
-FEW = 3  # successive frames in which over half of a segment's markers may fail the gate
 
 _LEAST_GATE = 2e-4  # m; nearly exact markers follow the movement when its snap exceeds the usual one
 
@@ -126,7 +124,8 @@ def _leave_out_rejected(
     The few markers of such a segment that pass the gate are probably wrong too. The filter then bridges the stretch
     like a gap, with standard deviations that grow. Stretches of up to :data:`FEW` frames stay.
     """
-    rejected = find_rejected_segments(model.segment, points, used)
+    visible = np.isfinite(points).all(axis=2)
+    rejected = find_rejected_segments(model.segment, frames.observed.shape[1], visible, used)
     observed, kept = frames.observed.copy(), steady.copy()
     for s, each in enumerate(rejected.T):
         for run in find_runs(each):
