@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
 from mocap_id.estimation.inverse_kinematics import FrameAngles, MarkerChain
 from mocap_id.geometry.planar import marker_jacobian, marker_positions, rotate
 
@@ -110,6 +110,15 @@ def find_rejected_segments(segment: IntArray, count: int, visible: BoolArray, us
     """
     own = (segment[:, None] == np.arange(count)).astype(np.int64)
     return np.asarray(2 * ((visible & used).astype(np.int64) @ own) < visible.astype(np.int64) @ own)
+
+
+def find_stretches(rejected: BoolArray) -> list[slice]:
+    """Return the stretches of more than :data:`FEW` frames in ``rejected`` (F,); interruptions of up to FEW count."""
+    joined = rejected.copy()
+    for between in find_runs(~rejected):
+        if between.stop - between.start <= FEW and between.start > 0 and between.stop < len(rejected):
+            joined[between] = True
+    return [run for run in find_runs(joined) if run.stop - run.start > FEW]
 
 
 def compute_forgotten_share(used: BoolArray, frames: IntArray, rate: float) -> FloatArray:

@@ -389,8 +389,14 @@ def _count_failing(z: FloatArray, used: BoolArray, segment: IntArray, failing: I
 def _loses_segment(z: FloatArray, used: BoolArray, segment: IntArray, measured: Measurements, k: int) -> bool:
     """Return whether a segment fails the gate around the prediction although the markers of frame k show its angle.
 
-    Over half of its visible markers, at least 3, fail the gate, and over half determine the angle of the frame.
+    Over half of its visible markers, at least 3, fail the gate, and over half determine the angle of the frame. The
+    frame's own angles must also fit more markers than the prediction, in all segments together.
     """
+    more = 0
+    for m in range(len(segment)):
+        more += int(measured.angle_used[k, m]) - int(used[m])
+    if more <= 0:
+        return False
     for j in range(measured.angle_observed.shape[1]):
         seen, passed, fitting = 0, 0, 0
         for m in range(len(segment)):
@@ -507,8 +513,11 @@ def run_filter(
         z = measured.markers[k]
         _times_transition(p, model.step)
         _finish_prediction(x, p, model.step, model.shape, model.density)
+        diverged = False
         for j in range(n):
-            if p[j, j] > model.start[0] or failing[j] > model.patience:
+            diverged = diverged or failing[j] > model.patience
+        for j in range(n):
+            if p[j, j] > model.start[0] or (diverged and failing[j] > 0):
                 filtered.restarted[k, j] = True
                 failing[j] = 0
                 _restart(x, p, j, last_angle[j], model.start)

@@ -36,7 +36,8 @@ def filter_forwards(problem: FilterProblem) -> Track:
         try:
             if k > 0:
                 ukf.predict()
-            restarted[k] = (k == 0) | (np.diag(ukf.P)[:n] > START_SD[0] ** 2) | (failing > problem.patience)
+            diverged = (failing > 0) & bool((failing > problem.patience).any())
+            restarted[k] = (k == 0) | (np.diag(ukf.P)[:n] > START_SD[0] ** 2) | diverged
             failing[restarted[k]] = 0
             _restart(ukf, last_angle, restarted[k], problem.dt)
             gained, used[k] = _measure(ukf, problem, k)
@@ -118,7 +119,7 @@ def _measure(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int) -> tupl
     own = problem.segment[:, None] == np.arange(1, problem.joints + 1)  # (M, n)
     seen, through, fitting = ((own & each[:, None]).sum(axis=0) for each in (visible, passed, problem.anchors.used[k]))
     lost = problem.anchors.observed[k] & (seen >= ENOUGH) & (2 * through < seen) & (seen < 2 * fitting)
-    if lost.any():
+    if lost.any() and np.count_nonzero(problem.anchors.used[k]) > np.count_nonzero(passed):
         _anchor(ukf, problem.anchors.angles[k], problem.anchors.covariance[k], np.inf)
         return 0.0, problem.anchors.used[k].copy()
     if not passed.any():

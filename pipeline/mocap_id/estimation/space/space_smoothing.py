@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, chunks, find_runs
-from mocap_id.estimation.dropouts import FEW, find_rejected_segments
+from mocap_id.arrays import BoolArray, FloatArray, chunks
+from mocap_id.estimation.dropouts import find_rejected_segments, find_stretches
 from mocap_id.estimation.process_model import ORDER
 from mocap_id.estimation.space.chain_model import degrees_of_freedom, group_columns, make_chain_model, select_frames
 from mocap_id.estimation.space.frame_poses import (
@@ -128,10 +128,9 @@ def _leave_out_rejected(
     rejected = find_rejected_segments(model.segment, frames.observed.shape[1], visible, used)
     observed, kept = frames.observed.copy(), steady.copy()
     for s, each in enumerate(rejected.T):
-        for run in find_runs(each):
-            if run.stop - run.start > FEW:
-                observed[run, s] = False
-                kept[run, model.segment == s] = np.nan
+        for run in find_stretches(each):
+            observed[run, s] = False
+            kept[run, model.segment == s] = np.nan
     return None if np.array_equal(kept, steady, equal_nan=True) else (replace(frames, observed=observed), kept)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.errors import RecordingError
 from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE
-from mocap_id.estimation.dropouts import FEW
+from mocap_id.estimation.dropouts import find_stretches
 from mocap_id.estimation.residual_spectrum import Oscillation
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.store.views import Trajectories
@@ -81,11 +81,7 @@ def report_rejected(rejected: BoolArray, time: FloatArray, names: Sequence[str])
     """
     parts, frames = [], np.zeros(len(time), dtype=np.bool_)
     for name, each in zip(names, rejected.T, strict=True):
-        joined = each.copy()
-        for between in find_runs(~each):
-            if between.stop - between.start <= FEW and between.start > 0 and between.stop < len(each):
-                joined[between] = True
-        runs = [run for run in find_runs(joined) if run.stop - run.start > FEW]
+        runs = find_stretches(each)
         if runs:
             for run in runs:
                 frames[run] = True
@@ -97,8 +93,8 @@ def report_rejected(rejected: BoolArray, time: FloatArray, names: Sequence[str])
     seconds = float(np.count_nonzero(frames) * (time[-1] - time[0]) / max(len(time) - 1, 1))
     message = (
         f"over half of the visible markers of a segment do not fit the chain and the movement ({'; '.join(parts)}), so "
-        "they are not used. The pose there is bridged, and in no range, volume or repetition. Check the labels and the "
-        "markers of these segments at these times, or leave the times out with `window:`"
+        "they are not used. The pose there is bridged and counts as not observed: no range, volume or average contains "
+        "it. Check the labels and the markers of these segments at these times, or leave the times out with `window:`"
     )
     return (Reason("markers-rejected", message, seconds, 0.0),)
 
