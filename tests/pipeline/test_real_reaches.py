@@ -131,7 +131,7 @@ def test_markers_of_a_thorax_that_fail_together_are_reported(recordings: Path, t
     configuration.write_text(f"trial: HTH1\nspace: 3d\nprotocol: reach\nside: left\nrecording: {folder}/HTH1.c3d\n")
     outcome = run(load(configuration))
     summary = json.loads((outcome.folder / "summary.json").read_text())
-    (reason,) = (each for each in summary["reasons"] if each["code"] == "markers-rejected")
+    (reason,) = (each for each in summary["verdict"]["reasons"] if each["code"] == "markers-rejected")
     assert "(thorax at 4.64–4.69 s)" in reason["message"]
     poses = pd.read_parquet(outcome.folder / "poses.parquet")
     there = poses["time"].between(4.635, 4.665)

@@ -120,7 +120,7 @@ def find_frame_poses(
             getattr(found, name)[partly] = getattr(again, name)
         found.residual[partly] = points[partly] - predict_positions(model, again.track)
         found = replace(found, slips=slips)
-    visible = np.isfinite(points).all(axis=2)
+    visible: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
     rejected = find_rejected_segments(model.segment, found.observed.shape[1], visible, found.used)
     return replace(found, observed=found.observed & ~rejected)
 
@@ -132,7 +132,7 @@ def _search_lost_again(
 
     The search follows the frame before. After markers that were wrong, it can stay at a wrong pose for ever.
     """
-    visible = np.isfinite(points).all(axis=2)
+    visible: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
     rejected = find_rejected_segments(model.segment, found.observed.shape[1], visible, found.used)
     lost = np.flatnonzero((rejected & find_visible_clusters(chain, points)).any(axis=1))
     if not lost.size:

@@ -124,7 +124,7 @@ def _leave_out_rejected(
     The few markers of such a segment that pass the gate are probably wrong too. The filter then bridges the stretch
     like a gap, with standard deviations that grow. Stretches of up to :data:`FEW` frames stay.
     """
-    visible = np.isfinite(points).all(axis=2)
+    visible: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
     rejected = find_rejected_segments(model.segment, frames.observed.shape[1], visible, used)
     observed, kept = frames.observed.copy(), steady.copy()
     for s, each in enumerate(rejected.T):

@@ -67,7 +67,7 @@ def ukf_smooth(context: Context) -> Outputs:
     repeated = find_repeated_frames(observed)
     observed[repeated] = np.nan
     moving = MarkerChain(chain.centres, chain.segment[moves], chain.local[moves])
-    visible = np.isfinite(observed).all(axis=-1)
+    visible: BoolArray = np.asarray(np.isfinite(observed).all(axis=-1))
     states, sensors = _smooth(context, view, observed, moving, skeleton.segments)
     camera = estimate_camera_sd(observed, states, settings.marker_sd_floor)
     skin = estimate_skin(states, observed, camera) if tree.facts.get("estimator") == "bundle" else None

@@ -83,7 +83,7 @@ def smooth_rotations(context: Context) -> Outputs:
         states = add_axial_rotation_errors(states, skeleton.chain, common=_COMMON_WITH_IMUS, missed=missed)
     else:
         states = add_axial_rotation_errors(smooth_in_space(points, view.rate, skeleton.chain, given), skeleton.chain)
-    visible = np.isfinite(points).all(axis=2)
+    visible: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
     rejected = find_rejected_segments(skeleton.chain.segment, len(skeleton.segments), visible, states.used)
     observed = states.observed if from_skeleton else states.observed & ~rejected
     observed = bridge_repeated(observed, repeated, view.rate)
