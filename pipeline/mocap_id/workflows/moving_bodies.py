@@ -10,11 +10,11 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.cutoffs import Cutoffs
-from mocap_id.dynamics.measured_motion import filter_motion
+from mocap_id.dynamics.measured_motion import close_gaps, filter_motion
 from mocap_id.dynamics.motion import PlanarMotion
 from mocap_id.dynamics.parameter_transfer import BodyFrames
 from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
-from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, bridge_gaps, pin_joints, read_bodies
+from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, bridge_gaps, read_bodies
 from mocap_id.store import Table
 
 
@@ -38,11 +38,11 @@ class MovingBodies:
 
 
 def read_measured_bodies(
-    poses: Table, centres: FloatArray, used: Sequence[int], bands: Cutoffs, gravity: float
+    poses: Table, centres: FloatArray, used: Sequence[int], *, pinned: Sequence[int], bands: Cutoffs, gravity: float
 ) -> MovingBodies:
     """Return bodies whose motion follows from their measured, low-pass filtered poses.
 
-    Short gaps are filled. Joints whose two bodies do not separate are pinned.
+    Short gaps are filled.
 
     Parameters
     ----------
@@ -52,13 +52,16 @@ def read_measured_bodies(
         Centre of each of the n joints in the segment before this joint, m.
     used : sequence of int
         Indices of the bodies in poses.parquet, from 0.
+    pinned : sequence of int
+        Joints, from 0, whose two bodies do not separate.
     bands : (x, y, angle)
         Cut-off frequencies, Hz.
     gravity : float
         Gravity, m/s².
     """
-    ready = pin_joints(bridge_gaps(read_bodies(poses, centres, used)))
-    return MovingBodies(_skeleton(ready), filter_motion(ready.poses, bands), gravity)
+    ready = bridge_gaps(read_bodies(poses, centres, used))
+    motion = filter_motion(close_gaps(ready.poses, pinned), bands)
+    return MovingBodies(_skeleton(ready), motion, gravity)
 
 
 def _skeleton(bodies: MeasuredBodies) -> BodyFrames:

@@ -115,7 +115,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="identify-dim",
-    version=25,
+    version=26,
     inputs=(
         *("wrench.parquet", "chain.h5", "states.parquet", "skin.h5", "encoder.parquet", "poses.parquet"),
         "angles.parquet",
