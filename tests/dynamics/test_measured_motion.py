@@ -163,7 +163,7 @@ def test_a_gap_has_the_size_and_acceleration_of_its_sine(size: float, holds: boo
 @pytest.mark.parametrize("rate", [50.0, 100.0, 480.0])
 @pytest.mark.parametrize("noise", [0.2, 1.0, 4.0])  # some 0.1 to 2 mm
 def test_noise_of_the_cameras_alone_opens_no_joint(rate: float, noise: float) -> None:
-    """Whatever its size and the rate; the largest acceleration that noise gives is less than a third above the usual."""
+    """Whatever its size and the rate; the largest acceleration that noise may give is less than a third above."""
     time = np.arange(round(20 * rate)) / rate
     motion, everything = moving(time, size=0.0), np.ones(len(time), dtype=bool)
     found = [measure_gaps(poses_of(time, motion, noise=noise, seed=seed), everything) for seed in range(10)]

@@ -25,7 +25,7 @@ CUTOFFS = (2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)
 USUAL = (3.0, 5.0, 4.0)
 """Default cut-offs of x, y and angle, Hz."""
 _GAP_BAND = 3.0  # Hz: below this frequency, camera noise is small compared with movement
-_NOISE_SD = 4.0  # standard deviations of its random error by which noise alone may exceed its mean square
+_NOISE_SD = 3.0  # standard deviations of its random error by which noise alone may exceed its mean square
 _FREQUENCIES = 4096  # number of frequencies for the response to white noise
 
 
@@ -170,7 +170,7 @@ def measure_gaps(poses: BodyPoses, samples: BoolArray) -> dict[int, JointGap]:
         moving = use & find_complete_rows(acceleration) & erode(find_complete_rows(gap), lowpass.reach_samples)
         size = float(np.sqrt(np.sum(np.var(gap[use], axis=0)))) if use.any() else float("nan")
         rms = float(np.sqrt(np.mean(np.sum(acceleration[moving] ** 2, axis=1)))) if moving.any() else float("nan")
-        independent = max(2 * share * np.count_nonzero(moving), 1.0)
+        independent = max(share * np.count_nonzero(moving), 1.0)  # most of a gap's noise is in one direction
         noise = 2 * factor**2 * poses.camera_variance(joint) * (1 + _NOISE_SD * np.sqrt(2 / independent))
         gaps[joint] = JointGap(size, rms, poses.joint_variance(joint), float(np.sqrt(noise)))
     return gaps

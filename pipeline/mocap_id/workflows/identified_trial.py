@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -108,7 +108,7 @@ def open_identified_trial(path: Path, progress: runner.Progress = lambda step: N
     wrench, states, poses, dynamics = map(folder.table, _TABLES)
     frames, gravity = _make_frames(skeleton), float(parameters[_LAST]["gravity"])
     q, dq, ddq = (joint_columns(states, name, len(skeleton.centres)) for name in ("theta", "dtheta", "ddtheta"))
-    used, pinned, bands = _read_measured(tree.facts, skeleton.joint_names)
+    used, bands = _read_measured(tree.facts)
     reference = tree.numbers("bodies/reference")
     prior = ReferencePrior(reference, compute_reference_sd(reference, float(parameters[_LAST]["reference_sd"])))
     return IdentifiedTrial(
@@ -116,9 +116,7 @@ def open_identified_trial(path: Path, progress: runner.Progress = lambda step: N
         source=path,
         folder=folder.path,
         chain=MovingBodies(frames, move_chain(frames.centres, q, dq, ddq), gravity),
-        measured=read_measured_bodies(poses, frames.centres, used, pinned=pinned, bands=bands, gravity=gravity)
-        if used
-        else None,
+        measured=read_measured_bodies(poses, skeleton, tree.facts["motion"], bands, gravity) if used else None,
         q=q,
         dq=dq,
         ddq=ddq,
@@ -132,16 +130,11 @@ def open_identified_trial(path: Path, progress: runner.Progress = lambda step: N
     )
 
 
-def _read_measured(facts: Mapping[str, Any], joints: Sequence[str]) -> tuple[list[int], list[int], Cutoffs]:
-    """Return the indices in poses.parquet of the identified bodies (empty for the chain), the pins, and the cut-offs.
-
-    The pins are numbers of joints, from 0. The cut-offs are in Hz.
-    """
+def _read_measured(facts: Mapping[str, Any]) -> tuple[list[int], Cutoffs]:
+    """Return the indices in poses.parquet of the identified bodies (empty for the chain) and the cut-offs, Hz."""
     motion = facts["motion"] or {}
     bands = motion.get("bands_hz")
-    pinned = [joints.index(name) for name, gap in (motion.get("joints") or {}).items() if gap["pinned"]]
-    used = list(motion.get("used", ()))
-    return used, pinned, USUAL if bands is None else (bands["x"], bands["y"], bands["angle"])
+    return list(motion.get("used", ())), USUAL if bands is None else (bands["x"], bands["y"], bands["angle"])
 
 
 def _combine_covariance(dynamics: Tree, prior: ReferencePrior) -> FloatArray:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from mocap_id.dynamics.parameter_transfer import BodyFrames
 from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, bridge_gaps, read_bodies
 from mocap_id.store import Table
+from mocap_id.store.views import Skeleton
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class MovingBodies:
 
 
 def read_measured_bodies(
-    poses: Table, centres: FloatArray, used: Sequence[int], *, pinned: Sequence[int], bands: Cutoffs, gravity: float
+    poses: Table, chain: Skeleton, motion: Mapping[str, Any], bands: Cutoffs, gravity: float
 ) -> MovingBodies:
     """Return bodies whose motion follows from their measured, low-pass filtered poses.
 
@@ -48,20 +50,18 @@ def read_measured_bodies(
     ----------
     poses : Table
         Content of poses.parquet.
-    centres : (n, 2) array
-        Centre of each of the n joints in the segment before this joint, m.
-    used : sequence of int
-        Indices of the bodies in poses.parquet, from 0.
-    pinned : sequence of int
-        Joints, from 0, whose two bodies do not separate.
+    chain : Skeleton
+        Chain of the trial.
+    motion : mapping of str to Any
+        Fact ``motion`` of dynamics.h5, which names the bodies and the joints that are pinned.
     bands : (x, y, angle)
         Cut-off frequencies, Hz.
     gravity : float
         Gravity, m/s².
     """
-    ready = bridge_gaps(read_bodies(poses, centres, used))
-    motion = filter_motion(close_gaps(ready.poses, pinned), bands)
-    return MovingBodies(_skeleton(ready), motion, gravity)
+    ready = bridge_gaps(read_bodies(poses, chain.centres, motion["used"]))
+    pinned = [chain.joint_names.index(name) for name, gap in motion["joints"].items() if gap["pinned"]]
+    return MovingBodies(_skeleton(ready), filter_motion(close_gaps(ready.poses, pinned), bands), gravity)
 
 
 def _skeleton(bodies: MeasuredBodies) -> BodyFrames:
