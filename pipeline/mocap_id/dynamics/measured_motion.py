@@ -91,22 +91,12 @@ class BodyPoses:
         )
         return np.asarray(after - before)
 
-    def joint_variance(self, joint: int) -> float:
-        """Return the variance of a joint's position in the bodies before and after the joint, m² per coordinate.
-
-        It follows from the residuals of the markers: if the markers of a body move relative to each other, the joint
-        also moves relative to them.
-        """
-        return self._place_joint(joint, 0.5 / self.information)
-
     def camera_variance(self, joint: int) -> float:
         """Return the variance of a joint's gap in one frame due to the noise of the cameras, m² per coordinate."""
-        return 0.0 if self.camera is None else self._place_joint(joint, self.camera)
-
-    def _place_joint(self, joint: int, variance: FloatArray) -> float:
-        """Return the variance of a joint's gap, m² per coordinate, from those of all positions and angles (K, 2)."""
+        if self.camera is None:
+            return 0.0
         arms = [(body, point - self.centroid[body]) for body, point in self.sides(joint)]
-        return float(sum(variance[body, 0] + 0.5 * (arm @ arm) * variance[body, 1] for body, arm in arms))
+        return float(sum(self.camera[body, 0] + 0.5 * (arm @ arm) * self.camera[body, 1] for body, arm in arms))
 
 
 @dataclass(frozen=True)
@@ -115,7 +105,6 @@ class JointGap:
 
     size: float  # rms change of the gap, m; NaN without samples
     acceleration: float  # rms acceleration of the gap below 3 Hz, m/s²; NaN if no interval is long enough
-    place: float  # variance of the joint's position in the bodies before and after the joint, m² per coordinate
     noise: float = 0.0  # largest acceleration that the noise of the cameras alone gives, m/s², rms below 3 Hz
     holds: bool = False  # the forces show that the joint holds, although the acceleration of its gap is above the noise
 
@@ -132,11 +121,6 @@ class JointGap:
         Forces are compared in :func:`mocap_id.stages.identify_dim.model_selection.pin_joints_that_hold`.
         """
         return self.holds or self.above_noise == 0.0
-
-    @property
-    def excess(self) -> float:
-        """Variance of the gap in addition to ``place``, which is due to skin, m² per coordinate; 0 if unknown."""
-        return max(self.size**2 / 2 - self.place, 0.0) if np.isfinite(self.size) else 0.0
 
 
 def fill_gaps(poses: BodyPoses) -> tuple[BodyPoses, BoolArray]:
@@ -172,7 +156,7 @@ def measure_gaps(poses: BodyPoses, samples: BoolArray) -> dict[int, JointGap]:
         rms = float(np.sqrt(np.mean(np.sum(acceleration[moving] ** 2, axis=1)))) if moving.any() else float("nan")
         independent = max(share * np.count_nonzero(moving), 1.0)  # most of a gap's noise is in one direction
         noise = 2 * factor**2 * poses.camera_variance(joint) * (1 + _NOISE_SD * np.sqrt(2 / independent))
-        gaps[joint] = JointGap(size, rms, poses.joint_variance(joint), float(np.sqrt(noise)))
+        gaps[joint] = JointGap(size, rms, float(np.sqrt(noise)))
     return gaps
 
 

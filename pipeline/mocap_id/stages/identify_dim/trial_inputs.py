@@ -19,6 +19,7 @@ from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.stages.identify_dim.board_position import locate_board
 from mocap_id.stages.identify_dim.identifiability import NotIdentifiable, check_excitation, check_wrench
+from mocap_id.stages.identify_dim.joint_positions import estimate_hidden_gaps
 from mocap_id.stages.identify_dim.measured_bodies import (
     MeasuredBodies,
     find_measured_bodies,
@@ -144,8 +145,11 @@ def _choose_motion(
     body_sets = find_measured_bodies(context, recorded)
     first = next(body_sets, None)
     if first is not None:
-        for joint, each in first.gap.items():
-            centre_sd[joint] = 0.0 if each.pinned else np.sqrt(each.excess)
+        # a gap that follows the angle of its joint, as far as skin does not explain it
+        of_fit = np.nan_to_num(np.einsum("jkk->j", read_skeleton(context).covariance) / 2)
+        for joint in first.gap:
+            hidden = float(estimate_hidden_gaps(first.poses, [joint])[joint])
+            centre_sd[joint] = np.sqrt(max(hidden - of_fit[joint], 0.0))
     gap = {} if first is None else describe_gaps(first, read_joint_names(context))
     if requested == "chain":
         return (), {"source": "chain", "why": ASKED_FOR, "joints": gap}, centre_sd
