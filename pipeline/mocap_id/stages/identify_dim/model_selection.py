@@ -22,8 +22,8 @@ from mocap_id.stages.identify_dim import validation
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies
 
 _RATE = 50.0  # Hz; smallest reduced rate
-_SKIN = 0.03  # m/s², rms acceleration of a gap that skin usually causes above the noise; it reaches twice as much
-_CLEARLY = 0.3  # clear difference of the cost, the sum of the logarithms of errors of Fx, Fy, tauz: 10 % of each
+_SKIN = 0.05  # m/s², rms acceleration of a gap above the noise that skin often causes; it reaches twice as much
+_CLEARLY = 0.2  # clear decrease of the cost, the sum of the logarithms of errors of Fx, Fy, tauz: 7 % of each
 _SURELY = 0.1  # m/s², rms acceleration of a gap that skin does not cause
 
 
@@ -97,8 +97,8 @@ def pin_joints_that_hold(
     makes the motion and the parameters more accurate, most of all the torques; the gap of a joint that does not hold
     is missing in the motion of the masses, and left-out repetitions are predicted worse with the pin. All joints are
     therefore pinned first. Then each joint is opened, the largest gap first, and stays open if left-out repetitions
-    are predicted better with the same bodies, prior and search of cut-offs. The larger the gap is in comparison with
-    those that skin causes, the less better they must be predicted. If no repetition can be left out, the gap decides.
+    are predicted clearly better with the same bodies, prior and search of cut-offs. A gap that is smaller than those
+    that skin often causes needs more. If no repetition can be left out, the gap alone decides.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def pin_joints_that_hold(
             opened += [joint] * (size > _SURELY)
             continue
         cost = predict(*opened, joint)
-        if (pinned - cost) * (size / _SKIN) ** 2 > _CLEARLY:
+        if pinned - cost > _CLEARLY * max((_SKIN / size) ** 2, 1.0):
             opened.append(joint)
             pinned = cost
     gap = {joint: replace(each, holds=joint not in opened) for joint, each in bodies.gap.items()}
