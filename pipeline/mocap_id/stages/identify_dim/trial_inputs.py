@@ -82,8 +82,9 @@ def read_inputs(context: Context) -> TrialInputs:
         bodies = pin_joints(bodies)
     else:
         bodies = pin_joints_that_hold(bodies, lambda each: _make_predictor(context, inputs, prepared, each))
-    if not bodies.loose:
+    if settings.motion == "chain" or not bodies.loose:
         why = "the gap of a joint is above the noise, but left-out repetitions are not predicted better without its pin"
+        why = ASKED_FOR if settings.motion else why
         joints = describe_gaps(bodies, read_joint_names(context))
         return replace(inputs, body_sets=(), motion_facts=facts | {"source": "chain", "why": why, "joints": joints})
     inputs = replace(inputs, body_sets=(bodies,))
@@ -152,7 +153,8 @@ def _choose_motion(
             centre_sd[joint] = np.sqrt(max(hidden - of_fit[joint], 0.0))
     gap = {} if first is None else describe_gaps(first, read_joint_names(context))
     if requested == "chain":
-        return (), {"source": "chain", "why": ASKED_FOR, "joints": gap}, centre_sd
+        sets = () if first is None or not first.loose else (first, *body_sets)
+        return sets, {"source": "chain", "why": ASKED_FOR, "joints": gap}, centre_sd
     if first is None:
         why = "the pose of a segment cannot be measured: its markers are too few, or missing too often"
         return (), {"source": "chain", "why": why}, centre_sd
