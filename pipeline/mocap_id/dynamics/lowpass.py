@@ -78,7 +78,7 @@ class LowPass:
         rest = np.zeros((next_fast_len(count + 2 * beyond, real=True), signal.shape[1]))
         rest[:count] = signal - line
         rest[count : count + beyond], rest[-beyond:] = -rest[count - beyond - 1 : count - 1][::-1], -rest[beyond:0:-1]
-        gain = self.gain(np.fft.rfftfreq(len(rest)))
+        gain = self.gain(np.asarray(np.fft.rfftfreq(len(rest)), dtype=np.float64))
         line += irfft(gain[:, None] * rfft(rest, axis=0), len(rest), axis=0)[:count]
         return line
 
