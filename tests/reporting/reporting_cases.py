@@ -347,7 +347,7 @@ class Trial:
         bodies = [*self.names[:last], "trunk", "others"]
         motion = {
             "source": "segments",
-            "why": "a joint gives way",
+            "why": "the two sides of a joint separate",
             "joints": dict.fromkeys(self.joints, gap) | {"ankle": gap | {"gap_m": 0.0021, "pinned": True}},
             "bands_hz": {"angle": 4.0, "x": 3.5, "y": 6.0},
             "bands_why": "left-out repetitions are predicted best with these",

@@ -344,7 +344,7 @@ def test_the_effect_of_pinned_joints_is_shown() -> None:
     assert [facts[f"cut-off frequency for {axis} (Hz)"] for axis in ("x", "y", "angle")] == ["3.5", "6", "4"]
     assert facts["reason for these cut-off frequencies"] == "left-out repetitions are predicted best with these"
     for wanted in (
-        "because a joint gives way",
+        "because the two sides of a joint separate",
         "on the same 654 samples, below 5 Hz",
         "2.0 times as large for Fx",
         "3.0 times as large for the centre of pressure",
