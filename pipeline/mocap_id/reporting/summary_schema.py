@@ -90,6 +90,10 @@ class JointEntry(Entry):
     each kind of joint leaves unexplained, as a multiple of the markers' noise. ``glide_m`` is the shift of the centre
     at an elevation of 180°. In the plane every joint is a hinge about z, and
     ``axis_sd_deg``, ``evidence`` and the values of the glide are empty.
+
+    ``zero`` says where the angle of a joint in the plane is zero: in the pose under `static:`, in the standing phases
+    of the protocol, or where the segment lines are parallel, which depends on the markers and is arbitrary.
+    ``zero_deg`` is the value of ``theta_j`` in ``states.parquet`` there. In space they are null.
     """
 
     name: str
@@ -102,6 +106,9 @@ class JointEntry(Entry):
     glide_m: list[float] = Field([])
     glide_sd_m: list[float] = Field([])
     arc_deg: float | None
+    zero: Literal["static", "standing", "segment line"] | None = None
+    zero_deg: float | None = None
+    zero_sd_deg: float | None = None
     known: bool = True
     evidence: dict[str, float] = Field({})
     why: str | None

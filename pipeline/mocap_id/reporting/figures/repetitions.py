@@ -7,6 +7,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Band, Dash, Figure, Item, Line, Panel, Rule, arrange_in_lines
+from mocap_id.reporting.figures.states import label_angle
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store import Table
 from mocap_id.store.views import JointStates
@@ -30,7 +31,8 @@ def draw(data: ReportData) -> Figure | str:
     if motion is None or events is None or not motion.mean.size or not len(bounds):
         why = "none were found" if events is not None else data.why_missing("events.parquet")
         return f"No repetitions to compare: {why}."
-    curves = np.degrees(normalise_time(motion, bounds))  # (R, 101, n)
+    zeros = np.array([zero.value for zero in data.zeros])
+    curves = np.degrees(normalise_time(motion, bounds) - zeros)  # (R, 101, n)
     names = data.skeleton.joints if data.skeleton is not None else ()
     panels = []
     for j in range(curves.shape[2]):
@@ -40,7 +42,7 @@ def draw(data: ReportData) -> Figure | str:
             *_draw_seat_off(events),
         ]
         name = style.clean(names[j], 20) if j < len(names) else f"joint {j + 1}"
-        panels.append(Panel(tuple(items), name, _SPAN, "angle (deg)", x_range=(0, 100), linked=True, height=2.4))
+        panels.append(Panel(tuple(items), name, _SPAN, label_angle(data), x_range=(0, 100), linked=True, height=2.4))
     return Figure(arrange_in_lines(tuple(panels), _COLUMNS))
 
 

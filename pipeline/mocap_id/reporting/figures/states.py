@@ -11,7 +11,7 @@ from mocap_id.reporting.figure import Band, Bars, Figure, Item, Line, Panel, Spa
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store.views import JointStates
 
-_QUANTITIES = ("angle (deg)", "velocity (deg/s)", "acceleration (deg/s²)")
+_RATES = ("velocity (deg/s)", "acceleration (deg/s²)")
 _STRIP = 0.16  # inches per joint in the panel of gaps
 
 
@@ -21,7 +21,7 @@ def draw(data: ReportData) -> Figure | str:
     if motion is None or not motion.mean.size:
         return f"No joint states: {data.why_missing('states.parquet')}."
     names = name_joints(data)
-    curves = [draw_panel(motion, order, names, height=1.9) for order in range(3)]
+    curves = [draw_panel(data, motion, order, height=1.9) for order in range(3)]
     return Figure(tuple((one,) for one in (*curves, _draw_strips(motion, names))))
 
 
@@ -32,14 +32,25 @@ def name_joints(data: ReportData) -> tuple[str, ...]:
     return tuple(style.clean(names[j], 20) if j < len(names) else f"joint {j + 1}" for j in range(count))
 
 
-def draw_panel(motion: JointStates, order: int, names: tuple[str, ...], height: float) -> Panel:
+def label_angle(data: ReportData) -> str:
+    """Return the label of an axis with joint angles, which says where they are zero."""
+    sources = {zero.source for zero in data.zeros}
+    where = {
+        frozenset({"static"}): " from the static pose",
+        frozenset({"standing"}): " from standing",
+        frozenset({"segment line"}): " from the segment lines",
+    }
+    return f"angle{where.get(frozenset(sources), '')} (deg)"
+
+
+def draw_panel(data: ReportData, motion: JointStates, order: int, height: float) -> Panel:
     """Return a panel with the derivative ``order`` (0 to 2) of all joint angles, in degrees, with 95 % bands.
 
-    Bridged intervals are shaded; their bands do not affect the range of the axis.
+    The angles begin at their zero. Bridged intervals are shaded; their bands do not affect the range of the axis.
     """
     bands, lines, framed = [], [], []
-    for j, name in enumerate(names):
-        value = np.degrees(motion.mean[:, j, order])
+    for j, name in enumerate(name_joints(data)):
+        value = np.degrees(motion.mean[:, j, order] - (data.zeros[j].value if order == 0 else 0.0))
         half = NORMAL_95 * np.degrees(motion.sd[:, j, order])
         colour, seen = style.pick_colour(j + 1), motion.observed[:, j]
         bands.append(Band(*thin_band(motion.time, value - half, value + half), colour))
@@ -48,9 +59,8 @@ def draw_panel(motion: JointStates, order: int, names: tuple[str, ...], height: 
     gaps = draw_shades(motion.time, motion.observed.sum(axis=1) < motion.observed.shape[1])
     items: tuple[Item, ...] = (*gaps, *bands, *lines)
     ends = _find_ends(motion)
-    return Panel(
-        items, y=_QUANTITIES[order], x_range=ends, y_range=style.find_range(framed), linked=True, height=height
-    )
+    label = label_angle(data) if order == 0 else _RATES[order - 1]
+    return Panel(items, y=label, x_range=ends, y_range=style.find_range(framed), linked=True, height=height)
 
 
 def draw_shades(time: FloatArray, mask: BoolArray) -> tuple[Spans, ...]:

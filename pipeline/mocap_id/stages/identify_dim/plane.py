@@ -20,6 +20,7 @@ from mocap_id.stages.identify_dim import dynamics_artefacts as artefacts
 from mocap_id.stages.identify_dim.board_position import explain_board
 from mocap_id.stages.identify_dim.few_markers import check_torques, choose_foot_sd, choose_plate_sd, explain_foot_prior
 from mocap_id.stages.identify_dim.identifiability import NotIdentifiable
+from mocap_id.stages.identify_dim.joint_zeros import find_zeros
 from mocap_id.stages.identify_dim.motion_comparison import compare_motions, compare_torque, explain_motion
 from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, build_reference_bodies
 from mocap_id.stages.identify_dim.repetition_averages import average_signals
@@ -48,7 +49,7 @@ def identify_dim(context: Context) -> Outputs:
     else:
         table, tree, prepared = _identify(context, inputs, prepared)
     events = _make_events(context, inputs, prepared, table)
-    return events, table, tree, average_signals(context, events, table)
+    return events, table, tree, average_signals(context, events, table, *find_zeros(context, inputs.movement.posture))
 
 
 def identify_trial(context: Context) -> tuple[PreparedTrial, Movement, Identification] | NotIdentifiable:

@@ -26,7 +26,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="report",
-    version=10,
+    version=11,
     inputs=tuple(SCHEMAS),
     outputs=FILES,
     uses=tuple(TrialKeys.model_fields),
