@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal
+
+import numpy as np
 
 from mocap_id.reporting.markers import Residual, compute_residuals
 from mocap_id.reporting.numbers import to_number
@@ -111,6 +113,15 @@ class ReportData(ArtefactSet):
         if not found:
             return (Zero(),) * joints
         return tuple(Zero(each["source"], float(each["zero"]), float(each["sd"])) for each in found)
+
+    @cached_property
+    def shown_motion(self) -> JointStates | None:
+        """Joint states in the plane, with angles that begin at their zeros; None as for :attr:`motion`."""
+        if self.motion is None:
+            return None
+        shift = np.zeros(self.motion.mean.shape[1:])
+        shift[:, 0] = [zero.value for zero in self.zeros[: len(shift)]]
+        return replace(self.motion, mean=self.motion.mean - shift)
 
     @cached_property
     def dynamics(self) -> IdentifiedDynamics | None:

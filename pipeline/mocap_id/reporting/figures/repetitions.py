@@ -26,13 +26,12 @@ _GRID = np.linspace(0.0, 1.0, 101)
 
 def draw(data: ReportData) -> Figure | str:
     """Return a panel for each joint: repetitions (thin), mean (thick) and one standard deviation (band)."""
-    motion, events = data.motion, data.table("events.parquet")
+    motion, events = data.shown_motion, data.table("events.parquet")
     bounds = np.zeros((0, 2)) if events is None else find_whole_repetitions(events)
     if motion is None or events is None or not motion.mean.size or not len(bounds):
         why = "none were found" if events is not None else data.why_missing("events.parquet")
         return f"No repetitions to compare: {why}."
-    zeros = np.array([zero.value for zero in data.zeros])
-    curves = np.degrees(normalise_time(motion, bounds) - zeros)  # (R, 101, n)
+    curves = np.degrees(normalise_time(motion, bounds))  # (R, 101, n)
     names = data.skeleton.joints if data.skeleton is not None else ()
     panels = []
     for j in range(curves.shape[2]):

@@ -17,11 +17,11 @@ _STRIP = 0.16  # inches per joint in the panel of gaps
 
 def draw(data: ReportData) -> Figure | str:
     """Return angle, velocity and acceleration of all joints, and the intervals in which each joint is bridged."""
-    motion = data.motion
+    motion = data.shown_motion
     if motion is None or not motion.mean.size:
         return f"No joint states: {data.why_missing('states.parquet')}."
     names = name_joints(data)
-    curves = [draw_panel(data, motion, order, height=1.9) for order in range(3)]
+    curves = [draw_panel(motion, order, names, height=1.9, label=label_angle(data)) for order in range(3)]
     return Figure(tuple((one,) for one in (*curves, _draw_strips(motion, names))))
 
 
@@ -43,14 +43,16 @@ def label_angle(data: ReportData) -> str:
     return f"angle{where.get(frozenset(sources), '')} (deg)"
 
 
-def draw_panel(data: ReportData, motion: JointStates, order: int, height: float) -> Panel:
+def draw_panel(
+    motion: JointStates, order: int, names: tuple[str, ...], height: float, label: str = "angle (deg)"
+) -> Panel:
     """Return a panel with the derivative ``order`` (0 to 2) of all joint angles, in degrees, with 95 % bands.
 
-    The angles begin at their zero. Bridged intervals are shaded; their bands do not affect the range of the axis.
+    ``label`` is the label of the axis of angles. Bridged intervals are shaded; their bands do not affect the range of the axis.
     """
     bands, lines, framed = [], [], []
-    for j, name in enumerate(name_joints(data)):
-        value = np.degrees(motion.mean[:, j, order] - (data.zeros[j].value if order == 0 else 0.0))
+    for j, name in enumerate(names):
+        value = np.degrees(motion.mean[:, j, order])
         half = NORMAL_95 * np.degrees(motion.sd[:, j, order])
         colour, seen = style.pick_colour(j + 1), motion.observed[:, j]
         bands.append(Band(*thin_band(motion.time, value - half, value + half), colour))
@@ -59,8 +61,8 @@ def draw_panel(data: ReportData, motion: JointStates, order: int, height: float)
     gaps = draw_shades(motion.time, motion.observed.sum(axis=1) < motion.observed.shape[1])
     items: tuple[Item, ...] = (*gaps, *bands, *lines)
     ends = _find_ends(motion)
-    label = label_angle(data) if order == 0 else _RATES[order - 1]
-    return Panel(items, y=label, x_range=ends, y_range=style.find_range(framed), linked=True, height=height)
+    quantity = (label, *_RATES)[order]
+    return Panel(items, y=quantity, x_range=ends, y_range=style.find_range(framed), linked=True, height=height)
 
 
 def draw_shades(time: FloatArray, mask: BoolArray) -> tuple[Spans, ...]:
