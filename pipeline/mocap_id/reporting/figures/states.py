@@ -48,7 +48,8 @@ def draw_panel(
 ) -> Panel:
     """Return a panel with the derivative ``order`` (0 to 2) of all joint angles, in degrees, with 95 % bands.
 
-    ``label`` is the label of the axis of angles. Bridged intervals are shaded; their bands do not affect the range of the axis.
+    ``label`` is the label of the axis of angles. Bridged intervals are shaded; their bands do not affect the range of
+    the axis.
     """
     bands, lines, framed = [], [], []
     for j, name in enumerate(names):

@@ -82,6 +82,7 @@ def segment(context: Context) -> Outputs:
         *_explain_asymmetry(asymmetries, names, settings.asymmetry_deg),
         *check_marker_names(labels, found.segment, usual, found.confidence.value),
         *_check_height(points, found.segment),
+        *_explain_count(settings),
     )
     why = [
         "left out by `segment: ignore`"
@@ -261,6 +262,17 @@ def _describe_hypothesis(hypothesis: Hypothesis, best: Hypothesis, labels: tuple
         "markers": [[labels[m] for m in body.markers] for body in hypothesis.chain],
         "left_out": [[labels[m] for m in body.markers] for body in hypothesis.left_out],
     }
+
+
+def _explain_count(settings: SegmentSettings) -> tuple[Reason, ...]:
+    """Return a note if the number of segments is not that of this trial alone."""
+    if settings.count_alone is None or settings.count_alone == settings.count:
+        return ()
+    text = (
+        f"the number of segments, {settings.count}, was chosen by `mocap-id study` from all trials of the person; this "
+        f"trial alone has {settings.count_alone}."
+    )
+    return (Reason("segments-together", text, float(settings.count_alone), level="ok"),)
 
 
 def _check_height(points: FloatArray, segment: IntArray) -> tuple[Reason, ...]:
