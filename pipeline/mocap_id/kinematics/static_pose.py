@@ -78,9 +78,10 @@ def fit_static_pose(
     start = np.concatenate([[0.0, 0.0, 0.0], np.diff(angles)])
     start[:2] = (plane[:, :2] - marker_positions(start[3:], centres, segment, local)).mean(axis=0)
     fit = least_squares(residuals, start)
+    jacobian = np.asarray(fit.jac, dtype=np.float64)
     size = max(1.0, 2 * fit.cost / max(len(fit.fun) - len(start), 1))  # the misfit, if it is more than skin motion
     weak = np.diag(np.full(len(start), 1e-6))  # keeps the inverse finite; its sd of 1000 rad counts as unknown
-    sd = np.sqrt(size * np.diag(np.linalg.inv(fit.jac.T @ fit.jac + weak)))[3:]
+    sd = np.sqrt(size * np.diag(np.linalg.inv(jacobian.T @ jacobian + weak)))[3:]
     theta = (fit.x[3:] + np.pi) % (2 * np.pi) - np.pi
     distance = np.linalg.norm(fit.fun[:-1].reshape(-1, 2), axis=1) * _MARKER_SD
     return StaticPose(np.where(sd < _UNKNOWN, theta, np.nan), sd, float(np.sqrt(np.mean(distance**2))))

@@ -128,9 +128,9 @@ def _fit_static_trial(
     except RecordingError as error:
         raise RecordingError(f"{file}: {error}") from error
     still = points[pose.frames]
-    seen = np.isfinite(still).all(axis=2)
+    seen = np.asarray(np.isfinite(still).all(axis=2))
     mean = np.where(seen[..., None], still, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)[:, None]
-    known = seen.any(axis=0)
+    known = np.asarray(seen.any(axis=0))
     used = np.array(both)[known]
     track = view.read_positions(_columns(view, [labels[k] for k in used]), axes="z")[..., 0]
     found = fit_static_pose(
@@ -142,7 +142,7 @@ def _fit_static_trial(
             f"trial, expected at most {1e3 * _OTHER_PERSON:.0f} mm; give a static trial of the same person with the "
             "same markers, unmoved, or leave out `static:`"
         )
-    reasons = ()
+    reasons: tuple[Reason, ...] = ()
     if pose.reasons:
         text = (
             f"the markers move at {1e3 * pose.speed:.0f} mm/s in the stillest part of {file.name}, so the zero of the "

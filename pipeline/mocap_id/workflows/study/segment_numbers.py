@@ -42,7 +42,8 @@ class Evidence:
             return None
         if segments["count"] is None or not segments["names"]:
             return None
-        count, costs = int(segments["count"]), {}
+        count = int(segments["count"])
+        costs: dict[int, float] = {}
         for each in segments["hypotheses"] or ():
             costs[each["segments"]] = min(each["cost"], costs.get(each["segments"], each["cost"]))
         if count not in costs or settings.count is not None or settings.names is not None:
@@ -137,7 +138,7 @@ def choose_counts(trials: Sequence[StudyTrial], found: Mapping[str, Evidence]) -
     for one in trials:
         if one.name in found:
             groups.setdefault((one.subject, found[one.name].base), []).append(one.name)
-    chosen = {}
+    chosen: dict[str, int] = {}
     for names in groups.values():
         own = [found[name] for name in names]
         common = set.intersection(*(set(each.costs) for each in own))
