@@ -18,7 +18,7 @@ from mocap_id.geometry import planar
 from mocap_id.protocols.reference_body import make_empty_reference
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
-from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, read_bodies
+from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, bridge_gaps, read_bodies
 from mocap_id.stages.identify_dim.motion_comparison import predict_on_chain
 from mocap_id.stages.identify_dim.plane import fit_chain
 from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, build_reference_bodies
@@ -116,8 +116,8 @@ def compare_steps(trial: Trial) -> dict[str, list[str]]:
     tables, recorded = build_reference_bodies(context, prepared.recorded, movement), prepared.recorded
     chain = fit_chain(context, prepared, movement, read.grid, tables)
     apart = read.body_sets[0]
-    chosen = next(way for way in read.body_sets if list(way.used) == trial.done.facts["motion"]["used"])
     table, segments = context.table("poses.parquet"), range(len(recorded.centres) + 1)
+    chosen = bridge_gaps(read_bodies(table, recorded.centres, trial.done.facts["motion"]["used"]))  # no joint is pinned
     bare, with_others = (read_bodies(table, recorded.centres, [*segments, *more]) for more in ([], apart.used[-1:]))
     every = chosen.poses.joints
 

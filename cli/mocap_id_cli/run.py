@@ -105,6 +105,9 @@ def _print_run(run: mocap_id.Run, as_json: bool, steps: tuple[runner.Step, ...] 
         print_json(result | {"report": report, "steps": run.steps or steps}, asdict)
         return
     typer.echo(f"verdict: {run.verdict.level}")
+    for note in run.verdict.notes:
+        if note.code == "guessed":  # the user must see a guess, also with --quiet
+            typer.echo(f"  {note.code}: {note.message}")
     for reason in run.verdict.reasons:
         typer.echo(f"  {reason.code}: {reason.message}{_format_numbers(reason)}")
     typer.echo(f"report: {report}")

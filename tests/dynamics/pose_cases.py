@@ -64,6 +64,7 @@ def poses_of(time: np.ndarray, motion: PlanarMotion, noise: float = 0.0, seed: i
         information=INFORMATION,
         body=OF_SEGMENT,
         centres=CENTRES,
+        camera=max(noise, 1e-3) ** 2 / INFORMATION,
     )
 
 

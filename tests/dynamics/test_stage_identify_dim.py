@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from mocap_id.dynamics.preparation import TrialData
 from mocap_id.dynamics.regressor import planar_regressor
-from mocap_id.errors import StoreError
+from mocap_id.errors import Refused, StoreError
 from mocap_id.kinematics import ChainState, skin_from_residuals
 from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context
@@ -23,6 +23,7 @@ from mocap_id.store import Table, Tree, hdf5, parquet
 from mocap_id.store.schemas import CHAIN, POSES, STATES, WRENCH
 
 MASS = float(BODY[:, 0].sum())
+PLATE_FACTS = ("mass_range_kg", "registration", "unusable", "horizontal_measured")
 SEGMENT = np.repeat([0, 1, 2, 3], 3)
 LOCAL = np.array([[-0.25, 0.02], [0.06, 0.1], [-0.1, 0.05], *3 * [[-0.1, 0.1], [0.1, 0.4], [0.02, 0.85]]])
 
@@ -38,6 +39,7 @@ def context(
     analog_rate: float = 100.0,
     **settings: Any,
 ) -> Context:
+    plates = {name: settings.pop(name) for name in PLATE_FACTS if name in settings}
     joints = recorded.q.shape[1]
     states = pd.DataFrame({"time": recorded.time})
     for j in range(joints):
@@ -56,7 +58,7 @@ def context(
     skin = skin_from_residuals(
         placed, SEGMENT[moves], np.full(moves.sum(), 0.001), np.tile(1e-6 * np.eye(2), (joints, 1, 1))
     )
-    told = {"mass_kg": standing, "why": why, "cop_threshold_N": cop_threshold, "analog_rate_hz": analog_rate}
+    told = {"mass_kg": standing, "why": why, "cop_threshold_N": cop_threshold, "analog_rate_hz": analog_rate, **plates}
     keys = TrialKeys(trial="t", recording=Files(markers=Path("t.c3d")), protocol=protocol, subject=subject or Subject())
     inputs = {
         "states.parquet": Table.from_frame(STATES, states, {"sigma_v": [300.0] * joints}),
@@ -327,8 +329,92 @@ def test_a_free_movement_whose_mass_nothing_confirms_says_so() -> None:
 
 
 def test_a_mass_that_is_not_the_standing_one_is_said() -> None:
-    _, _, tree = run(moving_body(noise=(0.5, 0.5, 0.15)), standing=1.3 * MASS)
+    _, _, tree = run(moving_body(noise=(0.5, 0.5, 0.15)), standing=1.15 * MASS)
     assert codes(tree) == ["load-shared"]
+
+
+def test_a_mass_far_from_the_standing_one_is_refused() -> None:
+    with pytest.raises(Refused) as refused:
+        run(moving_body(noise=(0.5, 0.5, 0.15)), standing=1.3 * MASS)
+    assert refused.value.code == "load-shared"
+
+
+@pytest.mark.parametrize("factor", [0.75, 1.3, 2.0])
+def test_a_given_mass_far_from_the_standing_one_is_refused(factor: float) -> None:
+    with pytest.raises(Refused, match=f"{MASS:.1f} kg while the person stands") as refused:
+        run(moving_body(noise=(0.5, 0.5, 0.15)), subject=Subject(mass=factor * MASS))
+    assert refused.value.code == "mass-contradiction"
+
+
+def test_a_load_in_the_hands_explains_a_given_mass() -> None:
+    """The person stands with a load most of the time, and also without it."""
+    given, recorded = 0.75 * MASS, moving_body(noise=(0.5, 0.5, 0.15))
+    _, _, tree = run(recorded, subject=Subject(mass=given), mass_range_kg=[given, MASS])
+    assert "mass-contradiction" in codes(tree)
+    with pytest.raises(Refused):
+        run(recorded, subject=Subject(mass=given), mass_range_kg=[0.98 * MASS, MASS])
+
+
+@pytest.mark.parametrize(
+    ("index", "told", "known"),
+    [
+        (13.8, True, True),
+        (16.0, False, True),
+        (40.0, False, True),
+        (50.0, True, True),
+        (8.0, True, False),
+        (112.0, True, False),
+    ],
+)
+def test_the_mass_is_compared_with_the_height(index: float, told: bool, known: bool) -> None:
+    """The mass index is m/h²; outside what anybody has, nothing is identified."""
+    height = float(np.sqrt(MASS / index))
+    if height > 2.7:  # heights that the configuration accepts
+        height, scale = 2.0, index * 4.0 / MASS
+    else:
+        scale = 1.0
+    recorded = moving_body(noise=(0.5, 0.5, 0.15))
+    recorded = with_(recorded, wrench=scale * recorded.wrench)
+    _, table, tree = run(recorded, subject=Subject(height=height), standing=scale * MASS)
+    assert ("mass-implausible" in codes(tree)) == told
+    assert (tree.facts["why"] is None) == known
+    assert table.frame["tau_1"].notna().any() == known
+    confirmed = run(recorded, subject=Subject(height=height, mass=scale * MASS), standing=scale * MASS)[2]
+    assert "mass-implausible" not in codes(confirmed)
+
+
+def test_nothing_is_identified_if_a_foot_is_beside_the_plates_and_the_mass_is_too_small() -> None:
+    recorded = moving_body(noise=(0.5, 0.5, 0.15))
+    beside = {"foot_beside": {"beside_m": None, "share": 0.02}}
+    thin, usual = (Subject(height=float(np.sqrt(MASS / index))) for index in (12.5, 22.0))
+    _, table, tree = run(recorded, subject=thin, registration=beside)
+    assert_nothing_known(table, tree, "mass-implausible")
+    assert run(recorded, subject=usual, registration=beside)[2].facts["why"] is None
+
+
+def test_nothing_is_identified_if_a_foot_is_clearly_beside_the_plates() -> None:
+    recorded, height = moving_body(noise=(0.5, 0.5, 0.15)), float(np.sqrt(MASS / 22.0))
+    beside = {"foot_beside": {"beside_m": 0.14, "share": 0.02}}
+    _, table, tree = run(recorded, subject=Subject(height=height), registration=beside)
+    assert_nothing_known(table, tree, "no-wrench")
+    weighed = run(recorded, subject=Subject(height=height, mass=MASS), registration=beside)[2]
+    assert weighed.facts["why"] is None  # the plates measure the whole weight: their corners are wrong
+
+
+def test_missing_moments_leave_the_mass() -> None:
+    _, table, tree = run(moving_body(), unusable="the moments are missing")
+    assert_nothing_known(table, tree, "no-wrench", mass=MASS)
+    assert "the moments are missing" in tree.facts["why"]
+
+
+def test_without_horizontal_force_the_parameters_are_those_of_Fy_and_tauz() -> None:
+    recorded = moving_body(noise=(0.5, 0.5, 0.15))
+    wrench = recorded.wrench.copy()
+    wrench[:, 0] = 0.0
+    _, table, tree = run(with_(recorded, wrench=wrench), horizontal_measured=False)
+    expected = run(recorded, components=("Fy", "tauz"))[2]
+    np.testing.assert_allclose(tree.data["base"]["value"], expected.data["base"]["value"], rtol=0.02, atol=0.02)
+    assert table.frame["Fx"].isna().all() and table.frame["Fx_model"].notna().any()
 
 
 def test_components_that_do_not_tell_all_leave_the_rest_empty() -> None:
@@ -398,6 +484,76 @@ def test_a_clock_that_is_left_as_it_is() -> None:
         _, _, tree = run(wrench, apply_clock_offset=False)
         assert ("clock-offset-kept" in codes(tree)) == told
     assert "clock-offset-kept" not in codes(run(late)[2])
+
+
+def with_clock(recorded: TrialData, offset: float, clock: dict[str, Any], **settings: Any) -> tuple[Table, Tree]:
+    """Return dynamics of a plate ``offset`` late, s, whose wrench the coarse search corrected by ``clock``."""
+    coarse = round(clock["offset_s"] * recorded.rate)
+    late = recorded.wrench.copy()
+    late[: max(coarse, 0)] = late[len(late) + min(coarse, 0) :] = np.nan
+    moved = CubicSpline(recorded.time, recorded.wrench)(recorded.time + offset - coarse / recorded.rate)
+    given = context(with_(recorded, wrench=np.where(np.isfinite(late), moved, np.nan)), **settings)
+    wrench = given.table("wrench.parquet")
+    given = Context(given.trial, given.settings, {**given.inputs, "wrench.parquet": wrench_with(wrench, clock)})
+    _, table, tree, _ = STAGE.function(given)
+    return table, tree
+
+
+def wrench_with(wrench: Table, clock: dict[str, Any]) -> Table:
+    return Table(wrench.schema, wrench.columns, {**wrench.facts, "clock": clock}, wrench.reasons)
+
+
+FOUND = {"offset_s": 0.5, "peak_s": 0.5, "rivals_s": [], "why": None}
+
+
+def test_a_coarse_offset_and_the_rest_are_one_offset() -> None:
+    recorded = moving_body(seconds=15.0, noise=(0.5, 0.5, 0.15))
+    table, tree = with_clock(recorded, 0.513, FOUND)
+    assert tree.facts["clock_offset_s"] == pytest.approx(0.513, abs=5e-4)
+    assert tree.facts["clock"]["applied_s"] == pytest.approx(0.013, abs=5e-4)
+    (reason,) = [each for each in tree.reasons if each.code.startswith("clock")]
+    assert reason.code == "clock-offset-large"
+    assert reason.value == pytest.approx(0.513, abs=5e-4)
+    assert "513 ms too early" in reason.message
+    np.testing.assert_allclose(table["Fy"][100:-100], moving_body(seconds=15.0).wrench[100:-100, 1], atol=6.0)
+
+
+def test_the_settings_hold_for_the_coarse_offset_too() -> None:
+    """Without correction, the wrench is used as it was recorded; beyond the user's limit, the offset is unknown."""
+    recorded = moving_body(seconds=15.0, noise=(0.5, 0.5, 0.15))
+    table, tree = with_clock(recorded, 0.513, FOUND, apply_clock_offset=False)
+    assert tree.facts["clock_offset_s"] == pytest.approx(0.513, abs=2e-3)
+    assert "clock-offset-kept" in codes(tree)
+    raw = CubicSpline(recorded.time, recorded.wrench[:, 1])(recorded.time + 0.513)
+    known = np.isfinite(table["Fy"])
+    assert known.mean() > 0.95
+    np.testing.assert_allclose(table["Fy"][known][50:-150], raw[known][50:-150], atol=1e-6)
+    _, tree = with_clock(recorded, 0.513, FOUND, clock_offset_limit_s=0.2)
+    assert "clock-offset-unknown" in codes(tree)
+    assert tree.facts["clock_offset_s"] is None
+
+
+def test_an_offset_that_cannot_be_told_is_said_and_not_reported() -> None:
+    recorded = moving_body(seconds=15.0, noise=(0.5, 0.5, 0.15))
+    why = "the movement repeats"
+    _, tree = with_clock(recorded, 0.0, {"offset_s": 0.0, "peak_s": 0.0, "rivals_s": [1.5], "why": why})
+    (reason,) = [each for each in tree.reasons if each.code.startswith("clock")]
+    assert reason.code == "clock-offset-unknown"
+    assert why in reason.message
+    assert tree.facts["clock_offset_s"] is None
+    assert tree.facts["wrench"]["Fy"]["r2"] > 0.999  # the fit is that of the assumed offset
+
+
+@pytest.mark.parametrize("drift", [0.0, -5e-4, 2e-3])
+def test_a_drift_is_measured_and_said(drift: float) -> None:
+    recorded = moving_body(seconds=20.0, noise=(0.5, 0.5, 0.15))
+    stamped = recorded.time + drift * (recorded.time - recorded.time.mean())
+    wrench = CubicSpline(recorded.time, moving_body(seconds=20.0).wrench)(stamped)
+    noise = recorded.wrench - moving_body(seconds=20.0).wrench
+    _, _, tree = run(with_(recorded, wrench=wrench + noise))
+    clock = tree.facts["clock"]
+    assert abs(clock["drift_s_per_s"] - drift) < max(4 * clock["drift_sd_s_per_s"], 0.05 * abs(drift))
+    assert ("clock-drift" in codes(tree)) == (drift != 0.0)
 
 
 def test_artefacts_that_do_not_belong_together() -> None:

@@ -129,7 +129,7 @@ def free() -> Ran:
 
 def test_a_hip_that_gives_way_is_said_and_its_poses_are_used() -> None:
     motion = squats().facts["motion"]
-    assert (motion["source"], motion["why"]) == ("segments", "a joint gives way")
+    assert (motion["source"], motion["why"]) == ("segments", "the two sides of a joint separate")
     assert motion["bodies"] == NAMES
     assert motion["used"] == [0, 1, 2, 3, 4]
     assert motion["prior"] == "winter"

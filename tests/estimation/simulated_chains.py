@@ -83,6 +83,21 @@ def measured(truth: FloatArray, rate: float, noise: float, rng: np.random.Genera
     return Moving(truth, exact + noise * rng.standard_normal(exact.shape), rate, centres, segment, local)
 
 
+def kicked(*, rate: float = 100.0, seconds: float = 10.0, noise: float = 2e-5, width: float = 0.03) -> Moving:
+    """Return a swinging chain of three joints whose second joint kicks in the middle, 1.5 rad there and back.
+
+    ``width`` is the standard deviation of the bell-shaped kick, s. Slow movement and small ``noise``, m, as in a
+    filtered export, make the process noise too small for the kick.
+    """
+    slow = swinging(joints=3, seconds=seconds, rate=rate, noise=noise, seed=1)
+    u = (np.arange(len(slow.truth)) / rate - seconds / 2) / width
+    bell = 1.5 * np.exp(-(u**2) / 2)
+    truth = slow.truth.copy()
+    for order, factor in enumerate((1, -u, u**2 - 1, 3 * u - u**3)):
+        truth[:, 1, order] += bell * factor / width**order
+    return measured(truth, rate, noise, np.random.default_rng(101))
+
+
 def planar_table(frames: IntArray, time: FloatArray, labels: list[str], points: FloatArray, rate: float) -> LongTable:
     """Return the markers (F, M, 2), m, as a table of planarise."""
     values = {"x": points[..., 0], "y": points[..., 1], "z": np.zeros(points.shape[:2])}

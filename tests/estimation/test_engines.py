@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from simulated_chains import Moving, rms, swinging
+from simulated_chains import Moving, kicked, rms, swinging
 
 from mocap_id.estimation import compiled_filter, filterpy_engine
 from mocap_id.estimation.filter_problem import START_SD, FilterProblem, Track
@@ -95,3 +95,11 @@ def test_both_engines_can_be_selected_and_agree() -> None:
     scale = np.maximum(rms(ours.mean), START_SD)
     assert np.max(np.abs(ours.mean - theirs.mean) / scale) <= EQUAL
     assert ours.noise.marker_sd == theirs.noise.marker_sd
+
+
+def test_both_engines_follow_a_movement_that_outruns_the_process_noise() -> None:
+    fast = kicked(seconds=1.5, noise=5e-4)
+    problem = fast.problem(marker_sd=1e-3, sigma_v=1e3)
+    ours, theirs = compiled_filter.filter_forwards(problem), filterpy_engine.filter_forwards(problem)
+    assert_same(ours, theirs)
+    assert ours.used.mean() > 0.99

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from simulated_chains import Moving, rms, swinging
+from simulated_chains import Moving, kicked, rms, swinging
 
 from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
 
@@ -74,3 +74,13 @@ def test_a_marker_with_bursts_in_a_third_of_the_trial_is_an_outlier(moving: Movi
     assert states.used[hit, 3].mean() < 0.01
     assert states.used[~hit, 3].mean() > 0.99
     assert np.all(rms(states.mean - moving.truth)[:, 2] < 1.1 * rms(clean.mean - moving.truth)[:, 2])
+
+
+@pytest.mark.parametrize("rate", [100.0, 300.0])
+def test_a_movement_that_outruns_the_process_noise_is_followed(rate: float) -> None:
+    """No marker is wrong, so none may be lost, although the gate around the prediction is too tight."""
+    fast = kicked(rate=rate)
+    states = fast.smoothed()
+    assert states.used.mean() > 0.99
+    assert states.observed.all()
+    np.testing.assert_allclose(states.mean[..., 0], fast.truth[..., 0], atol=0.05)

@@ -132,6 +132,30 @@ def test_a_joint_that_is_lost_is_named_with_its_time(moving: Moving) -> None:
     conform(predicted)
 
 
+def test_a_segment_whose_markers_are_wrong_is_named_with_its_times(moving: Moving) -> None:
+    """The markers of the thigh are those of another object for a while: far away, and not rigid with the segment."""
+    markers, own = moving.markers.copy(), np.flatnonzero(moving.segment == 2)
+    markers[100:130, own] += np.random.default_rng(3).normal(0.0, 0.2, (len(own), 2))
+    states, predicted = run(moving, planar(moving, markers))
+    frame = states.frame
+    reason = next(each for each in states.reasons if each.code == "markers-rejected")
+    assert reason.level == "caution"
+    assert "thigh at 1.50–1.79 s" in reason.message
+    assert reason.value == pytest.approx(0.3, abs=0.02)
+    assert not frame["observed_2"][100:130].any()
+    assert frame["observed_1"].all()
+    assert frame["observed_2"].drop(range(100, 130)).all()
+    conform(predicted)
+
+
+def test_few_frames_with_wrong_markers_are_not_reported(moving: Moving) -> None:
+    markers, own = moving.markers.copy(), moving.segment == 2
+    markers[100:103, own] += np.random.default_rng(3).normal(0.0, 0.2, (np.count_nonzero(own), 2))
+    states, _ = run(moving, planar(moving, markers))
+    assert not states.reasons
+    assert not states.frame["observed_2"][100:103].any()
+
+
 def test_a_segment_never_seen_is_reported_as_lost_throughout(moving: Moving) -> None:
     markers = moving.markers.copy()
     markers[:, moving.segment == 2] = np.nan

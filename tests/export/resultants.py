@@ -92,7 +92,7 @@ class Needs:
     def errors(self, time: np.ndarray, dynamics: pd.DataFrame, places: JointPlaces) -> dict[str, np.ndarray]:
         """Return torques and wrench minus those of a table with tau_1 … and *_model, by column.
 
-        The last body may belong to no segment; it is beyond every joint.
+        The last body may belong to no segment; it is beyond every joint. Unknown torques on a chair are left out.
         """
         ground = self.about(np.zeros((len(time), 2)))
         ours = dict(zip(COMPONENTS, (*self.force.sum(axis=1).T, ground), strict=True))
@@ -100,4 +100,5 @@ class Needs:
         for joint in range(len(places.centre)):
             if dynamics[f"tau_{joint + 1}"].notna().any():
                 found[f"tau_{joint + 1}"] = self.about(self.poses.joint(joint, places), joint + 1)
-        return {name: values - np.interp(time, dynamics["time"], dynamics[name]) for name, values in found.items()}
+        off = {name: values - np.interp(time, dynamics["time"], dynamics[name]) for name, values in found.items()}
+        return {name: error[np.isfinite(error)] if name.startswith("tau_") else error for name, error in off.items()}

@@ -115,7 +115,7 @@ def test_csv_has_a_unit_in_every_header_of_a_quantity(exported) -> None:
     assert markers["L3 y (m)"].isna().sum() == done.table("planar").query("marker == 'L3'")["y"].isna().sum() == 30
     for table in (states, dynamics, markers):
         bare = {name for name in table if "(" not in str(name)}
-        assert bare <= {"frame", "in_fit", "joint 1 observed", "joint 2 observed"}
+        assert bare <= {"frame", "in_fit", "contact", "joint 1 observed", "joint 2 observed"}
 
 
 def test_without_a_plate_what_exists_is_written_and_the_rest_said(exported) -> None:

@@ -145,7 +145,7 @@ def test_a_plate_without_corners_is_kept_as_text(tmp_path: Path) -> None:
     write_recording_as_text(tmp_path / "own.trc", made)
     found = mocap_id.read(tmp_path / "own.trc", tmp_path / "own.mot")
     assert_same(found, made, 1e-6)
-    trial = make_trial(made, {"trial": "own", "out": tmp_path / "run"})
+    trial = make_trial(made, {"trial": "own", "protocol": "free", "space": "plane", "out": tmp_path / "run"})
     assert trial.keys.recording is not None
     assert trial.keys.recording.forces == tmp_path / "run" / "recording.mot"
     other = replace(made.plates[0], rate=200.0)
@@ -185,7 +185,8 @@ def test_corners_of_some_plates_only_are_refused(tmp_path: Path) -> None:
     with pytest.raises(mocap_id.RecordingError, match="plates with corners: 1; plates without corners: 2"):
         make_trial(replace(made, plates=(made.plates[0], bare)), {"trial": "own", "out": tmp_path / "run"})
     unusable = replace(bare, problem="its type is unknown")
-    trial = make_trial(replace(made, plates=(made.plates[0], unusable)), {"trial": "own", "out": tmp_path / "run"})
+    keys = {"trial": "own", "protocol": "free", "space": "plane", "out": tmp_path / "run"}
+    trial = make_trial(replace(made, plates=(made.plates[0], unusable)), keys)
     assert trial.keys.recording is not None
     assert trial.keys.recording.motion.name == "recording.c3d"
 

@@ -20,6 +20,7 @@ from mocap_id.workflows.recording_trial import make_trial
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "sample_trials" / "robot-joint"
+ROBOT = {"protocol": "robot-joint"}
 
 
 @pytest.fixture
@@ -185,6 +186,7 @@ def test_arrays_that_do_not_fit(tmp_path: Path) -> None:
 def test_markers_of_an_arm_are_a_reach(
     given: dict[str, str], expected: tuple[str, ...], once: Any, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
+    caplog.set_level("WARNING", "mocap_id")
     arm = once("interface-arm", lambda folder: write_arm(folder / "S1_l" / "arm", ArmOptions(seed=1, cycles=1)))
     trial = make_trial(arm.parent / "trial.c3d", {**given, "out": tmp_path / "run"})
     assert (trial.keys.space, trial.keys.protocol, trial.keys.side) == expected
@@ -193,29 +195,29 @@ def test_markers_of_an_arm_are_a_reach(
 
 def test_settings_are_checked_and_files_of_others_kept(sample: Path) -> None:
     with pytest.raises(mocap_id.ConfigError, match=r"trial\.c3d: unknown key `windw`: did you mean `window`"):
-        make_trial(Path("trial.c3d"), {"windw": (1, 2)})
+        make_trial(Path("trial.c3d"), {**ROBOT, "windw": (1, 2)})
     with pytest.raises(mocap_id.RecordingError, match="no such file"):
         mocap_id.run("nothing.c3d")
     (sample / "mine.yaml").write_text("trial: mine\n")
     with pytest.raises(mocap_id.StoreError, match="was not made by"):
-        make_trial(Path("trial.c3d"), {}, Path("mine.yaml"))
+        make_trial(Path("trial.c3d"), ROBOT, Path("mine.yaml"))
     with pytest.raises(mocap_id.ConfigError, match="contains the settings of its trial"):
         mocap_id.run("mine.yaml", protocol="free")
     (sample / "runs" / "trial" / ".mocap-id").mkdir(parents=True)
     with pytest.raises(mocap_id.StoreError, match="belongs to another trial"):
-        make_trial(Path("trial.c3d"), {})
+        make_trial(Path("trial.c3d"), ROBOT)
 
 
 def test_edited_settings_are_not_replaced(sample: Path) -> None:
     saved = sample / "saved.yaml"
-    make_trial(Path("trial.c3d"), {}, Path("saved.yaml"))
-    make_trial(Path("trial.c3d"), {"window": (1, 6)}, Path("saved.yaml"))
+    make_trial(Path("trial.c3d"), ROBOT, Path("saved.yaml"))
+    make_trial(Path("trial.c3d"), {**ROBOT, "window": (1, 6)}, Path("saved.yaml"))
     assert "window" in saved.read_text()
     for edit in ("subject: {mass: 70}\n", "# a remark\n"):
         edited = saved.read_text() + edit
         saved.write_text(edited)
         with pytest.raises(mocap_id.StoreError, match="was edited"):
-            make_trial(Path("trial.c3d"), {}, Path("saved.yaml"))
+            make_trial(Path("trial.c3d"), ROBOT, Path("saved.yaml"))
         assert saved.read_text() == edited
 
 
@@ -225,7 +227,7 @@ def test_settings_of_stages_and_numbers_of_numpy(sample: Path) -> None:
         "subject": {"mass": np.float64(70)},
         "segment": {"count": np.int64(2)},
     }
-    trial = make_trial(Path("trial.c3d"), {**given, "identify_dim": {}}, Path("kept") / "own.yaml")
+    trial = make_trial(Path("trial.c3d"), {**ROBOT, **given, "identify_dim": {}}, Path("kept") / "own.yaml")
     assert trial.out == sample / "kept" / "runs" / "trial"
     assert trial.keys.recording.motion.resolve() == sample / "trial.c3d"
     assert (trial.keys.window, trial.keys.subject.mass) == ((1, 6), 70)

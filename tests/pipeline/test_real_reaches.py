@@ -1,4 +1,4 @@
-"""Reaches of a recorded left arm against the ranges of another program (ULEMA)."""
+"""Reaches of a recorded left arm against the ranges of another program (ULEMA), and fast bones against their pins."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from mocap_id.config import load
 from mocap_id.recording import read
@@ -35,17 +37,23 @@ THEIRS = {
 }
 
 
-@pytest.mark.parametrize(("name", "volume"), [("RF1", (0.001, 0.01)), ("HTH1", (0.005, 0.05))])
-def test_ranges_are_those_of_the_other_program(
-    recordings: Path, tmp_path: Path, name: str, volume: tuple[float, float]
-) -> None:
+def write_trial(recordings: Path, place: Path, name: str) -> Path:
+    """Write the configuration of a reach with pointed landmarks; skip the test without the recordings."""
     folder = recordings / "upper-limb" / "ulema"
     if not folder.is_dir():
         pytest.skip(f"no recordings of arms at {folder}")
     pointers = ", ".join(f"{landmark}: {folder}/cal{file}.c3d" for landmark, file in POINTERS.items())
-    configuration = tmp_path / f"{name}.yaml"
+    configuration = place / f"{name}.yaml"
     configuration.write_text(TRIAL.format(name=name, folder=folder, pointers=pointers))
-    outcome = run(load(configuration))
+    return configuration
+
+
+@pytest.mark.parametrize(("name", "volume"), [("RF1", (0.001, 0.01)), ("HTH1", (0.005, 0.05))])
+def test_ranges_are_those_of_the_other_program(
+    recordings: Path, tmp_path: Path, name: str, volume: tuple[float, float]
+) -> None:
+    outcome = run(load(write_trial(recordings, tmp_path, name)))
+    folder = recordings / "upper-limb" / "ulema"
     found = json.loads((outcome.folder / "summary.json").read_text())["workspace"]
     rows = (line.rstrip("\t").split("\t") for line in _lines(folder / f"{name}_angles.csv"))
     printed = {row[0]: np.sort(np.array(row[1:], dtype=float)) for row in rows}
@@ -114,3 +122,63 @@ def rigid_place(axes: list[np.ndarray], point: np.ndarray) -> np.ndarray:
 def _lines(file: Path) -> list[str]:
     """Return the lines of the angles in every frame; those after them are resampled."""
     return file.read_text(encoding="latin-1").splitlines()[1:29]
+
+
+def test_no_angle_jumps_where_the_movement_outruns_a_filtered_export(recordings: Path, tmp_path: Path) -> None:
+    """The export has a noise of 0.05 mm, and the gate around the prediction lost all markers of the hand."""
+    outcome = run(load(write_trial(recordings, tmp_path, "RF1")))
+    angles = pd.read_parquet(outcome.folder / "angles.parquet")
+    names = [name for name in angles if name.startswith(("shoulder_", "elbow_", "wrist_"))]
+    assert len(names) == 8
+    for name in names:
+        step = np.degrees(np.abs(np.diff(angles[name].to_numpy())))
+        beside = np.maximum(step[:-2], step[2:])
+        assert np.all(step[1:-1] < np.maximum(3 * beside, 0.2)), name
+    markers = pd.read_parquet(outcome.folder / "markers.parquet")
+    assert markers["used"][np.isfinite(markers["residual"])].mean() > 0.99
+
+
+def test_markers_of_a_thorax_that_fail_together_are_reported(recordings: Path, tmp_path: Path) -> None:
+    """From 4.64 s on, a marker of the thorax jumps by 3 mm, and the landmarks computed from it too."""
+    folder = recordings / "upper-limb" / "ulema"
+    if not folder.is_dir():
+        pytest.skip(f"no recordings of arms at {folder}")
+    configuration = tmp_path / "HTH1.yaml"
+    configuration.write_text(f"trial: HTH1\nspace: 3d\nprotocol: reach\nside: left\nrecording: {folder}/HTH1.c3d\n")
+    outcome = run(load(configuration))
+    summary = json.loads((outcome.folder / "summary.json").read_text())
+    (reason,) = (each for each in summary["verdict"]["reasons"] if each["code"] == "markers-rejected")
+    assert "(thorax at 4.64–4.69 s)" in reason["message"]
+    poses = pd.read_parquet(outcome.folder / "poses.parquet")
+    there = poses["time"].between(4.635, 4.665)
+    assert not poses["thorax_observed"][there].any()
+    assert poses["thorax_observed"][~poses["time"].between(4.6, 4.72)].all()
+
+
+@pytest.mark.parametrize(("name", "limits"), [("S2M_punching", (4.2, 3.2)), ("OTTAWA_hopping", (3.4, 1.4))])
+def test_fast_bones_are_followed(recordings: Path, tmp_path: Path, name: str, limits: tuple[float, float]) -> None:
+    """The rotations of skin markers are compared with those of pins in the bones, relative to their mean difference."""
+    folder = recordings / "bones" / name
+    if not folder.is_dir():
+        pytest.skip(f"no recordings of bones at {folder}")
+    with np.load(folder / "truth.npz") as truth:
+        owner, labels = truth["owner"].tolist(), truth["labels"].tolist()
+        bones = list(dict.fromkeys(owner))
+        true = {bone: truth[f"R_{bone}"] for bone in bones}
+    together = [[label for label, own in zip(labels, owner, strict=True) if own == bone] for bone in bones]
+    configuration = tmp_path / "trial.yaml"
+    configuration.write_text(
+        f"trial: {name}\nspace: 3d\nprotocol: free\nrecording: {folder}/trial.c3d\n"
+        f"segment: {{count: 2, together: {together}}}\n"
+    )
+    outcome = run(load(configuration))
+    poses, segments = (pd.read_parquet(outcome.folder / f"{table}.parquet") for table in ("poses", "segments"))
+    names = [column.removesuffix("_qw") for column in poses if column.endswith("_qw")]
+    up = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    for bone, own, limit in zip(bones, together, limits, strict=True):
+        segment = names[int(segments["segment"][segments["marker"] == own[0]].iloc[0])]
+        found = Rotation.from_quat(poses[[f"{segment}_q{axis}" for axis in "xyzw"]].to_numpy())
+        between = Rotation.from_matrix(up @ true[bone]).inv() * found
+        off = np.degrees((between.mean().inv() * between).magnitude())
+        assert np.sqrt(np.mean(off**2)) < limit, bone
+        assert off.max() < 12, bone

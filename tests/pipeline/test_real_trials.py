@@ -269,3 +269,23 @@ def test_events_of_a_real_sit_to_stand_agree_with_the_plates(trial) -> None:
     # seated the feet carry 0 to 90 N, lifted off now and then: nothing to expect of that share
     assert all(0.4 < share["left"][phase]["mean"] < 0.6 for phase in ("rising", "standing"))
     assert events["support"].abs().max() < 0.05
+
+
+def test_torques_of_a_real_sit_to_stand_leave_out_the_chair(trial) -> None:
+    """Filled in on the chair, the knee's largest torque was 242 to 268 N·m and the ankle's 291 N·m."""
+    done = trial("sit-to-stand/STS1.trc", **STS)
+    table, found = done.table("dynamics"), done.summary["dynamics"]
+    assert table.loc[table["contact"], ["tau_1", "tau_2", "sd_tau_1", "sd_tau_2"]].isna().all(axis=None)
+    assert 0.3 < table["contact"].mean() < 0.5 and found["legs"] == "both"
+    knee, ankle = found["torques"]["knee"], found["torques"]["ankle"]
+    assert knee["positive"] == "extension" and 134 < knee["highest_nm"] < 156
+    assert knee["highest_nm_per_kg"] == pytest.approx(knee["highest_nm"] / found["mass_kg"])
+    assert ankle["negative"] == "plantarflexion" and -95 < ankle["lowest_nm"] < -70
+    assert 0.005 < done.summary["five_times"]["to_fifth_stand_sd_s"] < 0.3
+
+
+def test_a_squat_has_torques_in_every_sample(trial) -> None:
+    done = trial("sit-to-stand/squats1.trc", **STS)
+    table = done.table("dynamics")
+    assert not table["contact"].any()
+    assert table[["tau_1", "tau_2", "tau_3"]].notna().mean().min() > 0.98

@@ -11,6 +11,8 @@ import pandas as pd
 import pytest
 
 from mocap_id.config import load
+from mocap_id.protocols.posture import compute_posture
+from mocap_id.protocols.sit_to_stand import find_sit_to_stand_repetitions
 from mocap_id.runner import run
 from mocap_id.simulation import Options, simulate
 
@@ -62,6 +64,39 @@ def test_a_hand_on_a_rail_is_reported(tmp_path: Path) -> None:
     events, summary, _ = done(tmp_path / "trial", seed=5301003, rail=0.12)
     assert codes(summary) & UNUSUAL == {"support-unexplained"}
     assert events["support"].between(0.05, 0.2).all()
+    dynamics = pd.read_parquet(tmp_path / "trial" / "runs" / summary["trial"] / "dynamics.parquet")
+    for start, stand in zip(events["start"], events["stand"], strict=True):
+        rising = dynamics["time"].between(start, stand)
+        assert dynamics["contact"][rising].all()
+        assert dynamics.loc[rising, ["tau_1", "tau_2", "tau_3", "sd_tau_3"]].isna().all(axis=None)
+
+
+@pytest.mark.parametrize(
+    ("seed", "options"),
+    [
+        (7401, {}),
+        *(pytest.param(seed, options, marks=pytest.mark.slow) for seed, options in (
+            (7403, {"strategy": "stable"}), (882, {"rate": 50.0, "marker_noise": 0.002}), (883, {"soft_tissue": 2.0}),
+        )),
+    ],
+)  # fmt: skip
+def test_the_five_times_test_is_within_its_standard_deviation(
+    tmp_path: Path, seed: int, options: dict[str, Any]
+) -> None:
+    """The truth is what the exact motion gives by the same rules, and the instant at which the chair is touched."""
+    folder = tmp_path / "trial"
+    outcome = run(load(simulate("sit-to-stand", folder, Options(repetitions=5, seed=seed, **options))))
+    truth, found = json.loads((folder / "truth.json").read_text()), outcome.summary()["five_times"]
+    centres = np.array([joint["centre_m"] for joint in outcome.summary()["joints"]])
+    with np.load(folder / "truth.npz") as exact:
+        time = np.arange(exact["t"][0], exact["t"][-1], 1e-3)
+        q, dq = (np.column_stack([np.interp(time, exact["t"], each) for each in exact[key].T]) for key in ("q", "qd"))
+    rises = find_sit_to_stand_repetitions(time, compute_posture(q, dq, centres), None, chair=True)
+    right = {"stand": rises[4].stand, "seat_contact": truth["seat_on_s"][4], "seated": rises[4].end}
+    for stop, instant in right.items():
+        sd = found[f"to_fifth_{stop}_sd_s"]
+        assert abs(found[f"to_fifth_{stop}_s"] - (instant - rises[0].start)) < 1.96 * sd, stop
+        assert sd < 0.1
 
 
 def test_a_recording_that_starts_in_mid_rise_keeps_the_rest(tmp_path: Path) -> None:

@@ -77,7 +77,7 @@ def test_a_clipped_load_is_not_used_and_reported(tmp_path: Path, share: float) -
 
 def test_a_load_that_is_always_clipped_is_ignored(tmp_path: Path) -> None:
     wrench = with_channels(tmp_path, lambda channels: np.maximum(channels, [-9e9, -9e9, -100.0, -9e9, -9e9, -9e9]))
-    assert "reads 100 N in every sample" in doubts(wrench)["no-plate"].message
+    assert "(channel 3) reads -100 in every sample" in doubts(wrench)["no-plate"].message
 
 
 def test_clipping_is_distinguished_from_rest() -> None:

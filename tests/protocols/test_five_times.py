@@ -12,6 +12,7 @@ from mocap_id.protocols.five_times import PUBLISHED, compute_five_times
 from mocap_id.protocols.load_share import compute_load_share, find_foot_plates
 from mocap_id.protocols.posture import compute_posture
 from mocap_id.protocols.repetitions import Repetition, RiseDetails
+from mocap_id.protocols.sit_to_stand import estimate_event_sd, find_sit_to_stand_repetitions
 
 
 def repetitions(count: int, cycle: float = 2.5) -> tuple[Repetition, ...]:
@@ -62,6 +63,25 @@ def test_events_outside_the_recording_are_null_with_a_reason() -> None:
     assert found.to_fifth_stand == pytest.approx(11.1)
     assert found.to_fifth_seat_contact is None
     assert "ends upright" in found.why
+
+
+def test_the_standard_deviation_is_that_of_both_events() -> None:
+    """An event at a steep speed is known to a frame; noise adds the time in which it may have passed the limit."""
+    recorded, _ = sit_to_stand(5)
+    posture = compute_posture(recorded.q, recorded.dq, CENTRES)
+    found = find_sit_to_stand_repetitions(recorded.time, posture, None, chair=None)
+    frame = 1 / recorded.rate
+    exact, noisy = (
+        estimate_event_sd(recorded.time, posture, found, np.full(len(recorded.time), sd), None) for sd in (0.0, 0.05)
+    )
+    for name in ("start", "stand", "end"):
+        np.testing.assert_allclose(exact[name], frame / np.sqrt(3))
+        assert (noisy[name] > exact[name]).all()
+    assert np.isnan(exact["seat_on"]).all()
+    made = compute_five_times(found, rises(5), chair=True, event_sd=noisy)
+    assert made.to_fifth_stand_sd == pytest.approx(noisy["start"][0] + noisy["stand"][4])
+    assert made.to_fifth_seat_contact_sd is None
+    assert compute_five_times(found, rises(5), chair=True).to_fifth_stand_sd is None
 
 
 def test_squats_have_no_test_times() -> None:

@@ -48,6 +48,17 @@ def test_moments_are_those_of_the_cells(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.moment[:, 1] / log.force, 0.238 / 2 * (30 - 10) / 40)
 
 
+@pytest.mark.parametrize("reading", [0.0, 12.3])
+def test_a_dead_cell_makes_the_board_unusable_and_is_named(tmp_path: Path, reading: float) -> None:
+    time = np.arange(1000) * 0.01
+    cells = 15 + 8 * np.sin(2 * time[:, None] + np.arange(4))
+    rng = np.random.default_rng(3)
+    assert read_board(_write(tmp_path / "a.csv", np.column_stack([time, cells]))).problem == ""
+    cells[:, 2] = reading + 0.05 * rng.normal(size=len(time))
+    problem = read_board(_write(tmp_path / "b.csv", np.column_stack([time, cells]))).problem
+    assert "`bl_kg`" in problem and "`tl_kg`" not in problem
+
+
 def test_a_long_pause_is_unknown_and_a_short_one_is_bridged(tmp_path: Path) -> None:
     time = np.concatenate([np.arange(100) * 0.01, 1.1 + np.arange(100) * 0.01, 2.6 + np.arange(100) * 0.01])
     log = read_board(_write(tmp_path / "a.csv", np.column_stack([time, _loads(time)])))

@@ -220,6 +220,9 @@ class Trial:
                 "to_fifth_stand_s": 27.0,
                 "to_fifth_seat_contact_s": 28.8,
                 "to_fifth_seated_s": 29.9,
+                "to_fifth_stand_sd_s": 0.008,
+                "to_fifth_seat_contact_sd_s": 0.02,
+                "to_fifth_seated_sd_s": 0.009,
                 "mean_cycle_s": CYCLE,
                 "cycle_sd_s": 0.01,
                 "failed_attempts": 0,
@@ -247,8 +250,9 @@ class Trial:
         for k in range(1, self.n + 1):
             frame[f"tau_{k}"], frame[f"sd_tau_{k}"] = 10.0 * k, 1.0
         frame["in_fit"] = np.sin(2 * np.pi * self.time / CYCLE) > -0.5
+        frame["contact"] = np.sin(2 * np.pi * self.time / CYCLE) < -0.6
         if not plates:
-            numbers = frame.columns.drop(["time", "in_fit"])
+            numbers = frame.columns.drop(["time", "in_fit", "contact"])
             frame[numbers], frame["in_fit"] = np.nan, False
         return Table.from_frame(DYNAMICS_TABLE, frame)
 
@@ -343,7 +347,7 @@ class Trial:
         bodies = [*self.names[:last], "trunk", "others"]
         motion = {
             "source": "segments",
-            "why": "a joint gives way",
+            "why": "the two sides of a joint separate",
             "joints": dict.fromkeys(self.joints, gap) | {"ankle": gap | {"gap_m": 0.0021, "pinned": True}},
             "bands_hz": {"angle": 4.0, "x": 3.5, "y": 6.0},
             "bands_why": "left-out repetitions are predicted best with these",

@@ -19,7 +19,7 @@ from mocap_id.reporting.figures.skeleton import choose_moments
 from mocap_id.reporting.markers import read_positions
 from mocap_id.stages.report import STAGE, ReportSettings
 from mocap_id.stages.report.function import report_data
-from mocap_id.store import Artefact, Document
+from mocap_id.store import Artefact, Document, Table
 from mocap_id.store.schemas import SCHEMAS
 from mocap_id.store.views import IdentifiedDynamics, JointStates
 
@@ -65,7 +65,7 @@ def test_axes_carry_units(entry: FigureEntry) -> None:
         "skeleton": ["(m)"], "recovery": ["(m)"],
         "states": ["(deg)", "(deg/s)", "(deg/s²)", "(s)"], "repetitions": ["(deg)", "(%)"],
         "residuals": ["(mm)"], "wrench": ["(N)", "(N·m)", "(m)", "(s)"], "parameters": ["kg", "kg·m", "kg·m²"],
-        "point_masses": ["(m)", "(kg)"], "phases": ["(N)", "(N·m)", "(m)", "(%)"],
+        "point_masses": ["(m)", "(kg)"], "phases": ["(N)", "(N·m)", "(m)", "(%)"], "torques": ["(N·m)", "(s)"],
     }  # fmt: skip
     text = told(shown(entry.name, Trial().artefacts()))
     assert [unit for unit in units[entry.name] if unit not in text] == []
@@ -143,6 +143,23 @@ def test_the_wrench_figure_shows_the_table_the_model_band_and_the_fit_samples() 
         for start, end in zip(fit.start, fit.end, strict=True):
             inside |= (trial.time >= start) & (trial.time < end - 1e-9)
         assert (inside == table["in_fit"]).all()
+
+
+def test_torques_are_shaded_where_an_unmeasured_support_carries_the_body() -> None:
+    trial = Trial()
+    artefacts = trial.artefacts()
+    table = artefacts["dynamics.parquet"]
+    assert isinstance(table, Table)
+    contact = table["contact"]
+    unknown = table.with_columns(tau_2=np.where(contact, np.nan, 20.0))
+    figure = shown("torques", artefacts | {"dynamics.parquet": unknown})
+    assert [items(panel, Line)[0].label for panel in figure.panels] == ["ankle", "knee", "hip"]
+    for panel in figure.panels:
+        (shade,) = items(panel, Spans)
+        inside = np.zeros(len(trial.time), dtype=bool)
+        for start, end in zip(shade.start, shade.end, strict=True):
+            inside |= (trial.time >= start) & (trial.time < end - 1e-9)
+        assert (inside == contact).all()
 
 
 def test_phases_are_the_averages_over_the_repetitions() -> None:

@@ -128,13 +128,23 @@ def test_healthy_trial_shows_everything() -> None:
         "states",
         "repetitions",
         "wrench",
+        "torques",
         "motion",
         "parameters",
         "markers",
         "origin",
     ]
-    assert page.tags.count("figure") == 9
-    for wanted in ("Good", "m1+m2+m3+m4", "71.20 ± 0.30", "no seat-on was found", "STRAY", "trial.c3d", "female"):
+    assert page.tags.count("figure") == 10
+    for wanted in (
+        "Good",
+        "m1+m2+m3+m4",
+        "71.20 ± 0.30",
+        "no seat-on was found",
+        "27.000 ± 0.008",
+        "STRAY",
+        "trial.c3d",
+        "female",
+    ):
         assert wanted in page.text
     assert "somewhere" not in page.text, "folders are private"
 
@@ -244,7 +254,7 @@ def test_hostile_labels_are_shown_as_text() -> None:
 @pytest.mark.parametrize("joints", [1, 4])
 def test_short_and_long_chains(joints: int) -> None:
     page = checked(report(Trial(joints=joints).artefacts()))
-    assert page.tags.count("figure") == 9
+    assert page.tags.count("figure") == 10
 
 
 def test_a_trial_without_repetitions_says_so() -> None:
@@ -334,7 +344,7 @@ def test_the_effect_of_pinned_joints_is_shown() -> None:
     assert [facts[f"cut-off frequency for {axis} (Hz)"] for axis in ("x", "y", "angle")] == ["3.5", "6", "4"]
     assert facts["reason for these cut-off frequencies"] == "left-out repetitions are predicted best with these"
     for wanted in (
-        "because a joint gives way",
+        "because the two sides of a joint separate",
         "on the same 654 samples, below 5 Hz",
         "2.0 times as large for Fx",
         "3.0 times as large for the centre of pressure",
@@ -356,7 +366,7 @@ def test_measured_poses_show_band_intervals_and_prior() -> None:
     captions = page.text.count(
         "The masses move with the measured poses, low-pass filtered (x 3.5 Hz, y 6 Hz, angle 4 Hz)."
     )
-    assert captions == 3, "wrench, phases, parameters"
+    assert captions == 4, "wrench, phases, torques, parameters"
     for wanted in (
         "The fit does not determine the torque of: hip.",
         "No point masses",

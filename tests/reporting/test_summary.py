@@ -20,7 +20,7 @@ from mocap_id.reporting.summary import summarise, to_json
 from mocap_id.reporting.summary_entry import join_sentences
 from mocap_id.reporting.summary_schema import Summary
 from mocap_id.stages.report.function import report_data
-from mocap_id.store import Artefact
+from mocap_id.store import Artefact, Table
 from mocap_id.verdict import Reason
 
 PROMISED = {
@@ -98,6 +98,31 @@ def test_the_summary_of_a_good_trial_agrees_with_the_artefacts() -> None:
     assert [held_out[of]["tauz"]["bias"] for of in ("model", "in_sample", "reference")] == [0.6, 0.5, 4.5]
     assert held_out["clock_offset_s"] == [0.0070, 0.0071, 0.0073]
     assert summary["time_s"] == {"planarise": 0.21, "segment": 0.4}
+    assert_nulls_explained(summary)
+
+
+def test_the_largest_torques_are_those_without_contact_in_words_and_per_kilogram() -> None:
+    """Where an unmeasured support carries the body, or the torque is far less certain than usual, none is reported."""
+    trial = Trial()
+    artefacts = trial.artefacts()
+    table = artefacts["dynamics.parquet"]
+    assert isinstance(table, Table)
+    tau, sd, contact = 10 * np.sin(3 * trial.time), np.ones(len(trial.time)), table["contact"].copy()
+    contact[100], tau[100] = True, 200.0
+    contact[200], tau[200], sd[200] = False, 150.0, 30.0
+    contact[300], tau[300] = False, 90.0
+    facts = {"legs": "both", "positive": {"knee": ["extension", "flexion"]}}
+    known = replace(table.with_columns(tau_2=tau, sd_tau_2=sd, contact=contact), facts=facts)
+    dynamics = summary_of(artefacts | {"dynamics.parquet": known})["dynamics"]
+    knee = dynamics["torques"]["knee"]
+    assert dynamics["legs"] == "both" and (knee["positive"], knee["negative"]) == ("extension", "flexion")
+    assert (knee["highest_nm"], knee["highest_sd_nm"], knee["highest_time_s"]) == (90.0, 1.0, trial.time[300])
+    assert knee["highest_nm_per_kg"] == pytest.approx(90.0 / dynamics["mass_kg"]) and knee["known"] == 1.0
+    assert dynamics["torques"]["ankle"]["positive"] == "positive"
+    nothing = known.with_columns(tau_2=np.full(len(tau), np.nan), contact=np.ones_like(contact))
+    summary = summary_of(artefacts | {"dynamics.parquet": nothing})
+    knee = summary["dynamics"]["torques"]["knee"]
+    assert knee["highest_nm"] is None and knee["known"] == 0.0 and "no plate measures" in knee["why"]
     assert_nulls_explained(summary)
 
 
@@ -205,7 +230,9 @@ def test_cautions_affect_the_verdict_and_notes_do_not() -> None:
 def test_without_a_plate_the_kinematics_are_complete() -> None:
     summary = summary_of(Trial().artefacts(plates=False))
     dynamics = summary["dynamics"]
-    assert {key for key, value in dynamics.items() if value is not None} == {"rivals", "held_out", "pins", "why"}
+    known = {key for key, value in dynamics.items() if value is not None}
+    assert known == {"rivals", "held_out", "pins", "legs", "torques", "why"}
+    assert dynamics["torques"] == {}
     assert dynamics["rivals"] == {}
     assert dynamics["why"] == "the recording has no force plate"
     assert summary["joints"] and summary["repetitions"]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, TypeAlias
 
 from mocap_id.dynamics.excitation import NOT_IDENTIFIABLE, Excitation
+from mocap_id.dynamics.fit import estimate_drift
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.instrument_errors import Calibration
 from mocap_id.dynamics.optimality import PROVEN
@@ -16,8 +18,12 @@ if TYPE_CHECKING:
 
 AnyIdentification: TypeAlias = "Identification | SpatialIdentification"
 """Identified parameters in the plane or in space."""
+OFFSET_LARGE = 0.02
+"""Largest clock offset of synchronised devices, s."""
 _BOUNDED = 0.05  # relative increase of the cost because of physical consistency
 _MASS_APART = 0.05  # relative difference of two masses
+_OFFSET_OF_DELAYS = 0.15  # s, largest offset by filters, export and a late start; only a note, because it is corrected
+_DRIFT_SEEN, _DRIFT_LEAST = 5.0, 0.005  # significant change of the offset in a trial: in standard deviations, and in s
 _OFFSET_SEEN, _OFFSET_LEAST = 3.0, 5e-4  # significant clock offset: in standard deviations, and in s
 
 
@@ -29,7 +35,7 @@ def find_cautions_in_space(
     ``recommendation`` contains sentences on movements that would determine the weak parameters better.
     """
     reasons = (
-        _check_clock(trial, result),
+        *_check_clock(trial, result),
         _check_solver(result),
         _check_consistency(result),
         _check_parameters(excited, recommendation),
@@ -61,7 +67,7 @@ def find_cautions(
         Errors of plate and scale, which give the allowed difference of these masses; by default those of the stage.
     """
     reasons = (
-        _check_clock(prepared, result),
+        *_check_clock(prepared, result),
         _check_cone(result),
         _check_solver(result),
         _check_consistency(result),
@@ -77,28 +83,77 @@ def get_identified_mass(prepared: PreparedTrial, result: Identification) -> floa
     return float(result.full[::4].sum()) if 1 in prepared.settings.components else None
 
 
-def _check_clock(prepared: AnyTrial, result: AnyIdentification) -> Reason | None:
-    if result.fit.offset_known:
-        return None if prepared.settings.apply_offset else _check_uncorrected_offset(result)
-    limit = prepared.settings.offset_limit
+def _check_clock(prepared: AnyTrial, result: AnyIdentification) -> Iterator[Reason | None]:
+    """Yield reasons about a clock offset that is unknown, large or left in the data, and about a drift."""
+    clock, fit, limit = prepared.recorded.clock, result.fit, prepared.settings.offset_limit
+    if clock.doubt is not None:
+        yield Reason(
+            "clock-offset-unknown",
+            f"the clock offset between cameras and plate is not known: {clock.doubt}. The forces were used with an "
+            f"offset of {1e3 * (clock.offset + fit.offset):+.0f} ms, and all results are right only if this is right: "
+            "check that markers and forces belong to the same recording, and synchronise the clocks, or correct the "
+            "times of the forces in the file",
+            value=fit.total_offset,
+            limit=limit,
+        )
+        return
+    if not fit.offset_known:
+        around = f" around {clock.offset:+.2f} s" if clock.offset else ""
+        yield Reason(
+            "clock-offset-unknown",
+            f"the clock offset between cameras and plate is not within ± {limit:g} s{around}, or this movement does "
+            f"not determine it (standard deviation {1e3 * result.offset_sd:.0f} ms). "
+            f"{f'Only {clock.offset:+.2f} s was' if clock.offset else 'No offset was'} corrected: check that markers "
+            "and forces belong to the same recording, or increase `identify-dim: {clock_offset_limit_s: …}`",
+            value=fit.total_offset,
+            limit=limit,
+        )
+        return
+    yield _check_drift(prepared, result)
+    if not prepared.settings.apply_offset:
+        yield _check_uncorrected_offset(result)
+        return
+    if abs(fit.total_offset) <= OFFSET_LARGE:
+        return
+    board = isinstance(prepared, PreparedTrial) and len(prepared.recorded.measures) < prepared.recorded.wrench.shape[1]
+    late = "late" if fit.total_offset < 0 else "early"
+    yield Reason(
+        "clock-offset-large",
+        f"the forces come {1e3 * abs(fit.total_offset):.0f} ms too {late} in relation to the cameras (standard "
+        f"deviation {1e3 * result.offset_sd:.1f} ms), expected at most {1e3 * OFFSET_LARGE:.0f} ms. This was corrected"
+        + ("" if board else ", but the clocks are not synchronised: check trigger, delays and export of the plates")
+        + (". At the ends of the trial, frames without force are left out" if clock.offset else ""),
+        value=fit.total_offset,
+        limit=OFFSET_LARGE,
+        level="ok" if board or abs(fit.total_offset) <= _OFFSET_OF_DELAYS else "caution",
+    )
+
+
+def _check_drift(prepared: AnyTrial, result: AnyIdentification) -> Reason | None:
+    """Return a caution if the clock offset changes during the trial; one offset is corrected for the whole trial."""
+    drift, sd = estimate_drift(prepared, result.fit)
+    time = prepared.recorded.time[result.fit.samples]
+    change, limit = drift * float(time[-1] - time[0]), max(_DRIFT_SEEN * sd * float(time[-1] - time[0]), _DRIFT_LEAST)
+    if not abs(change) > limit:
+        return None
     return Reason(
-        "clock-offset-unknown",
-        f"the clock offset between cameras and plate is not within ± {limit:g} s, or this movement does not determine "
-        f"it (standard deviation {1e3 * result.offset_sd:.0f} ms). No offset was corrected: check that markers and "
-        "forces belong to the same recording, or increase `identify-dim: {clock_offset_limit_s: …}`",
-        value=result.fit.best_offset,
+        "clock-drift",
+        f"the clock offset between cameras and plate changes by {1e3 * change:+.0f} ms during the trial "
+        f"({1e3 * drift:+.2f} ± {1e3 * sd:.2f} ms/s), expected at most {1e3 * limit:.0f} ms. One offset is corrected "
+        "for the whole trial: the devices do not share a clock, or a frame rate is not exactly as the file says",
+        value=change,
         limit=limit,
     )
 
 
 def _check_uncorrected_offset(result: AnyIdentification) -> Reason | None:
     """Return a caution if the settings leave a significant clock offset uncorrected."""
-    offset, limit = abs(result.fit.best_offset), max(_OFFSET_SEEN * result.offset_sd, _OFFSET_LEAST)
+    offset, limit = abs(result.fit.total_offset), max(_OFFSET_SEEN * result.offset_sd, _OFFSET_LEAST)
     if offset <= limit:
         return None
     return Reason(
         "clock-offset-kept",
-        f"the clocks of cameras and plate are {1e3 * result.fit.best_offset:.2f} ms apart (standard deviation "
+        f"the clocks of cameras and plate are {1e3 * result.fit.total_offset:.2f} ms apart (standard deviation "
         f"{1e3 * result.offset_sd:.2f} ms), but `identify-dim: {{apply_clock_offset: false}}` prevents the correction. "
         "In a person's movement, one millisecond changes a parameter by up to a third: remove the setting, or "
         "synchronise the clocks",
@@ -176,12 +231,13 @@ def _check_load(prepared: PreparedTrial, result: Identification, standing: float
     total = get_identified_mass(prepared, result)
     if total is None or standing is None or abs(total / standing - 1) <= _MASS_APART:
         return None
+    unknown = ". Until then, the joint torques are unknown (NaN)" if total < standing else ""
     return Reason(
         "load-shared",
         f"the movement gives a mass of {total:.1f} kg, but the plates measure {standing:.1f} kg while the person "
         "stands: in some of the fitted samples, something other than the plates carries a part of the body. If a "
         "chair is used, set `protocol: sit-to-stand`, which leaves its contact out; otherwise look for a hand on a "
-        "support, or exclude the contact with `window:`",
+        f"support, or exclude the contact with `window:`{unknown}",
         value=total,
         limit=standing,
     )

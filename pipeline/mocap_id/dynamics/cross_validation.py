@@ -39,7 +39,7 @@ class LeftOutPrediction:
     filtered: FloatArray
     filtered_measured: FloatArray
     base: FloatArray  # (K, b) base parameters of each of K folds
-    offset: FloatArray  # (K,) clock offset of each fold, s
+    offset: FloatArray  # (K,) clock offset of each fold, with the coarse offset, s
 
 
 def predict_left_out(
@@ -82,9 +82,8 @@ def predict_left_out(
     if not samples.any():
         return None
     wrench, measured, filtered, filtered_measured = series
-    return LeftOutPrediction(
-        samples, part, wrench, measured, filtered, filtered_measured, np.array(base), np.array(offset)
-    )
+    total = np.array(offset) + prepared.recorded.clock.offset
+    return LeftOutPrediction(samples, part, wrench, measured, filtered, filtered_measured, np.array(base), total)
 
 
 def _select_rows(prepared: PreparedTrial, out: BoolArray, offset: float) -> tuple[tuple[FloatArray, FloatArray], ...]:

@@ -24,6 +24,7 @@ _ROUNDS = 2  # weights and offset depend on each other only weakly
 DEPENDENT = 1e8
 """Condition number with unit columns above which the columns count as linearly dependent."""
 _SHARP = 0.01  # s: an offset with a larger standard deviation is not applied
+_LEAST_BLOCKS = 3  # smallest number of blocks for the drift of the clock
 _LEAST_SPREAD = 1e-4  # fraction of a component's rms: smaller residuals are due to rounding
 
 
@@ -34,12 +35,14 @@ class Fit:
     in_fit: BoolArray  # (T,) usable samples within the gate, away from its edges (`select_samples`)
     samples: IntArray  # (R,) indices of the samples used in the fit: every `LowPass.step`-th of `in_fit`
     base: int  # number of base parameters b; the k nuisance parameters (constant errors of the plate) follow them
-    # best_offset, offset_sd: clock offset with the least residual and its standard deviation from the residuals, s. At
-    # the limit of the search there is no minimum.
+    # best_offset, offset_sd: clock offset with the least residual, from the coarse offset, and its standard deviation
+    # from the residuals, s. At the limit of the search there is no minimum.
     best_offset: float
     offset_sd: float
     offset: float  # clock offset used in the fit, s: `best_offset`, or 0 if it is not applied or not known
-    offset_known: bool  # whether there is a minimum within the search's limit, with a standard deviation below 10 ms
+    total_offset: float  # coarse clock offset plus `best_offset`: the offset between cameras and plates, s
+    sharp: bool  # whether there is a minimum within the search's limit, with a standard deviation below 10 ms
+    offset_known: bool  # whether there is such a minimum, and no doubt about the coarse offset
     applied: bool  # whether `best_offset` is used in the fit
     # (c,) inverse residual spread of each component. With a prior, it is multiplied by the square root of the fraction
     # of independent samples (`prior_weight`).
@@ -77,6 +80,38 @@ class Fit:
         return np.zeros((0, self.design.shape[-1])) if self.prior is None else np.pad(self.prior[0], ((0, 0), (0, 1)))
 
 
+def estimate_drift(prepared: AnyTrial, result: Fit) -> tuple[float, float]:
+    """Return how fast the clock offset changes during the trial, and its standard deviation, s/s.
+
+    The drift is fitted together with the parameters and the offset, to first order. It is NaN if the fit determines no
+    offset, or if its samples are in fewer than three blocks.
+    """
+    time = prepared.recorded.time[result.samples]
+    blocks = number_blocks(time, prepared.settings.block)
+    if not result.sharp or int(blocks.max(initial=0)) < _LEAST_BLOCKS - 1:
+        return float("nan"), float("nan")
+    late = prepared.recorded.time[result.samples] - time.mean()
+    rows = np.concatenate([result.design, result.design[..., -1:] * late[:, None, None]], axis=-1)
+    prior = None if result.prior is None else (np.pad(result.prior[0], ((0, 0), (0, 2))), result.prior[1])
+    solution = _compress(rows, result.target, prior).free_solution()
+    spread = 1.0 if prepared.prior is None else prepared.prior.spread
+    more = None if prior is None else prior[0]
+    covariance = estimate_covariance(rows, result.target - rows @ solution, blocks, more, spread)
+    return float(solution[-1]), float(np.sqrt(covariance[-1, -1]))
+
+
+def describe_clock(prepared: AnyTrial, result: Fit) -> dict[str, float | None]:
+    """Return the fact ``clock`` of dynamics.h5: the parts of the clock offset, and its drift."""
+    drift, sd = estimate_drift(prepared, result)
+    known = np.isfinite(drift)
+    return {
+        "coarse_s": prepared.recorded.clock.offset,
+        "applied_s": result.offset,
+        "drift_s_per_s": drift if known else None,
+        "drift_sd_s_per_s": sd if known else None,
+    }
+
+
 def determines_parameters(prepared: AnyTrial, gate: BoolArray) -> bool:
     """Return whether the gated samples determine the base parameters.
 
@@ -104,7 +139,7 @@ def fit(prepared: AnyTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
     design = _build_rows(prepared, samples)
     prior = _prior_rows(prepared, design)
     if like is not None:
-        spread, weights, best_offset, known = like.weights, like.weights, like.best_offset, like.offset_known
+        spread, weights, best_offset, known = like.weights, like.weights, like.best_offset, like.sharp
     else:
         spread, weights, best_offset, known = _search_offset(prepared, gate, samples, design)
     extended, covariance = _compute_covariance(prepared, samples, best_offset, design, weights)
@@ -127,7 +162,9 @@ def fit(prepared: AnyTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
         best_offset=best_offset,
         offset_sd=offset_sd,
         offset=offset,
-        offset_known=known,
+        total_offset=prepared.recorded.clock.offset + best_offset,
+        sharp=known,
+        offset_known=known and prepared.recorded.clock.doubt is None,
         applied=applied,
         weights=weights,
         problem=_compress(extended[..., :-1], target, prior),

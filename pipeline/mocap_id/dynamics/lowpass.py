@@ -49,6 +49,11 @@ class LowPass:
         """Number k such that every k-th filtered sample is sufficient: about ten samples per period of the cut-off."""
         return max(1, int(self.rate / (_OVERSAMPLED * self.cutoff)))
 
+    def gain(self, cycles: FloatArray) -> FloatArray:
+        """Return the gain at frequencies in cycles per sample, 0 to 0.5."""
+        tangent = np.tan(np.pi * cycles) / np.tan(np.pi * min(self.cutoff / self.rate, _PASSES_ALL))
+        return np.asarray(1.0 / (1.0 + tangent**4))
+
     def __call__(self, signal: FloatArray) -> FloatArray:
         """Filter each interval without gaps of a signal (T, ...) along the first axis.
 
@@ -74,8 +79,7 @@ class LowPass:
         rest = np.zeros((next_fast_len(count + 2 * beyond, real=True), signal.shape[1]))
         rest[:count] = signal - line
         rest[count : count + beyond], rest[-beyond:] = -rest[count - beyond - 1 : count - 1][::-1], -rest[beyond:0:-1]
-        tangent = np.tan(np.pi * np.fft.rfftfreq(len(rest)))
-        gain = 1.0 / (1.0 + (tangent / np.tan(np.pi * min(self.cutoff / self.rate, _PASSES_ALL))) ** 4)
+        gain = self.gain(np.asarray(np.fft.rfftfreq(len(rest)), dtype=np.float64))
         line += irfft(gain[:, None] * rfft(rest, axis=0), len(rest), axis=0)[:count]
         return line
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_complete_rows, find_runs
-from mocap_id.dynamics.lowpass import LowPass
+from mocap_id.dynamics.lowpass import LowPass, erode
 from mocap_id.dynamics.motion import PlanarMotion, point_acceleration
 from mocap_id.geometry import planar
 
@@ -25,14 +25,8 @@ CUTOFFS = (2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)
 USUAL = (3.0, 5.0, 4.0)
 """Default cut-offs of x, y and angle, Hz."""
 _GAP_BAND = 3.0  # Hz: below this frequency, camera noise is small compared with movement
-GIVES_WAY = 0.03
-"""Rms acceleration of a gap above which a joint does not count as a pin, m/s². In simulated people with perfect joints,
-camera noise and skin reach 0.02 to 0.05.
-"""
-SURELY = 0.1
-"""Rms acceleration of a gap above which a joint surely is not a perfect pin, m/s². With perfect joints, skin reaches
-0.06.
-"""
+_NOISE_SD = 3.0  # standard deviations of its random error by which noise alone may exceed its mean square
+_FREQUENCIES = 4096  # number of frequencies for the response to white noise
 
 
 @dataclass(frozen=True)
@@ -52,6 +46,9 @@ class BodyPoses:
     # joint fit is estimated from the body beyond the joint. Gaps are computed without this correction.
     shift: FloatArray | None = None
     beyond: FloatArray | None = None  # (n, 2) centre of joint j in the frame of segment j, m; its origin by default
+    # (K, 2) variance of the position, m² per coordinate, and angle, rad², in one frame, due to the noise of the cameras
+    # alone, which is independent in every frame; without noise by default
+    camera: FloatArray | None = None
 
     @property
     def rate(self) -> float:
@@ -94,18 +91,12 @@ class BodyPoses:
         )
         return np.asarray(after - before)
 
-    def joint_variance(self, joint: int) -> float:
-        """Return the variance of a joint's position in the bodies before and after the joint, m² per coordinate.
-
-        It follows from the residuals of the markers: if the markers of a body move relative to each other, the joint
-        also moves relative to them.
-        """
-        variance = 0.0
-        for body, point in self.sides(joint):
-            position, angle = self.information[body]
-            arm = point - self.centroid[body]
-            variance += 0.5 / position + 0.25 * float(arm @ arm) / angle
-        return float(variance)
+    def camera_variance(self, joint: int) -> float:
+        """Return the variance of a joint's gap in one frame due to the noise of the cameras, m² per coordinate."""
+        if self.camera is None:
+            return 0.0
+        arms = [(body, point - self.centroid[body]) for body, point in self.sides(joint)]
+        return float(sum(self.camera[body, 0] + 0.5 * (arm @ arm) * self.camera[body, 1] for body, arm in arms))
 
 
 @dataclass(frozen=True)
@@ -114,17 +105,22 @@ class JointGap:
 
     size: float  # rms change of the gap, m; NaN without samples
     acceleration: float  # rms acceleration of the gap below 3 Hz, m/s²; NaN if no interval is long enough
-    place: float  # variance of the joint's position in the bodies before and after the joint, m² per coordinate
+    noise: float = 0.0  # largest acceleration that the noise of the cameras alone gives, m/s², rms below 3 Hz
+    holds: bool = False  # the forces show that the joint holds, although the acceleration of its gap is above the noise
+
+    @property
+    def above_noise(self) -> float:
+        """Rms acceleration of the gap that the noise of the cameras does not give, m/s²; 0 if unknown."""
+        square = self.acceleration**2 - self.noise**2
+        return float(np.sqrt(square)) if square > 0.0 else 0.0
 
     @property
     def pinned(self) -> bool:
-        """Whether the joint counts as a pin, because the acceleration of the gap is within the noise or unknown."""
-        return not self.acceleration > GIVES_WAY
+        """Whether the joint counts as a pin: its gap is within the noise or unknown, or the forces show that it holds.
 
-    @property
-    def excess(self) -> float:
-        """Variance of the gap in addition to ``place``, which is due to skin, m² per coordinate; 0 if unknown."""
-        return max(self.size**2 / 2 - self.place, 0.0) if np.isfinite(self.size) else 0.0
+        Forces are compared in :func:`mocap_id.stages.identify_dim.model_selection.pin_joints_that_hold`.
+        """
+        return self.holds or self.above_noise == 0.0
 
 
 def fill_gaps(poses: BodyPoses) -> tuple[BodyPoses, BoolArray]:
@@ -148,16 +144,33 @@ def fill_gaps(poses: BodyPoses) -> tuple[BodyPoses, BoolArray]:
 def measure_gaps(poses: BodyPoses, samples: BoolArray) -> dict[int, JointGap]:
     """Return the gap of each joint (from 0) between two bodies, over the marked samples (T,)."""
     lowpass = LowPass(min(_GAP_BAND, poses.rate / 5), poses.rate)
+    factor, share = _respond_to_noise(lowpass)
     gaps = {}
     for joint in poses.joints:
         gap = poses.measure_gap(joint)
         acceleration = _differentiate(lowpass(gap), poses.rate)[1]
         use = samples & find_complete_rows(gap)
-        moving = samples & find_complete_rows(acceleration)
+        # the low-pass keeps the noise of the first and the last sample of an interval
+        moving = use & find_complete_rows(acceleration) & erode(find_complete_rows(gap), lowpass.reach_samples)
         size = float(np.sqrt(np.sum(np.var(gap[use], axis=0)))) if use.any() else float("nan")
         rms = float(np.sqrt(np.mean(np.sum(acceleration[moving] ** 2, axis=1)))) if moving.any() else float("nan")
-        gaps[joint] = JointGap(size, rms, poses.joint_variance(joint))
+        independent = max(share * np.count_nonzero(moving), 1.0)  # most of a gap's noise is in one direction
+        noise = 2 * factor**2 * poses.camera_variance(joint) * (1 + _NOISE_SD * np.sqrt(2 / independent))
+        gaps[joint] = JointGap(size, rms, float(np.sqrt(noise)))
     return gaps
+
+
+def _respond_to_noise(lowpass: LowPass) -> tuple[float, float]:
+    """Return the response of the filtered second derivative to white noise.
+
+    The first value is its standard deviation, 1/s², for white noise of 1. The second is the number of its independent
+    values divided by the number of samples, because neighbouring filtered samples are correlated.
+    """
+    cycles = (np.arange(_FREQUENCIES) + 0.5) / (2 * _FREQUENCIES)
+    turn = 2 * np.pi * cycles
+    derivative = lowpass.rate**2 * (30 - 32 * np.cos(turn) + 2 * np.cos(2 * turn)) / 12
+    power = (lowpass.gain(cycles) * derivative) ** 2
+    return float(np.sqrt(np.mean(power))), float(np.mean(power) ** 2 / np.mean(power**2))
 
 
 def close_gaps(poses: BodyPoses, joints: Sequence[int]) -> BodyPoses:

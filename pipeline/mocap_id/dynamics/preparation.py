@@ -28,6 +28,19 @@ MEASURED_CUTOFF = 5.0
 
 
 @dataclass(frozen=True)
+class CoarseClock:
+    """Result of the coarse search for the clock offset of the plates, which precedes the fit."""
+
+    offset: float = 0.0  # clock offset that is already corrected in the wrenches, s; the fit finds the rest
+    doubt: str | None = None  # reason why the offset is not known; None if it is, or if there is nothing to see
+    search: float = 0.15  # largest remaining offset that the fit searches, in both directions, s
+
+
+NO_CLOCK = CoarseClock()
+"""No coarse clock offset."""
+
+
+@dataclass(frozen=True)
 class TrialData:
     """Measured states and wrenches of a trial, sample by sample."""
 
@@ -55,6 +68,7 @@ class TrialData:
     position_sd: float | None = None
     # wrenches measured by sensors built into joints, on the segment beyond the joint
     built_in: tuple[ExternalWrench, ...] = ()
+    clock: CoarseClock = NO_CLOCK  # coarse clock offset of the plates
 
     def as_measured(self, wrench: FloatArray) -> FloatArray:
         """Return a wrench (..., 3) with NaN in the components that are not measured."""
@@ -108,7 +122,8 @@ class FitSettings:
     components: tuple[int, ...] = (0, 1, 2)  # components of (Fx, Fy, tauz) to fit
     # low-pass of regressor and wrench, Hz; None for `choose_cutoff`, or 5 Hz for measured poses
     cutoff: float | None = None
-    offset_limit: float = 0.15  # largest clock offset that is searched, in both directions, s
+    # largest clock offset that the fit searches, in both directions from the coarse one, s
+    offset_limit: float = 0.15
     apply_offset: bool = True  # correct the wrench for the clock offset found
     plate_bias: bool = True  # estimate a constant error of the plate's Fx
     # standard deviations of the plate's constant errors in Fy, N, and tauz, N·m. No movement separates them from the

@@ -14,11 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
 from mocap_id.estimation.inverse_kinematics import FrameAngles, MarkerChain
 from mocap_id.geometry.planar import marker_jacobian, marker_positions, rotate
 
 SKIN_MEMORY = 0.9  # time constant, s, of the skin's displacement: its autocorrelation is 0.57 after 0.5 s
+FEW = 3
+"""Successive frames in which over half of a segment's visible markers may fail the gate without being reported."""
 
 _BESIDE = 5  # frames before and after a gap over which the residual is averaged
 PAIRS = 1000  # pairs of consecutive frames used to estimate the persistent part of a residual
@@ -99,6 +101,24 @@ def compensate_dropouts(
         for sign, at in ((-1.0, frames.angles[own]), (1.0, angles[own])):
             observed[own] += sign * marker_positions(at, chain.centres, chain.segment, chain.local)
     return replace(frames, angles=angles)
+
+
+def find_rejected_segments(segment: IntArray, count: int, visible: BoolArray, used: BoolArray) -> BoolArray:
+    """Return where (F, ``count``) over half of the visible markers of a segment are not ``used`` (F, M).
+
+    ``segment`` (M,) is the segment of each marker, less than ``count``, and ``visible`` (F, M) marks its samples.
+    """
+    own = (segment[:, None] == np.arange(count)).astype(np.int64)
+    return np.asarray(2 * ((visible & used).astype(np.int64) @ own) < visible.astype(np.int64) @ own)
+
+
+def find_stretches(rejected: BoolArray) -> list[slice]:
+    """Return the stretches of more than :data:`FEW` frames in ``rejected`` (F,); interruptions of up to FEW count."""
+    joined = rejected.copy()
+    for between in find_runs(~rejected):
+        if between.stop - between.start <= FEW and between.start > 0 and between.stop < len(rejected):
+            joined[between] = True
+    return [run for run in find_runs(joined) if run.stop - run.start > FEW]
 
 
 def compute_forgotten_share(used: BoolArray, frames: IntArray, rate: float) -> FloatArray:

@@ -15,6 +15,9 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.compilation import compiled
 
+ENOUGH = 3
+"""Least number of visible markers of a segment with which it is followed from the frame's own angles or pose."""
+
 
 class FilterModel(NamedTuple):
     """Constants of a run of the filter, from :class:`mocap_id.estimation.filter_problem.FilterProblem`."""
@@ -383,6 +386,30 @@ def _count_failing(z: FloatArray, used: BoolArray, segment: IntArray, failing: I
 
 
 @compiled
+def _loses_segment(z: FloatArray, used: BoolArray, segment: IntArray, measured: Measurements, k: int) -> bool:
+    """Return whether a segment fails the gate around the prediction although the markers of frame k show its angle.
+
+    Over half of its visible markers, at least 3, fail the gate, and over half determine the angle of the frame. The
+    frame's own angles must also fit more markers than the prediction, in all segments together.
+    """
+    more = 0
+    for m in range(len(segment)):
+        more += int(measured.angle_used[k, m]) - int(used[m])
+    if more <= 0:
+        return False
+    for j in range(measured.angle_observed.shape[1]):
+        seen, passed, fitting = 0, 0, 0
+        for m in range(len(segment)):
+            if segment[m] == j + 1 and not math.isnan(z[m, 0] + z[m, 1]):
+                seen += 1
+                passed += used[m]
+                fitting += measured.angle_used[k, m]
+        if measured.angle_observed[k, j] and seen >= ENOUGH and 2 * passed < seen < 2 * fitting:
+            return True
+    return False
+
+
+@compiled
 def _one_minus_gain_transition(gain: FloatArray, step: FloatArray, keep: FloatArray) -> None:
     """Set ``keep`` to I − K F, where K is ``gain`` and F is the transition matrix."""
     n = len(gain) // len(step)
@@ -478,6 +505,7 @@ def run_filter(
     """
     n, log_likelihood = len(model.density), 0.0
     x, p = np.zeros(4 * n), np.zeros((4 * n, 4 * n))
+    prior, kept = np.empty(4 * n), np.empty((4 * n, 4 * n))
     last_angle, failing = np.empty(n), np.empty(n, dtype=np.int64)
     for j in range(n):
         last_angle[j], failing[j] = measured.angles[0, j], model.patience + 1  # every joint starts at once
@@ -485,8 +513,11 @@ def run_filter(
         z = measured.markers[k]
         _times_transition(p, model.step)
         _finish_prediction(x, p, model.step, model.shape, model.density)
+        diverged = False
         for j in range(n):
-            if p[j, j] > model.start[0] or failing[j] > model.patience:
+            diverged = diverged or failing[j] > model.patience
+        for j in range(n):
+            if p[j, j] > model.start[0] or (diverged and failing[j] > 0):
                 filtered.restarted[k, j] = True
                 failing[j] = 0
                 _restart(x, p, j, last_angle[j], model.start)
@@ -494,7 +525,18 @@ def run_filter(
         for j in range(n):
             any_angle = any_angle or measured.angle_observed[k, j]
         if not _needs_anchor(p, z, model.segment, n, model.anchor_limit):
+            for r in range(len(x)):
+                prior[r] = x[r]
+            _copy(p, kept)
             fine, gained = _update(x, p, z, filtered.used[k], model)
+            if fine and _loses_segment(z, filtered.used[k], model.segment, measured, k):
+                for r in range(len(x)):
+                    x[r] = prior[r]
+                _copy(kept, p)
+                gained = 0.0
+                fine, _ = _anchor(x, p, measured.angles[k], measured.angle_noise[k], math.inf)
+                for m in range(len(model.segment)):
+                    filtered.used[k, m] = measured.angle_used[k, m]
             log_likelihood += gained
         elif any_angle:
             fine, taken = _anchor(x, p, measured.angles[k], measured.angle_noise[k], model.gate)

@@ -15,6 +15,7 @@ from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.errors import NumericalError
+from mocap_id.estimation.filter_kernels import ENOUGH
 from mocap_id.estimation.filter_problem import ANCHOR_SD, START_SD, FilterProblem, Track, start_sd
 from mocap_id.estimation.process_model import joint_noise, joint_transition
 from mocap_id.geometry.planar import marker_positions
@@ -35,7 +36,8 @@ def filter_forwards(problem: FilterProblem) -> Track:
         try:
             if k > 0:
                 ukf.predict()
-            restarted[k] = (k == 0) | (np.diag(ukf.P)[:n] > START_SD[0] ** 2) | (failing > problem.patience)
+            diverged = (failing > 0) & bool((failing > problem.patience).any())
+            restarted[k] = (k == 0) | (np.diag(ukf.P)[:n] > START_SD[0] ** 2) | diverged
             failing[restarted[k]] = 0
             _restart(ukf, last_angle, restarted[k], problem.dt)
             gained, used[k] = _measure(ukf, problem, k)
@@ -114,6 +116,12 @@ def _measure(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int) -> tupl
         return 0.0, problem.anchors.used[k] & taken
     passed = visible.copy()
     passed[visible] = _passes_gate(ukf, problem, k, visible)
+    own = problem.segment[:, None] == np.arange(1, problem.joints + 1)  # (M, n)
+    seen, through, fitting = ((own & each[:, None]).sum(axis=0) for each in (visible, passed, problem.anchors.used[k]))
+    lost = problem.anchors.observed[k] & (seen >= ENOUGH) & (2 * through < seen) & (seen < 2 * fitting)
+    if lost.any() and np.count_nonzero(problem.anchors.used[k]) > np.count_nonzero(passed):
+        _anchor(ukf, problem.anchors.angles[k], problem.anchors.covariance[k], np.inf)
+        return 0.0, problem.anchors.used[k].copy()
     if not passed.any():
         return 0.0, passed
     noise = np.diag(np.repeat(problem.variance[passed], 2))

@@ -149,7 +149,10 @@ class Run:
     events = _make_table("events.parquet", "Repetitions, with the times of their events.")
     phases = _make_table("phases.parquet", "Mean curves over the repetitions.")
     encoder = _make_table("encoder.parquet", "Angles from the encoder of a robot's joint.")
-    dynamics = _make_table("dynamics.parquet", "Joint torques, and measured and modelled wrenches of the ground.")
+    dynamics = _make_table(
+        "dynamics.parquet",
+        "Joint torques (NaN where unknown: see ``contact``), and measured and modelled wrenches of the ground.",
+    )
 
     @cached_property
     def parameters(self) -> pd.DataFrame:

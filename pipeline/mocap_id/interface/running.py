@@ -46,13 +46,14 @@ def run(
         Called with each step of the run.
     **settings
         Keys of a trial's YAML file, such as ``protocol="free"``, ``window=(1, 5)``, ``subject={"mass": 70}`` or
-        ``fit_joints={...}``; only with a recording. Space and protocol are guessed if they are not given; a warning in
-        the log contains the guesses.
+        ``fit_joints={...}``; only with a recording. Space and protocol are guessed from the motion if they are not
+        given; the log and the note ``guessed`` of the verdict contain the guesses.
 
     Raises
     ------
     ConfigError, RecordingError, NumericalError, StoreError
-        As described in :mod:`mocap_id.errors`. A refused trial raises no exception: see the verdict of the run.
+        As described in :mod:`mocap_id.errors`; ConfigError also if the motion of a recording without settings fits no
+        protocol. A refused trial raises no exception: see the verdict of the run.
     """
     given = Path(source) if isinstance(source, str | PathLike) else source
     if not isinstance(given, Path) or given.suffix.lower() in RECORDINGS:

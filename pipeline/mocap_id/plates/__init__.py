@@ -13,13 +13,16 @@ samples : sequence of PlateSamples
 """
 
 from mocap_id.plates.choice import PlateChoice, choose_plates, find_contradictions
+from mocap_id.plates.clock import ClockSearch, find_clock_offset
 from mocap_id.plates.standing import GRAVITY, ZeroRule, find_dropouts, measure_empty_chair, weigh_person
 
 __all__ = [
     "GRAVITY",
+    "ClockSearch",
     "PlateChoice",
     "ZeroRule",
     "choose_plates",
+    "find_clock_offset",
     "find_contradictions",
     "find_dropouts",
     "measure_empty_chair",

@@ -1,18 +1,21 @@
-"""Comparison of the direction of a plate's horizontal force with the acceleration of the body.
+"""Comparison of the force of the plates with the acceleration of the body: direction, size and course in time.
 
 Newton's law needs the masses of the body, which are not known. Therefore one non-negative mass is fitted to the markers
-in each third of the body's height. These masses affect the size of the predicted force more than its direction.
+in each third of the body's height. These masses affect the size of the predicted force more than its direction and its
+course in time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import nnls
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.plates.standing import GRAVITY
+from mocap_id.recording.marker_posture import find_upright, measure_body_height
 
 _STEP_S = 0.1
 """Time step of the second differences that give the accelerations."""
@@ -23,6 +26,122 @@ _MIN_SHARE = 0.6
 _ANGLES = tuple(np.radians(np.arange(-175, 181, 5)).tolist())
 _MIN_TOTAL_S = 1.0
 
+_RISEN = 0.7
+"""Fraction of the rise of the body above which no chair touches it."""
+
+_SLOW_S = 2.0
+"""A mean over this time is subtracted from forces and accelerations: objects that the person takes or puts down, and
+hands on a support, change the force more slowly."""
+
+_COURSE_STEP_S = 0.15
+"""Time step of the accelerations of the whole course: a longer one, because repeated frames disturb them."""
+
+_WITH_BODY = 0.8
+"""Least correlation of the height of a marker on the body with that of the highest markers; a lifted box has 0.5."""
+
+_FRAMES = 3000
+"""Largest number of frames for this correlation."""
+
+_LATE_S = 1.0
+"""Largest clock offset between the files of one recording that is exported as one."""
+
+_LAG_STEP_S = 0.04
+_MIN_COMPARED_S = 2.0
+_OVERLAP = 0.6
+"""Fraction of the samples that must be common at larger clock offsets."""
+
+
+@dataclass(frozen=True)
+class ForceCourse:
+    """Agreement of the vertical force with the vertical acceleration of the body, over time."""
+
+    correlation: float  # largest correlation of force and acceleration for clock offsets up to ± 1 s, 0 to 1
+    offset: float  # this clock offset, s; positive if the force is late
+    correlation_far: float  # largest correlation for all clock offsets for which enough samples are common
+    offset_far: float  # this clock offset, s
+    expected: float  # root mean square of the weight times the acceleration, divided by gravity, N
+
+
+def compare_courses(vertical: FloatArray, positions: FloatArray, rate: float) -> ForceCourse | None:
+    """Compare the course of a vertical force (F,), N, with the vertical acceleration of a standing or rising body.
+
+    Only samples are compared in which the body has risen, so that no chair carries a part of it. The result is None if
+    there are too few of them, or if the body does not move.
+    """
+    positions = positions[:, _find_rising_markers(positions)]
+    half, groups = max(1, round(_COURSE_STEP_S * rate)), group_by_height(positions)
+    if len(positions) < 4 * half or not groups or np.isfinite(vertical).sum() < _MIN_COMPARED_S * rate:
+        return None
+    heights = positions[:, :, 2:]
+    each = (heights[2 * half :] - 2 * heights[half:-half] + heights[: -2 * half]) * (rate / half) ** 2
+    parts = np.full((len(groups), len(positions)), np.nan)
+    parts[:, half:-half] = [average_markers(each[:, group])[:, 0] for group in groups]
+    force = np.full(len(positions), np.nan)
+    force[half:-half] = _average_triangular(vertical[:, None], half)[:, 0]
+    risen = np.isfinite(parts).all(axis=0)
+    if find_upright(positions)[1].any():
+        height = measure_body_height(positions)
+        low, high = np.nanpercentile(height, [2, 98])
+        with np.errstate(invalid="ignore"):
+            risen &= height >= low + _RISEN * (high - low)
+    if risen.sum() < _MIN_COMPARED_S * rate:
+        return None
+    width = 2 * round(_SLOW_S * rate / 2) + 1
+    parts, force = _subtract_mean(parts, width), _subtract_mean(force[None], width)[0]
+    mass = float(np.nanpercentile(vertical, 90)) / GRAVITY
+    expected = mass * float(np.sqrt(np.mean(parts.mean(axis=0)[risen] ** 2)))
+    least, most = _MIN_COMPARED_S * rate, _OVERLAP * risen.sum()
+    step, reach = max(1, round(_LAG_STEP_S * rate)), len(positions) - round(least)
+    best, far = (-1.0, 0.0), (0.0, 0.0)
+    for lag in range(-reach // step * step, reach + 1, step):
+        chosen = np.flatnonzero(risen)
+        chosen = chosen[(chosen + lag >= 0) & (chosen + lag < len(force))]
+        chosen = chosen[np.isfinite(force[chosen + lag])]
+        near = abs(lag) <= _LATE_S * rate
+        if len(chosen) < (least if near else max(least, most)):
+            continue
+        kept = chosen[:: max(1, half // 2)]  # the averaged signals contain no higher frequencies
+        rows, target = parts[:, kept].T, force[kept + lag]
+        rows, target = rows - rows.mean(axis=0), target - target.mean()
+        size = float(np.linalg.norm(target))
+        residual = float(nnls(rows, target)[1])
+        correlation = float(np.sqrt(max(0.0, 1.0 - (residual / max(size, 1e-300)) ** 2)))
+        found = (correlation, lag / rate)
+        far = max(far, found)
+        if near:
+            best = max(best, found)
+    if best[0] < 0.0:
+        return None
+    return ForceCourse(best[0], best[1], far[0], far[1], expected)
+
+
+def _find_rising_markers(positions: FloatArray) -> IntArray:
+    """Return the indices of the markers that rise and lower with the highest quarter of the markers; all if none does.
+
+    Markers on objects, such as a box that the person lifts or a table, do not belong to the body.
+    """
+    heights = positions[:: max(1, len(positions) // _FRAMES), :, 2]
+    usual = np.array([np.median(z[np.isfinite(z)]) if np.isfinite(z).any() else -np.inf for z in heights.T])
+    top = np.argsort(-usual)[: max(2, len(usual) // 4)]
+    away = heights[:, top] - usual[top]
+    known = np.isfinite(away)
+    common = np.where(known, away, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    kept = []
+    for marker, height in enumerate(heights.T):
+        both = np.isfinite(height) & known.any(axis=1)
+        moves = both.sum() > 2 and np.ptp(height[both]) > 0.0 and np.ptp(common[both]) > 0.0
+        if moves and np.corrcoef(height[both], common[both])[0, 1] > _WITH_BODY:
+            kept.append(marker)
+    return np.array(kept or range(positions.shape[1]), dtype=np.int64)
+
+
+def _subtract_mean(values: FloatArray, width: int) -> FloatArray:
+    """Return series (k, F) minus their mean over ``width`` samples; missing samples stay NaN and do not count."""
+    known, ones = np.isfinite(values), np.ones(width)
+    total = np.stack([np.convolve(each, ones, "same") for each in np.where(known, values, 0.0)])
+    count = np.stack([np.convolve(each, ones, "same") for each in known.astype(np.float64)])
+    return np.asarray(values - total / np.maximum(count, 1.0))
+
 
 @dataclass(frozen=True)
 class ForceDirection:
@@ -31,6 +150,7 @@ class ForceDirection:
     angle: float  # angle about the vertical from the acceleration to the force, in (-π, π] in steps of 5°, rad
     coherence: float  # correlation of the force with the acceleration after rotation by the angle, 0 to 1
     size: float  # root mean square of the force minus its mean, N
+    expected: float  # the same of the load times the mean acceleration of the markers, divided by gravity, N
 
 
 def compare_directions(force: FloatArray, positions: FloatArray, rate: float) -> ForceDirection | None:
@@ -40,7 +160,7 @@ def compare_directions(force: FloatArray, positions: FloatArray, rate: float) ->
     second difference of a position over a step h is the acceleration averaged with these weights. The result is None if
     there are too few samples.
     """
-    half, groups = max(1, round(_STEP_S * rate)), _group_by_height(positions)
+    half, groups = max(1, round(_STEP_S * rate)), group_by_height(positions)
     if len(positions) < 4 * half or not groups or not np.isfinite(force).any():
         return None
     each = (positions[2 * half :] - 2 * positions[half:-half] + positions[: -2 * half]) * (rate / half) ** 2
@@ -52,7 +172,10 @@ def compare_directions(force: FloatArray, positions: FloatArray, rate: float) ->
     if known.sum() < _MIN_TOTAL_S * rate:
         return None
     kept = np.flatnonzero(known)[:: max(1, half // 4)]  # the averaged signals contain no higher frequencies
-    return _fit_rotation(averaged[kept, :2], acceleration[:, kept])
+    found = _fit_rotation(averaged[kept, :2], acceleration[:, kept])
+    mean = acceleration[:, kept].mean(axis=0)
+    mass = float(np.nanpercentile(force[:, 2], 90)) / GRAVITY
+    return replace(found, expected=mass * float(np.linalg.norm(mean - mean.mean(axis=0))) / float(np.sqrt(len(kept))))
 
 
 def average_markers(values: FloatArray) -> FloatArray:
@@ -69,7 +192,7 @@ def _average_triangular(values: FloatArray, half: int) -> FloatArray:
     return np.stack([np.convolve(each, weights, "valid")[1:-1] for each in values.T], axis=1)
 
 
-def _group_by_height(positions: FloatArray) -> Sequence[IntArray]:
+def group_by_height(positions: FloatArray) -> Sequence[IntArray]:
     """Return the indices of the markers in each third of the body's height; thirds without markers are left out."""
     height = np.array([np.median(z[np.isfinite(z)]) if np.isfinite(z).any() else np.nan for z in positions[:, :, 2].T])
     if not np.isfinite(height).any():
@@ -89,7 +212,7 @@ def _fit_rotation(measured: FloatArray, parts: FloatArray) -> ForceDirection:
     size = float(np.linalg.norm(measured))
     residual, angle = min((_compute_residual(measured, parts, angle), angle) for angle in _ANGLES)
     coherence = float(np.sqrt(max(0.0, 1.0 - (residual / max(size, 1e-300)) ** 2)))
-    return ForceDirection(angle, coherence, size / float(np.sqrt(len(measured))))
+    return ForceDirection(angle, coherence, size / float(np.sqrt(len(measured))), 0.0)
 
 
 def _compute_residual(measured: FloatArray, parts: FloatArray, angle: float) -> float:

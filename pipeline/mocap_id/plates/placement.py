@@ -1,8 +1,8 @@
 """Comparison of the position of a force plate in the file with the markers of the person on it.
 
-The checks need no model of the body. The ground only pushes, so its force acts under the feet. Feet stand on the
-surface of the plate. The force under a person who stands still is vertical. The direction of horizontal forces is
-checked in :mod:`mocap_id.plates.direction`.
+The checks need no model of the body. The ground only pushes, so its force acts under the feet, and between them if the
+plates carry both. Feet stand on the surface of the plate. The force under a person who stands still is vertical. The
+direction of horizontal forces is checked in :mod:`mocap_id.plates.direction`.
 """
 
 from __future__ import annotations
@@ -57,6 +57,24 @@ _PAUSE_S = 0.5
 """Shortest time of standing still. In a shorter time, the mean acceleration may differ from zero."""
 
 _MIN_TOTAL_S = 1.0
+
+_BESIDE_M = 0.02
+"""A foot is beside a plate if the mean of its markers is farther than this outside the outline of the plate."""
+
+_UNDER_M, _UNDER_SHARE = 0.035, 0.2
+"""If the centre of pressure is not farther than this from one foot, towards the other foot, the force acts under that
+foot alone: a length, and a fraction of the distance of the feet. People who load both feet have 0.4 to 0.6."""
+
+_BEHIND = 0.8
+"""Largest cosine of the angle between a foot and the line from this foot to the other one."""
+
+_UNDER_NEARER = 0.3
+"""The same fraction, if the other foot is also beside all plates."""
+
+_PINNED_M, _PINNED_STILL_M = 0.008, 0.001
+"""Largest distance of the centre of pressure from the centre of the plate if the moments are missing: if the body rises
+or lowers, and if it does not. Good recordings of a rise have at least 0.025 m. The horizontal force adds up to 0.005 m.
+"""
 
 
 @dataclass(frozen=True)
@@ -174,6 +192,89 @@ def measure_lean(force: FloatArray, positions: FloatArray, rate: float) -> Float
         return None
     mean = force[still].mean(axis=0)
     return np.asarray(np.arctan2(mean[:2], mean[2])) if mean[2] > _MIN_FORCE_N else None
+
+
+def find_foot_beside(
+    plates: Sequence[Plate], samples: Sequence[PlateSamples], positions: FloatArray
+) -> tuple[FloatArray, float, float] | None:
+    """Find a standing foot whose load no plate measures: the force acts under the other foot alone.
+
+    ``plates`` and ``samples`` are those of the plates under the feet. A foot is found if it is beside every plate and
+    the centre of pressure of all plates together is nearer to the other foot, or if the centre of pressure is under the
+    other foot and the feet are not both on one plate. The result is None if there is no such foot, or if the markers do
+    not show two standing feet.
+
+    Returns
+    -------
+    foot : (K, 3) array
+        Mean positions of the markers on the foot, m.
+    beside : float
+        Distance of the foot from the outline of the nearest plate, m; NaN if a plate has no corners.
+    share : float
+        Distance of the centre of pressure from the other foot, divided by the distance of the feet: 0.5 if both feet
+        carry the same load, 0 if only the other foot carries load.
+    """
+    force = np.sum([each.force for each in samples], axis=0)
+    moment = np.sum([each.moment for each in samples], axis=0)
+    surfaces = [plate.centre[2] for plate in plates if plate.centre is not None]
+    surface = float(np.mean(surfaces)) if surfaces else 0.0  # without corners, the floor of the lab
+    vertical = np.where(np.isfinite(force).all(axis=1), force[:, 2], 0.0)
+    stands = find_upright(positions)[0] & (vertical > max(_MIN_FORCE_N, _MIN_SHARE * np.percentile(vertical, 95)))
+    if not stands.any():
+        return None
+    feet = find_standing_feet(positions, stands, surface, 2)
+    if len(feet) != 2:
+        return None
+    about = (moment - np.cross([0.0, 0.0, surface], force))[stands]
+    pressure = np.median(np.column_stack([-about[:, 1], about[:, 0]]) / force[stands, 2:], axis=0)
+    centres = [foot[:, :2].mean(axis=0) for foot in feet]
+    apart = centres[1] - centres[0]
+    width = float(np.linalg.norm(apart))
+    for foot in feet:
+        if measure_length(foot[:, :2]) >= _BOTH_ENDS_M:
+            along = np.linalg.svd(foot[:, :2] - foot[:, :2].mean(axis=0), full_matrices=False)[2][0]
+            if abs(along @ apart) > _BEHIND * width:
+                return None  # not side by side: a foot and an object behind it, such as a chair, or a long step
+    share = float((pressure - centres[0]) @ apart) / width**2
+    loaded = 0 if share < 0.5 else 1
+    share = min(share, 1.0 - share)
+    beside = float("nan")
+    if len(surfaces) == len(plates):
+        beside = min(_measure_beside(centres[1 - loaded], plate) for plate in plates)
+        own = min(_measure_beside(centres[loaded], plate) for plate in plates)
+        if own <= _BESIDE_M < beside and share < _UNDER_NEARER:
+            return feet[1 - loaded], beside, share
+        if len(plates) == 1 and beside <= _BESIDE_M:
+            return None  # both feet are on the plate, so it measures both, even if one carries nearly all the load
+    under = min(_UNDER_M, _UNDER_SHARE * width)
+    return (feet[1 - loaded], beside, share) if abs(share) * width < under else None
+
+
+def _measure_beside(point: FloatArray, plate: Plate) -> float:
+    """Return the horizontal distance of a point (2,) from the outline of a plate with corners, m; negative inside."""
+    assert plate.corners is not None
+    return float(measure_outside(point[None], plate.corners[:, :2])[0])
+
+
+def find_pinned_pressure(plate: Plate, samples: PlateSamples, positions: FloatArray) -> float | None:
+    """Return the largest distance of the centre of pressure from the plate's centre, m, if it never leaves the centre.
+
+    The moments are then missing or far too small. The distance is the 95th percentile over the loaded samples. The
+    result is None if the centre of pressure moves. Without corners, the distance is that from its own median.
+    """
+    loaded = _find_loaded(samples)
+    if not loaded.any():
+        return None
+    points = compute_centre_of_pressure(plate, samples)[loaded]
+    centre = np.median(points, axis=0) if plate.centre is None else plate.centre[:2]
+    away = float(np.percentile(np.linalg.norm(points - centre, axis=1), 95.0))
+    moves = find_upright(positions)[1].any()
+    limit = _PINNED_STILL_M
+    if moves and plate.centre is not None:
+        limit = _PINNED_M
+    elif not moves and plate.centre is None:
+        limit = 0.0  # a person who stands still moves the centre of pressure by less than a millimetre
+    return away if away <= limit else None
 
 
 def _keep_long_runs(flags: BoolArray, least: int) -> BoolArray:

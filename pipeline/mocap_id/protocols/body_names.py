@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 _SIT_TO_STAND = {
     2: (("foot", "body"), ("ankle",)),
     3: (("foot", "shank", "thigh"), ("ankle", "knee")),
@@ -14,6 +16,27 @@ GROUND = "ground"
 
 LONGEST = {"sit-to-stand": 5, "robot-joint": 4, "free": 8}
 """Largest number of segments of a chain, including the base, by protocol; arms do not belong to the chain."""
+
+
+_DIRECTIONS = {  # of a positive and of a negative torque or angle, if the person faces -x
+    "ankle": ("dorsiflexion", "plantarflexion"),
+    "knee": ("extension", "flexion"),
+    "hip": ("flexion", "extension"),
+    "lumbar": ("flexion", "extension"),
+}
+
+
+def name_directions(joints: Sequence[str], facing: int) -> dict[str, list[str]]:
+    """Return the movements towards which a positive and a negative torque act, by joint; only for joints of the body.
+
+    ``facing`` is 1 if the person faces x in the plane's axes, else -1.
+
+    Examples
+    --------
+    >>> name_directions(["knee", "joint 2"], -1)
+    {'knee': ['extension', 'flexion']}
+    """
+    return {name: list(_DIRECTIONS[name][::-facing]) for name in joints if name in _DIRECTIONS}
 
 
 def name_bodies(protocol: str, count: int, *, foot_turns: bool = False) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -26,6 +26,9 @@ class Contact:
     chair: bool | None  # whether a chair is used; False for squats, None if the plates cannot decide it
     touching: BoolArray | None  # (T,) samples with contact, on the clock of the markers; None if unknown
     free: BoolArray  # (T,) samples to use for the identification
+    # (T,) samples in which a chair whose force is not measured carries, or may carry, part of the body. A rule that
+    # misses some contact counts every sample in which the hips are not surely off the chair.
+    carried: BoolArray
     weight: float  # standing weight, N
     threshold: float | None  # chair force above which there is contact, N; None for rules without a threshold
     # Rule that decided the contact. It differs from the requested rule if the chair has its own plate, or if the
@@ -57,24 +60,28 @@ def find_contact(
     chair = contact_rules.uses_chair(posture, vertical, weight)
     if chair is False:
         nowhere = np.zeros(len(vertical), dtype=bool)
-        return Contact(False, nowhere, ~nowhere, weight, None, rule)
+        return Contact(False, nowhere, ~nowhere, nowhere, weight, None, rule)
+    off_chair = contact_rules.find_samples_off_chair(posture)
+    if rule == "weight" and determines_parameters(prepared, off_chair):  # no model finds the clock later by this rule
+        vertical = prepared.measured(fit(prepared, off_chair).offset)[:, 1]
     with np.errstate(invalid="ignore"):
         by_weight = contact_rules.find_contact_in_low_phases(posture, vertical < weight_share * weight)
         knee = min(prepared.recorded.knee, prepared.recorded.q.shape[1] - 1)
         straight = np.abs(prepared.recorded.q[:, knee]) < knee_bend
     if chair is None:
-        return Contact(None, None, straight, weight, None, "knee")
+        return Contact(None, None, straight, ~off_chair, weight, None, "knee")
+    first = off_chair & ~by_weight
     if rule == "knee":
-        return Contact(True, by_weight, straight, weight, None, rule)
-    first = contact_rules.find_samples_off_chair(posture) & ~by_weight
+        return Contact(True, by_weight, straight, ~first, weight, None, rule)
     # the chair force is the Fy missing under the feet, which only a model fitted to Fy can predict
     if rule == "weight" or 1 not in prepared.settings.components or not determines_parameters(prepared, first):
-        return Contact(True, by_weight, ~by_weight, weight, None, "weight")
+        return Contact(True, by_weight, ~by_weight, ~first, weight, None, "weight")
     return _find_contact_by_seat_force(prepared, posture, first, weight)
 
 
 def find_contact_by_seat_plate(prepared: PreparedTrial, posture: Posture) -> Contact:
     """Find the chair contact by the chair's own plate; all samples are usable because all forces are measured."""
+    assert prepared.recorded.seat is not None
     everything = np.ones(len(prepared.recorded.time), dtype=bool)
     offset = fit(prepared, everything).offset if determines_parameters(prepared, everything) else 0.0
     seat = prepared.external(offset)[[each.name for each in prepared.recorded.external].index(SEAT)][:, 1]
@@ -85,7 +92,17 @@ def find_contact_by_seat_plate(prepared: PreparedTrial, posture: Posture) -> Con
     with np.errstate(invalid="ignore"):
         above_noise = contact_rules.find_contact_in_low_phases(posture, seat > threshold)
         touching = contact_rules.extend_contact_to_release(prepared.recorded.time, above_noise, seat)
-    return Contact(bool(touching.any()), touching, everything, weight, threshold, "seat-plate", above_noise=above_noise)
+    unmeasured = ~np.isfinite(prepared.recorded.seat.wrench[:, 1]) & ~contact_rules.find_samples_off_chair(posture)
+    return Contact(
+        bool(touching.any()),
+        touching,
+        everything,
+        unmeasured,
+        weight,
+        threshold,
+        "seat-plate",
+        above_noise=above_noise,
+    )
 
 
 def _find_contact_by_seat_force(prepared: PreparedTrial, posture: Posture, first: BoolArray, weight: float) -> Contact:
@@ -116,5 +133,7 @@ def _find_contact_by_seat_force(prepared: PreparedTrial, posture: Posture, first
     if not converged and determines_parameters(prepared, ~(touching | before)):
         touching = touching | before
     extended = contact_rules.extend_contact_to_release(prepared.recorded.time, touching, missing)
+    # a lost plate signal shows no chair force; only the height of the hips then excludes the chair
+    carried = extended | (~np.isfinite(missing) & ~contact_rules.find_samples_off_chair(posture))
     extended = extended if determines_parameters(prepared, ~extended) else touching
-    return Contact(True, extended, ~extended, weight, threshold, "seat-force", converged, touching)
+    return Contact(True, extended, ~extended, carried, weight, threshold, "seat-force", converged, touching)

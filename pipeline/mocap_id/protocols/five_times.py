@@ -6,11 +6,13 @@ because their sources differ in chair, instruction and stop rule.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from mocap_id.arrays import FloatArray
 from mocap_id.protocols.posture import STANDING
 from mocap_id.protocols.repetitions import Repetition, RiseDetails
 
@@ -27,6 +29,10 @@ class FiveTimes:
     to_fifth_stand: float | None = None
     to_fifth_seat_contact: float | None = None
     to_fifth_seated: float | None = None
+    # to_fifth_stand_sd, to_fifth_seat_contact_sd, to_fifth_seated_sd: standard deviation of these times
+    to_fifth_stand_sd: float | None = None
+    to_fifth_seat_contact_sd: float | None = None
+    to_fifth_seated_sd: float | None = None
     # mean_cycle, cycle_sd: mean and standard deviation of the time from one stand to the next
     mean_cycle: float | None = None
     cycle_sd: float | None = None
@@ -35,12 +41,17 @@ class FiveTimes:
 
 
 def compute_five_times(
-    repetitions: tuple[Repetition, ...], rises: tuple[RiseDetails, ...], *, chair: bool | None
+    repetitions: tuple[Repetition, ...],
+    rises: tuple[RiseDetails, ...],
+    *,
+    chair: bool | None,
+    event_sd: Mapping[str, FloatArray] | None = None,
 ) -> FiveTimes:
     """Return the times of the five-times-sit-to-stand test.
 
     Rises that do not reach standing, according to ``rises``, are not counted. Squats (``chair`` is False) have no
-    times. ``chair`` is None if it is unknown whether a chair is used.
+    times. ``chair`` is None if it is unknown whether a chair is used. ``event_sd`` is the result of
+    :func:`mocap_id.protocols.sit_to_stand.estimate_event_sd`; without it, the standard deviations are unknown.
     """
     if chair is False:
         return FiveTimes(0, why="no chair is used, so the rises are squats and not sit-to-stands")
@@ -52,21 +63,30 @@ def compute_five_times(
     stands = np.array([repetitions[k].stand for k in counted])
     cycles = np.diff(stands)
     cycle = float(cycles.mean()) if len(cycles) else None
-    spread = float(cycles.std(ddof=1)) if len(cycles) > 1 else None
+    cycle_sd = float(cycles.std(ddof=1)) if len(cycles) > 1 else None
     if len(counted) < REQUIRED_RISES:
         why = f"only {len(counted)} of {REQUIRED_RISES} rises in the recording reach standing"
-        return FiveTimes(len(counted), mean_cycle=cycle, cycle_sd=spread, why=why)
+        return FiveTimes(len(counted), mean_cycle=cycle, cycle_sd=cycle_sd, why=why)
     first, fifth = counted[0], counted[REQUIRED_RISES - 1]
     start, last = repetitions[first].start, repetitions[fifth]
     events = (last.stand, last.seat_on, last.end)
     stand, contact, seated = (None if np.isnan(event - start) else float(event - start) for event in events)
+    sds: dict[str, float | None] = dict.fromkeys(("stand", "seat_on", "end"))
+    if event_sd is not None:
+        for name in sds:
+            # noise and frames shift the start and the end apart alike, so their standard deviations add
+            spread = float(event_sd["start"][first] + event_sd[name][fifth])
+            sds[name] = None if np.isnan(spread) else spread
     return FiveTimes(
         len(counted),
         stand,
         contact,
         seated,
+        sds["stand"],
+        sds["seat_on"],
+        sds["end"],
         mean_cycle=cycle,
-        cycle_sd=spread,
+        cycle_sd=cycle_sd,
         attempts=sum(rises[k].attempts for k in range(first + 1, fifth + 1)),
         why=_explain_unknown_time(repetitions[first], last),
     )

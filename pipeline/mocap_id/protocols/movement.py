@@ -9,7 +9,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData
 from mocap_id.protocols.chair_contact import Contact, find_contact
-from mocap_id.protocols.contact_rules import ContactRule
+from mocap_id.protocols.contact_rules import ContactRule, find_samples_off_chair
 from mocap_id.protocols.posture import Posture, compute_posture
 from mocap_id.protocols.repetitions import Repetition
 from mocap_id.protocols.robot_joint import find_robot_cycles
@@ -26,6 +26,8 @@ class Movement:
     contact: Contact | None  # chair contact; None if the protocol has no chair or the trial has no plate
     posture: Posture | None  # height of the hip over time; None for other protocols than sit-to-stand
     reasons: tuple[Reason, ...]  # cautions and notes about repetitions and contact
+    # (T,) samples in which a chair whose force is not measured carries, or may carry, part of the body
+    carried: BoolArray
 
 
 def find_movement(
@@ -54,26 +56,28 @@ def find_movement(
     """
     everything = np.ones(len(recorded.time), dtype=bool)
     if protocol == "robot-joint":
-        return Movement(everything, find_robot_cycles(recorded.time, recorded.q), None, None, ())
+        return Movement(everything, find_robot_cycles(recorded.time, recorded.q), None, None, (), ~everything)
     if protocol != "sit-to-stand":
-        return Movement(everything, (), None, None, ())
+        return Movement(everything, (), None, None, (), ~everything)
     body = compute_posture(recorded.q, recorded.dq, recorded.centres)
     if not body.moves:
         seated = recorded.seat is not None
         reasons = (_describe_missing_rise(body, stands, seated),)
-        return Movement(everything & (stands or seated), (), None, body, reasons)
+        free = everything & (stands or seated)
+        return Movement(free, (), None, body, reasons, ~free)
     if prepared is None:
         repetitions = find_sit_to_stand_repetitions(recorded.time, body, None, chair=True)
-        return Movement(everything, repetitions, None, body, ())
+        return Movement(everything, repetitions, None, body, (), ~find_samples_off_chair(body))
     contact = find_contact(prepared, body, rule, weight_share=weight_share, knee_bend=knee_bend)
     repetitions = find_sit_to_stand_repetitions(recorded.time, body, contact.touching, chair=contact.chair)
-    return Movement(contact.free, repetitions, contact, body, _explain_contact(contact, rule))
+    return Movement(contact.free, repetitions, contact, body, _explain_contact(contact, rule), contact.carried)
 
 
 def find_facing(recorded: TrialData) -> int:
     """Return 1 if the person faces x in the plane's axes, else -1; this is the sign of the mean knee angle."""
     knee: FloatArray = recorded.q[:, min(recorded.knee, recorded.q.shape[1] - 1)]
-    return -1 if not np.nanmean(knee) > 0.0 else 1
+    known = knee[np.isfinite(knee)]
+    return 1 if len(known) and known.mean() > 0.0 else -1
 
 
 def _describe_missing_rise(body: Posture, stands: bool, seat_measured: bool) -> Reason:

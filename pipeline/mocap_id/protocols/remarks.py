@@ -110,7 +110,8 @@ def _explain_support(shares: Mapping[int, float]) -> Reason:
         "support-unexplained",
         f"in the rise of repetition {_list(shares)}, up to {100 * most:.0f} % of the weight is carried neither by the "
         "plates nor, at this height, by a chair: arms on an armrest or rail, or a helping hand. These samples are used "
-        "for identification, so parameters and torques are biased; seat-off may be found late",
+        "for identification, so parameters and torques are biased; seat-off may be found late. In these rises, and in "
+        "the sitting before them, joint torques are unknown (NaN)",
         value=most,
         limit=SUPPORT_LIMIT,
     )

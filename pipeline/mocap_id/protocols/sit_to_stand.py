@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -36,6 +37,41 @@ def find_sit_to_stand_repetitions(
         return tuple(_describe_rise(time, posture, touching, up) for up in find_runs(posture.upright))
     down = [run for run in find_runs(~posture.upright) if run.start > 0 and run.stop < len(time)]
     return tuple(_describe_squat(time, posture, run) for run in down)
+
+
+def estimate_event_sd(
+    time: FloatArray,
+    posture: Posture,
+    repetitions: Sequence[Repetition],
+    speed_sd: FloatArray,
+    above_noise: BoolArray | None,
+) -> dict[str, FloatArray]:
+    """Return the standard deviations of `start`, `stand`, `seat_on` and `end` of each repetition, s; NaN if unknown.
+
+    The first three follow from the speed: half the difference between the events with the speed raised and lowered by
+    its standard deviation ``speed_sd`` (T,), rad/s. An event lies up to one frame before or after the sample that is
+    given for it. For `seat_on`, the chair's force is extrapolated from the first sample with a force above the noise
+    (``above_noise``, as in :class:`~mocap_id.protocols.chair_contact.Contact`); the standard deviation is the length of
+    the extrapolation. A rule without a threshold gives none.
+    """
+    frame = float(np.median(np.diff(time))) ** 2 / 3  # of an error between 0 and one frame
+    slow, fast = (
+        find_sit_to_stand_repetitions(
+            time, replace(posture, speed=np.maximum(posture.speed + sign * speed_sd, 0.0)), None, chair=None
+        )
+        for sign in (-1, 1)
+    )
+    found = {}
+    for name in ("start", "stand", "end"):
+        early, late = (np.array([getattr(each, name) for each in varied], dtype=np.float64) for varied in (slow, fast))
+        found[name] = np.sqrt(((late - early) / 2) ** 2 + frame)
+    found["seat_on"] = np.full(len(repetitions), np.nan)
+    if above_noise is not None:
+        visible = np.append(time[above_noise], np.nan)
+        first = np.searchsorted(visible[:-1], [each.seat_on for each in repetitions])
+        late = visible[first] - np.array([each.seat_on for each in repetitions])
+        found["seat_on"] = np.sqrt(late**2 + frame)
+    return found
 
 
 def _find_neighbours(state: BoolArray, run: slice) -> tuple[slice, slice]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +26,10 @@ _WINDOW_S, _INTERVALS = 0.025, 2.0  # the window is as long as the larger of 25 
 _LONGEST_GAP_S = 0.15  # in a longer gap the load is not known
 _LEAST_ROWS = 20
 _LARGEST_KG = 400.0
+_MOVED_KG, _DEAD_SHARE = 5.0, 0.1
+"""If the load of a cell varies by more than the first value, kg, each cell varies by at least this fraction of it; in
+good logs by 0.5 or more.
+"""
 _CELL_KG, _CELL_GAIN = 0.05, 0.02  # standard deviations: of a reading, and of a cell's gain before calibration
 
 
@@ -41,6 +45,7 @@ class BoardLog:
     averaged: float  # width of the moving average that smooths as much as the resampling, s
     interval: float  # median time between two different time stamps, s
     gaps: int  # number of gaps that are too long to be bridged
+    problem: str = ""  # reason why the loads cannot be used, or empty
 
 
 def read_board(path: Path, loads: Path | None = None) -> BoardLog:
@@ -70,7 +75,25 @@ def read_board(path: Path, loads: Path | None = None) -> BoardLog:
         gain, zero = calibrate_cells(_read_columns(loads, LOAD))
         cells = (cells - zero) * gain
     newtons = cells * _GRAVITY
-    return _resample(time, np.column_stack([newtons.sum(axis=1), newtons @ _ACROSS, newtons @ _ALONG]))
+    log = _resample(time, np.column_stack([newtons.sum(axis=1), newtons @ _ACROSS, newtons @ _ALONG]))
+    return replace(log, problem=_find_dead_cells(cells))
+
+
+def _find_dead_cells(cells: FloatArray) -> str:
+    """Return which cells of the loads (K, 4), kg, do not follow the person although others do; empty if all follow."""
+    varies = np.ptp(np.percentile(cells, [1, 99], axis=0), axis=0)
+    dead = varies < _DEAD_SHARE * varies.max() if varies.max() > _MOVED_KG else np.ptp(cells, axis=0) == 0.0
+    if not dead.any() or dead.all():
+        return ""
+    listed = ", ".join(
+        f"`{name}` stays near {np.median(values):.1f} kg"
+        for name, values in zip(np.array(CELLS)[dead], cells.T[dead], strict=True)
+    )
+    return (
+        f"{listed} while the load of the other cells varies by up to {varies.max():.0f} kg: the cell is dead or its "
+        "column is wrong. Mass, force and centre of pressure would be wrong; check the board with a known weight on "
+        "each corner"
+    )
 
 
 def calibrate_cells(values: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -16,6 +16,12 @@ from mocap_id.recording.units import ForceUnits, find_channel_scales
 
 _MAX_PLATES = 64  # no laboratory has more plates, and each plate needs memory
 _MEDIAN_WIDTH = 7  # width of a running median, samples: it removes spikes, but no real load
+_LOADED_N, _LOADED_NM = 20.0, 5.0  # a plate whose forces or moments vary by more is loaded, not only noisy
+_HORIZONTAL = {1: (0, 1), 2: (0, 1), 3: (0, 0, 1, 1), 4: (0, 1)}
+"""Axis of the plate (0 for x, 1 for y) of the first channels of each type, which measure the horizontal force."""
+
+_TWIST = {1: 5, 2: 5, 4: 5}
+"""Channel of the moment about the vertical axis of each type: no quantity of the motion plane depends on it."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +36,7 @@ class StoredPlate:
     oddities: tuple[str, ...]  # notes, as in ``Recording``
     assumptions: tuple[str, ...] = ()  # as in ``Plate``
     saturated: BoolArray | None = None  # (K,) whether a channel is saturated; None if no channel ever is
+    dead: tuple[tuple[str, int], ...] = ()  # channel and plate axis (0 for x, 1 for y) of dead horizontal forces
 
 
 def list_plate_channels(file: C3DFile, layout: Layout) -> tuple[int, ...]:
@@ -82,6 +89,7 @@ class _PlateReader:
             origin = self._read_origin()
             values, ok, full = self._read_samples(columns)
             channels = self._convert_to_si(self._subtract_baseline(values), columns)
+            dead = self._find_dead_channels(values[ok], channels[ok], columns)
         except UnusablePlateError as why:
             nothing = np.zeros(len(self.counts), bool)
             return StoredPlate(self.index, self.kind, None, nothing, str(why), tuple(self.oddities))
@@ -96,7 +104,7 @@ class _PlateReader:
         signals = PlateSignals(self.kind, channels, origin, corners, self.layout.per_frame * self.layout.rate)
         assumed = tuple(self.assumptions)
         saturated = full if full.any() else None
-        return StoredPlate(self.index, self.kind, signals, ok, "", tuple(self.oddities), assumed, saturated)
+        return StoredPlate(self.index, self.kind, signals, ok, "", tuple(self.oddities), assumed, saturated, dead)
 
     def _note(self, oddity: str) -> None:
         self.oddities.append(f"plate {self.index}: {oddity}")
@@ -173,6 +181,39 @@ class _PlateReader:
         if not ok.any():
             raise UnusablePlateError("all of its samples are saturated or not finite")
         return values, ok, full
+
+    def _find_dead_channels(
+        self, values: FloatArray, channels: FloatArray, columns: list[int]
+    ) -> tuple[tuple[str, int], ...]:
+        """Return the dead channels of horizontal force: name and plate axis (0 for x, 1 for y).
+
+        A channel is dead if it reads the same value in every sample although the plate is loaded. ``values`` and
+        ``channels`` (K, C) are the valid samples as scaled by the file and in SI units. Raises UnusablePlateError if a
+        channel is dead on which the vertical force or the centre of pressure depends.
+        """
+        constant = np.ptp(values, axis=0) == 0.0
+        forces = slice(0, 8) if self.kind == 3 else slice(0, 3)
+        moments = slice(3, 6) if self.kind in (2, 4) else slice(0)
+        varies = [np.ptp(channels[:, part], axis=0).max(initial=0.0) for part in (forces, moments)]
+        if not constant.any() or not (varies[0] > _LOADED_N or varies[1] > _LOADED_NM):
+            return ()
+        labels = self.file.strings("ANALOG:LABELS")
+
+        def describe(channel: int) -> str:
+            column = columns[channel]
+            name = labels[column].strip() if column < len(labels) else ""
+            return f"{name or 'channel'} (channel {column + 1})"
+
+        horizontal = _HORIZONTAL[self.kind]
+        needed = [k for k in map(int, np.flatnonzero(constant)) if k >= len(horizontal) and k != _TWIST.get(self.kind)]
+        if needed:
+            listed = ", ".join(f"{describe(k)} reads {values[0, k]:g}" for k in needed)
+            raise UnusablePlateError(
+                f"{listed} in every sample although the plate is loaded: the channel is dead or not connected. The "
+                "vertical force or the centre of pressure would be wrong; check cable and amplifier, and export again"
+            )
+        alive = {axis for k, axis in enumerate(horizontal) if not constant[k]}  # of two channels, one may have the sum
+        return tuple((describe(k), axis) for k, axis in enumerate(horizontal) if axis not in alive)
 
     def _subtract_baseline(self, channels: FloatArray) -> FloatArray:
         """Return ``channels`` (K, C), minus their mean over the baseline frames (ZERO) if these are unloaded."""

@@ -47,7 +47,8 @@ def place_plate(stored: StoredPlate, rotation: FloatArray, start: float, rate: f
     moment = moment + np.cross(corners.mean(axis=0), force)
     plate = Plate(stored.index, kind, corners, force, moment, stored.ok, rate, start)
     oddities += _note_load_off_plate(plate)
-    return replace(plate, assumptions=assumptions, saturated=stored.saturated)
+    dead = tuple((name, axes[:, axis]) for name, axis in stored.dead)
+    return replace(plate, assumptions=assumptions, saturated=stored.saturated, dead=dead)
 
 
 def _find_pose_problem(axes: FloatArray) -> str:
@@ -64,7 +65,9 @@ def _find_pose_problem(axes: FloatArray) -> str:
 def rotate_plate(plate: Plate, rotation: FloatArray) -> Plate:
     """Return a plate in other axes; ``rotation`` (3, 3) converts vectors from the old to the new axes."""
     corners = None if plate.corners is None else plate.corners @ rotation.T
-    return replace(plate, corners=corners, force=plate.force @ rotation.T, moment=plate.moment @ rotation.T)
+    dead = tuple((name, rotation @ direction) for name, direction in plate.dead)
+    force, moment = plate.force @ rotation.T, plate.moment @ rotation.T
+    return replace(plate, corners=corners, force=force, moment=moment, dead=dead)
 
 
 def reverse_force_on_plate(

@@ -48,6 +48,9 @@ class Plate:
         the recording.
     saturated : (K,) bool array or None
         Whether a channel is saturated, for each sample; None if no channel ever is.
+    dead : tuple of (str, (3,) array)
+        Channels of horizontal force that read the same value in every sample although the plate is loaded: the name of
+        each channel and the direction of its force, a unit vector.
     """
 
     index: int
@@ -61,6 +64,7 @@ class Plate:
     problem: str = ""
     assumptions: tuple[str, ...] = ()
     saturated: BoolArray | None = None
+    dead: tuple[tuple[str, FloatArray], ...] = ()
 
     @property
     def centre(self) -> FloatArray | None:

@@ -11,7 +11,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.recording.clock import SENSOR_HZ, EvenClock, fit_even_clock
-from mocap_id.recording.lab_plates import reverse_force_on_plate
+from mocap_id.recording.lab_plates import LOADED_N, reverse_force_on_plate
 from mocap_id.recording.model import Plate
 from mocap_id.recording.saturation import find_clipped
 from mocap_id.recording.text_tables import MotionTable
@@ -130,4 +130,10 @@ def _read_plate(
     if full.any():
         oddities.append(f"plate {index}: {int(full.sum())} samples are saturated: they repeat an extreme of the load")
     plate = Plate(index, "mot", None, force, moment, finite & ~full, clock.rate, clock.start, problem)
-    return replace(plate, saturated=full if full.any() else None)
+    loaded = finite.any() and np.ptp(force[finite, 2]) > LOADED_N
+    dead = tuple(
+        (table.columns[column], rotation[:, axis])
+        for axis, column in enumerate(columns.force)
+        if loaded and np.ptp(table.values[finite, column]) == 0.0
+    )
+    return replace(plate, saturated=full if full.any() else None, dead=dead)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
+from pydantic import Field
+
 from mocap_id.reporting.summary_entry import Entry
 
 
@@ -130,6 +132,31 @@ class PinsEntry(Entry):
     why: str | None
 
 
+class TorqueEntry(Entry):
+    """Largest torque of a joint in each direction, in samples in which only measured forces carry the body.
+
+    ``positive`` and ``negative`` name the movement towards which a torque of this sign acts, such as extension; they
+    are "positive" and "negative" if the joint has no anatomical name. ``highest`` is the largest torque and ``lowest``
+    the smallest, with standard deviation and time, and divided by ``mass_kg``, the mass of the standing person or, if
+    unknown, the identified mass. Samples with a standard deviation above twice the median are left out. ``known`` is
+    the fraction of samples with a torque.
+    """
+
+    positive: str
+    negative: str
+    highest_nm: float | None
+    highest_sd_nm: float | None
+    highest_nm_per_kg: float | None
+    highest_time_s: float | None
+    lowest_nm: float | None
+    lowest_sd_nm: float | None
+    lowest_nm_per_kg: float | None
+    lowest_time_s: float | None
+    mass_kg: float | None
+    known: float
+    why: str | None
+
+
 class DynamicsEntry(Entry):
     """Results of the identification; ``mass_kg`` and ``cop_mean_m`` come from the plates alone.
 
@@ -137,7 +164,9 @@ class DynamicsEntry(Entry):
     repetitions. ``condition_number`` belongs to the regressor of the chain's base parameters (eq. 6.1) over the samples
     of the fit, also where the bodies move as measured. ``consistency`` is the set of bodies considered physically
     consistent. ``rivals`` contains the reference bodies by the names of their allometric tables; empty if no table
-    applies. ``motion`` describes the motion of the masses, and ``pins`` the effect of pinned joints.
+    applies. ``motion`` describes the motion of the masses, and ``pins`` the effect of pinned joints. ``legs`` is "both"
+    if wrench and torques are sums over both legs of a person, else "none". ``torques`` has an entry for each joint in
+    the plane; it is empty without a model.
     """
 
     base: list[BaseEntry] | None
@@ -155,4 +184,6 @@ class DynamicsEntry(Entry):
     held_out: HeldOutEntry
     motion: MotionEntry | None
     pins: PinsEntry
+    legs: Literal["both", "none"] = "none"
+    torques: dict[str, TorqueEntry] = Field({})
     why: str | None

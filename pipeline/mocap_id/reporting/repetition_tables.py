@@ -73,23 +73,31 @@ def list_test_times(summary: Summary) -> Grid:
     found = summary.five_times
     if found.repetitions is None:
         return Grid()
-    cycle = show_fixed(found.mean_cycle_s, 2)
-    if found.mean_cycle_s is not None and found.cycle_sd_s is not None:
-        cycle += f" ± {show_fixed(found.cycle_sd_s, 2)}"
     rows = {
-        "first rise to fifth stand (s)": show_fixed(found.to_fifth_stand_s, 2),
-        "first rise to fifth seat contact (s)": show_fixed(found.to_fifth_seat_contact_s, 2),
-        "first rise to seated rest (s)": show_fixed(found.to_fifth_seated_s, 2),
-        "cycle, stand to stand (s)": cycle,
+        "first rise to fifth stand (s)": _show_time(found.to_fifth_stand_s, found.to_fifth_stand_sd_s),
+        "first rise to fifth seat contact (s)": _show_time(
+            found.to_fifth_seat_contact_s, found.to_fifth_seat_contact_sd_s
+        ),
+        "first rise to seated rest (s)": _show_time(found.to_fifth_seated_s, found.to_fifth_seated_sd_s),
+        "cycle, stand to stand (s)": _show_time(found.mean_cycle_s, found.cycle_sd_s),
         "rises that reach standing": str(found.repetitions),
         "failed attempts within this time": str(found.failed_attempts or ""),
         "why unknown": found.why,
     }
     caption = (
-        "Five-times sit-to-stand test by both stop rules, from the start of the first rise. A stopwatch, which starts "
-        "at the command, shows longer times"
+        "Five-times sit-to-stand test by both stop rules, from the start of the first rise, ± one standard deviation "
+        "of the measurement (of the cycle: over the cycles). A stopwatch, which starts at the command, shows longer "
+        "times"
     )
     return to_grid(caption, {name: value for name, value in rows.items() if value}, [text("value", str)], "quantity")
+
+
+def _show_time(seconds: float | None, sd: float | None) -> str:
+    """Format a time in s with its standard deviation; the latter is omitted if it is unknown."""
+    shown = show_fixed(seconds, 2)
+    if seconds is None or sd is None:
+        return shown
+    return f"{shown} ± {show_fixed(sd, 2)}" if sd >= 0.02 else f"{show_fixed(seconds, 3)} ± {show_fixed(sd, 3)}"
 
 
 def list_published_times(summary: Summary) -> Grid:

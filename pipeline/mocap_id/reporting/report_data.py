@@ -9,6 +9,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+import numpy as np
+
+from mocap_id.arrays import BoolArray
 from mocap_id.reporting.markers import Residual, compute_residuals
 from mocap_id.reporting.numbers import to_number
 from mocap_id.store import Artefact, ArtefactSet
@@ -128,6 +131,15 @@ class ReportData(ArtefactSet):
         """Identified parameters; None if nothing was identified."""
         tree = self.tree("dynamics.h5")
         return None if tree is None else IdentifiedDynamics.from_tree(tree)
+
+    @property
+    def contact(self) -> BoolArray:
+        """Samples (T,) of dynamics.parquet in which an unmeasured support may carry the body; none if not searched."""
+        table = self.table("dynamics.parquet")
+        if table is None or "contact" not in table.names:
+            return np.zeros(0 if table is None else table.length, dtype=np.bool_)
+        found: BoolArray = table["contact"]
+        return found
 
     @property
     def measured_poses(self) -> bool:

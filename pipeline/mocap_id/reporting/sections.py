@@ -44,6 +44,7 @@ def make_sections(data: ReportData, summary: Summary) -> list[Section]:
             ("wrench",),
             needs="wrench.parquet",
         ),
+        *_make_torque_section(summary),
         *make_motion_section(data, summary),
         Section(
             "parameters",
@@ -108,6 +109,14 @@ def _make_planar_sections(data: ReportData, summary: Summary, filtering: Grid, s
     ]
 
 
+def _make_torque_section(summary: Summary) -> list[Section]:
+    """Return the section on the joint torques in the plane; empty without an identification."""
+    if not summary.dynamics.torques:
+        return []
+    grid = tables.list_torques(summary)
+    return [Section("torques", "Joint torques", (grid,), ("torques",), needs="dynamics.parquet")]
+
+
 def _make_sensor_section(summary: Summary) -> list[Section]:
     """Return the section on inertial sensors; empty if the trial has none."""
     grids = (list_imus(summary),)
@@ -126,7 +135,9 @@ def make_key_numbers(data: ReportData, summary: Summary) -> list[KeyNumber]:
         KeyNumber("reprojection error", show(summary.markers.reprojection_rms_mm, 3, "mm"), "rms over all markers"),
         KeyNumber("missing samples", show_fixed(missing, 1, "%"), "of all marker samples"),
         _count_repetitions(summary),
-        KeyNumber("five-times test", show_fixed(summary.five_times.to_fifth_stand_s, 2, "s"), "to the fifth stand"),
+        KeyNumber(
+            "five-times test", show_fixed(summary.five_times.to_fifth_stand_s, 2, "s"), _describe_five_times(summary)
+        ),
         KeyNumber("mass, measured", show(dynamics.mass_kg, 3, "kg"), "by the plates at rest"),
         KeyNumber("mass, identified", show(mass.value if mass else None, 3, "kg"), _describe_mass(mass)),
         KeyNumber("mean CoP", show_fixed(scale(dynamics.cop_mean_m, 1e3), 1, "mm"), "along the motion, measured"),
@@ -147,6 +158,11 @@ def _count_repetitions(summary: Summary) -> KeyNumber:
     if curls.end_rule != "recording":
         remark = f"to the end of the trial at {show_fixed(curls.end_s, 1, 's')} ({curls.end_rule})"
     return KeyNumber("curls", str(curls.count), f"{remark}; {curls.partial} failed")
+
+
+def _describe_five_times(summary: Summary) -> str:
+    sd = summary.five_times.to_fifth_stand_sd_s
+    return "to the fifth stand" if sd is None else f"± {show_fixed(sd, 3)} s, to the fifth stand"
 
 
 def _describe_mass(mass: BaseEntry | None) -> str:

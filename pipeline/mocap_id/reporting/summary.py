@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.reporting.dynamics_schema import BaseEntry, DynamicsEntry, RivalEntry
+from mocap_id.reporting.dynamics_schema import BaseEntry, DynamicsEntry, RivalEntry, TorqueEntry
 from mocap_id.reporting.numbers import scale, to_number, to_numbers
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.robot_joint_summary import summarise_base_length, summarise_channels, summarise_encoder
@@ -41,6 +41,7 @@ from mocap_id.store.views import IdentifiedDynamics
 
 _NO_PLANE = "yaw_deg, origin_m: a trial in space has no plane of motion"
 _NO_MOVEMENT_HELPS = "none of those tried"
+_WIDE = 2.0  # times the median standard deviation; above it, a torque is not reported as the largest
 
 
 def summarise(data: ReportData) -> Summary:
@@ -233,9 +234,56 @@ def _summarise_dynamics(data: ReportData) -> DynamicsEntry:
         held_out=summarise_held_out(data),
         motion=moved,
         pins=summarise_pins(data),
+        legs=data.facts("dynamics.parquet").get("legs", "none"),
+        torques=_summarise_torques(data, base, mass),
         why=join_sentences(why),
         **identified,
     )
+
+
+def _summarise_torques(data: ReportData, base: list[BaseEntry] | None, mass: float | None) -> dict[str, TorqueEntry]:
+    """Return the largest known torques of each joint in the plane; empty without an identification."""
+    table, skeleton = data.table("dynamics.parquet"), data.skeleton
+    if table is None or skeleton is None or base is None:
+        return {}
+    if mass is None:
+        mass = next((each.value for each in base if each.unit == "kg" and each.verdict == "known"), None)
+    words, entries = data.facts("dynamics.parquet").get("positive") or {}, {}
+    for j, name in enumerate(skeleton.joints, start=1):
+        torque, sd = table[f"tau_{j}"], table[f"sd_tau_{j}"]
+        known = np.isfinite(torque) & np.isfinite(sd)
+        free = known & ~data.contact
+        used = np.flatnonzero(free & (sd <= _WIDE * np.median(sd[free]))) if free.any() else np.zeros(0, dtype=int)
+        found: dict[str, float | None] = {}
+        for end, pick in (("highest", np.argmax), ("lowest", np.argmin)):
+            k = None if not len(used) else int(used[pick(torque[used])])
+            found |= {
+                f"{end}_nm": None if k is None else float(torque[k]),
+                f"{end}_sd_nm": None if k is None else float(sd[k]),
+                f"{end}_nm_per_kg": None if k is None or mass is None else float(torque[k]) / mass,
+                f"{end}_time_s": None if k is None else float(table["time"][k]),
+            }
+        why = (
+            why_unknown("the mass of the person is unknown", mass),
+            None if len(used) else _explain_no_torque(data, j, known=bool(known.any())),
+        )
+        positive, negative = words.get(name, ("positive", "negative"))
+        entries[name] = TorqueEntry(
+            positive=positive,
+            negative=negative,
+            mass_kg=mass,
+            known=float(known.mean()) if len(known) else 0.0,
+            why=join_sentences(why),
+            **found,
+        )
+    return entries
+
+
+def _explain_no_torque(data: ReportData, joint: int, *, known: bool) -> str:
+    if f"tau_{joint}" in (data.facts("dynamics.h5").get("untold") or ()):
+        return "the fit does not determine this torque: both sides of the joint may be one body"
+    support = "a chair or support that no plate measures carries, or may carry, the body"
+    return f"{support} whenever the torque is known" if known else f"{support} in every sample"
 
 
 def compute_mean_cop(wrench: Table | None) -> float | None:

@@ -21,7 +21,8 @@ EVENTS = ("start", "seat_off", "stand", "seat_on", "end")
 
 PHASES = ("seated", "rising", "standing")
 
-_TIMES = ("to_fifth_stand_s", "to_fifth_seat_contact_s", "to_fifth_seated_s", "mean_cycle_s", "cycle_sd_s")
+_STOPS = ("to_fifth_stand", "to_fifth_seat_contact", "to_fifth_seated")
+_TIMES = (*(f"{stop}{part}_s" for stop in _STOPS for part in ("", "_sd")), "mean_cycle_s", "cycle_sd_s")
 _FILE = "events.parquet"
 
 
@@ -40,7 +41,10 @@ def summarise_five_times(data: ReportData) -> FiveTimesEntry:
     times = {name: to_number(facts.get(name)) for name in _TIMES}
     why = facts.get("why")
     if why is None and any(value is None for value in times.values()):
+        spread = [stop for stop in _STOPS if times[f"{stop}_s"] is not None and times[f"{stop}_sd_s"] is None]
         why = "fewer than three rises reach standing"
+        if spread:
+            why = f"the standard deviation is unknown: {', '.join(spread)}; the rule for the contact gives none"
     return FiveTimesEntry(
         repetitions=int(facts["repetitions"]),
         failed_attempts=int(facts["failed_attempts"]),

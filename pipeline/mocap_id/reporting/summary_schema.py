@@ -179,6 +179,7 @@ class PublishedEntry(Entry):
 class FiveTimesEntry(Entry):
     """Times of the five-times sit-to-stand test by both common stop rules, from the start of the first rise.
 
+    ``…_sd_s`` is the standard deviation of a time, from those of its two events.
     ``repetitions`` is the number of rises that reach standing, ``mean_cycle_s`` the mean time from stand to stand, and
     ``failed_attempts`` the number of failed attempts within the test time.
     """
@@ -187,6 +188,9 @@ class FiveTimesEntry(Entry):
     to_fifth_stand_s: float | None
     to_fifth_seat_contact_s: float | None
     to_fifth_seated_s: float | None
+    to_fifth_stand_sd_s: float | None = None
+    to_fifth_seat_contact_sd_s: float | None = None
+    to_fifth_seated_sd_s: float | None = None
     mean_cycle_s: float | None
     cycle_sd_s: float | None
     failed_attempts: int | None

@@ -8,7 +8,16 @@ from typing import Any
 from mocap_id.reporting import style
 from mocap_id.reporting.dynamics_schema import ChannelEntry
 from mocap_id.reporting.grids import Grid, GridColumn, millimetres, number, percent, text, to_grid, with_sd
-from mocap_id.reporting.numbers import UNKNOWN, show, show_beside, show_interval, show_percent, show_with_sd
+from mocap_id.reporting.numbers import (
+    UNKNOWN,
+    scale,
+    show,
+    show_beside,
+    show_fixed,
+    show_interval,
+    show_percent,
+    show_with_sd,
+)
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.summary_schema import JointEntry, Summary
 
@@ -69,6 +78,36 @@ def list_model_errors(data: ReportData, summary: Summary) -> Grid:
     named = {f"{name} ({_UNITS[name]})" if name in _UNITS else name: channel for name, channel in channels.items()}
     caption = f"Error of the model over the samples of the fit, {describe_band(data)}"
     return to_grid(caption, named, make_error_columns(4), "component")
+
+
+def list_torques(summary: Summary) -> Grid:
+    """Return a table of the largest torque of each joint in each direction, in words."""
+    dynamics = summary.dynamics
+    rows = [
+        (name, one.why, direction, *values)
+        for name, one in dynamics.torques.items()
+        for direction, sign, values in (
+            (one.positive, 1, (one.highest_nm, one.highest_sd_nm, one.highest_nm_per_kg, one.highest_time_s)),
+            (one.negative, -1, (one.lowest_nm, one.lowest_sd_nm, one.lowest_nm_per_kg, one.lowest_time_s)),
+        )
+        if values[0] is None or sign * values[0] > 0
+    ]
+    columns = (
+        text("joint", lambda row: row[0]),
+        text("torque towards", lambda row: row[2]),
+        GridColumn(
+            "largest (N·m)", lambda row: show_with_sd(scale(row[3], -1 if row[3] and row[3] < 0 else 1), row[4])
+        ),
+        GridColumn("N·m/kg", lambda row: show_fixed(None if row[5] is None else abs(row[5]), 2)),
+        number("at (s)", lambda row: row[6], 2),
+        text("remark", lambda row: row[1]),
+    )
+    legs = "both legs together, " if dynamics.legs == "both" else ""
+    caption = (
+        f"Largest torque of each joint in each direction ({legs}± one standard deviation), while only measured forces "
+        "carry the body"
+    )
+    return to_grid(caption, rows, columns)
 
 
 def make_error_columns(decimals: int) -> tuple[GridColumn, ...]:

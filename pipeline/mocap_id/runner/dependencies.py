@@ -13,6 +13,7 @@ from mocap_id import plain_files
 from mocap_id.config import Trial
 from mocap_id.errors import RecordingError, Refused
 from mocap_id.stages import Stage
+from mocap_id.stages.trial_keys import list_sensors
 from mocap_id.store import dumps, hash_bytes, hash_file
 from mocap_id.store.ownership import Owner
 
@@ -26,7 +27,8 @@ def find_user_files(trial: Trial, stage: Stage) -> dict[str, Path]:
 
 def find_owner(trial: Trial, files: FileHashes) -> Owner:
     """Return the owner of a trial's run folder; without a readable recording, only its path and the trial count."""
-    recording = next(iter(trial.keys.imus.values())) if trial.keys.recording is None else trial.keys.recording.motion
+    keys = trial.keys
+    recording = next(iter(list_sensors(keys.imus).values())).file if keys.recording is None else keys.recording.motion
     contents: tuple[str, ...]
     try:
         contents = (files.read("recording", recording),)

@@ -20,6 +20,17 @@ class Subject(Settings):
     sex: Literal["female", "male"] | None = Field(None, description="sex, for allometric tables that differ by sex")
 
 
+class Guess(Settings):
+    """What `mocap-id run` guessed about a recording without a YAML file; the report repeats it."""
+
+    keys: tuple[str, ...] = Field((), description="guessed keys of the trial")
+    movement: str = Field(
+        description="movement that was recognised; with walking or jumping the trial is refused: delete `guessed` to "
+        "analyse it with the other keys of this file"
+    )
+    evidence: str = Field(description="what in the motion shows it")
+
+
 class BalanceBoard(Settings):
     """A balance board with four cells instead of a force plate."""
 
@@ -199,6 +210,9 @@ class TrialKeys(Settings):
         "free",
         description="kind of movement: free; in the plane also sit-to-stand (with squats) or robot-joint; in space "
         "also reach or curl",
+    )
+    guessed: Guess | None = Field(
+        None, description="written by `mocap-id run` for a recording without a YAML file: what was guessed, and why"
     )
     subject: Subject = Field(Subject(), description="person who moves; all keys are optional")
     encoder: Path | None = Field(

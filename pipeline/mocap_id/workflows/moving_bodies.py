@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.cutoffs import Cutoffs
-from mocap_id.dynamics.measured_motion import filter_motion
+from mocap_id.dynamics.measured_motion import close_gaps, filter_motion
 from mocap_id.dynamics.motion import PlanarMotion
 from mocap_id.dynamics.parameter_transfer import BodyFrames
 from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
-from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, bridge_gaps, pin_joints, read_bodies
+from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, bridge_gaps, read_bodies
 from mocap_id.store import Table
+from mocap_id.store.views import Skeleton
 
 
 @dataclass(frozen=True)
@@ -38,27 +40,28 @@ class MovingBodies:
 
 
 def read_measured_bodies(
-    poses: Table, centres: FloatArray, used: Sequence[int], bands: Cutoffs, gravity: float
+    poses: Table, chain: Skeleton, motion: Mapping[str, Any], bands: Cutoffs, gravity: float
 ) -> MovingBodies:
     """Return bodies whose motion follows from their measured, low-pass filtered poses.
 
-    Short gaps are filled. Joints whose two bodies do not separate are pinned.
+    Short gaps are filled.
 
     Parameters
     ----------
     poses : Table
         Content of poses.parquet.
-    centres : (n, 2) array
-        Centre of each of the n joints in the segment before this joint, m.
-    used : sequence of int
-        Indices of the bodies in poses.parquet, from 0.
+    chain : Skeleton
+        Chain of the trial.
+    motion : mapping of str to Any
+        Fact ``motion`` of dynamics.h5, which names the bodies and the joints that are pinned.
     bands : (x, y, angle)
         Cut-off frequencies, Hz.
     gravity : float
         Gravity, m/s².
     """
-    ready = pin_joints(bridge_gaps(read_bodies(poses, centres, used)))
-    return MovingBodies(_skeleton(ready), filter_motion(ready.poses, bands), gravity)
+    ready = bridge_gaps(read_bodies(poses, chain.centres, motion["used"]))
+    pinned = [chain.joint_names.index(name) for name, gap in motion["joints"].items() if gap["pinned"]]
+    return MovingBodies(_skeleton(ready), filter_motion(close_gaps(ready.poses, pinned), bands), gravity)
 
 
 def _skeleton(bodies: MeasuredBodies) -> BodyFrames:

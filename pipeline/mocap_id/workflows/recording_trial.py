@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 import os
@@ -13,17 +14,20 @@ from collections.abc import Mapping
 from pathlib import Path, PurePath, PurePosixPath
 from typing import Any
 
+import numpy as np
+
 from mocap_id import plain_files
 from mocap_id.config import Trial, load
 from mocap_id.config.source import Source
 from mocap_id.config.trial import compose
 from mocap_id.errors import ConfigError, RecordingError, StoreError
-from mocap_id.recording import Recording, write_recording, write_recording_as_text
+from mocap_id.protocols.kind_of_movement import recognise_movement
+from mocap_id.recording import Recording, ThinnedFrames, read, write_recording, write_recording_as_text
 from mocap_id.stages.trial_keys import IN_PLANE, IN_SPACE
 from mocap_id.store.atomic import converting_errors, hash_file, write_files
 from mocap_id.store.ownership import Owner, describe_conflict, is_other, read_owner
 from mocap_id.workflows.study.discovery import find_forces
-from mocap_id.workflows.study.reaches import read_reach
+from mocap_id.workflows.study.reaches import read_joints, read_reach
 
 FILE = "trial.yaml"
 _ARRAYS, _ARRAYS_AS_TEXT = "recording.c3d", "recording.trc"
@@ -170,35 +174,84 @@ def _complete(recording: Path, given: dict[str, Any], out: Path) -> Trial:
         forces = find_forces(recording, beside)
         if forces is not None:
             _log.warning("%s: the forces are from %s beside it", recording.name, forces.name)
-    guessed, files = _guess(recording, forces if forces is None else Path(str(forces)), keys)
-    reported = [name for name in guessed if name != "space" or keys.get("protocol", "free") == "free"]
-    if reported:
-        what = ", ".join(f"`{name}: {guessed[name]}`" for name in reported)
-        _log.warning("%s: %s was guessed; if this is wrong, give the correct values", recording.name, what)
-    data = {**keys, **guessed, "recording": files, "out": str(out)}
-    plain = json.loads(json.dumps(data, default=_convert))
-    return compose(Source(Path.cwd() / recording.name, plain, {}))
+
+    def build(more: Mapping[str, Any]) -> Trial:
+        plain = json.loads(json.dumps({**keys, **more, "out": str(out)}, default=_convert))
+        return compose(Source(Path.cwd() / recording.name, plain, {}))
+
+    try:
+        guessed, files = _guess(recording, forces if forces is None else Path(str(forces)), keys)
+    except ConfigError:
+        space = "3d" if keys.keys() & {"static", "landmarks", "calibration", "side", "pointers"} else "plane"
+        build({"space": space, "protocol": "free", "recording": str(recording)})  # a wrong key is reported first
+        raise
+    if "guessed" in guessed:
+        what = ", ".join(f"`{name}: {guessed[name]}`" for name in guessed["guessed"]["keys"])
+        why = guessed["guessed"]["evidence"]
+        _log.warning(
+            "%s: %s was guessed, because %s; if this is wrong, give the correct values", recording.name, what, why
+        )
+    return build({**guessed, "recording": files})
 
 
-def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tuple[dict[str, str], dict[str, str]]:
-    """Return guesses for the keys that ``given`` lacks, and the files of the recording by role."""
-    reach = read_reach(recording, forces)
-    files = {"skeleton" if reach is not None and reach.skeleton else "markers": str(recording)}
+def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return guesses for the keys that ``given`` lacks, and the files of the recording by role.
+
+    The guesses include the key ``guessed``, unless the given protocol determines the space.
+
+    Raises
+    ------
+    ConfigError
+        Neither protocol nor space is given, and the movement is none that has a protocol.
+    """
+    skeleton = read_joints(recording)
+    files = {"markers" if skeleton is None else "skeleton": str(recording)}
     if forces is not None:
         files["forces"] = str(forces)
-    likely = {"space": "plane", "protocol": "sit-to-stand"}
-    if reach is not None:
-        named = PurePosixPath(*recording.parts[-2:])  # a folder further up may be called L by chance
-        likely = {"space": "3d", "protocol": "reach", "side": reach.choose_sides(named)[0]}
-    protocol = given.get("protocol")
+    protocol, space = given.get("protocol"), given.get("space")
+    guessed: dict[str, Any] = {}
     if protocol in IN_PLANE or protocol in IN_SPACE:
-        likely["space"] = "plane" if protocol in IN_PLANE else "3d"
-    space = given.get("space", likely["space"])
-    if likely["protocol"] not in (IN_PLANE if space == "plane" else IN_SPACE):
-        likely["protocol"] = "free"
-    if space == "plane":
-        likely.pop("side", None)
-    return {name: value for name, value in likely.items() if name not in given}, files
+        guessed["space"] = "plane" if protocol in IN_PLANE else "3d"
+    elif protocol is None or space is None:
+        content = skeleton if skeleton is not None else _read_markers(recording, forces, given)
+        seen = ThinnedFrames.of(content.positions, content.time, content.rate)
+        inside = slice(None)
+        with contextlib.suppress(TypeError, ValueError):  # no window, or a wrong one, which is reported later
+            first, last = given.get("window", (-np.inf, np.inf))
+            inside = slice(*np.searchsorted(seen.time, [first - 1e-9, last + 1e-9]))
+        movement = recognise_movement(content.labels, seen.positions[inside], seen.rate)
+        kind = "unknown" if movement.kind == "sit-to-stand" and skeleton is not None else movement.kind
+        if protocol is None and space is None and kind in {"unknown", "one-body"}:
+            ways = (
+                "Give the protocol, on the command line `--protocol sit-to-stand` (also squats and lifts: the feet "
+                "stand), `--protocol reach` or `--protocol curl` (one arm), or `--protocol robot-joint` (one link). "
+                "For any other chain on a base that stands, give `--protocol free` with `--space plane` (hinges in a "
+                "vertical plane) or `--space 3d`"
+            )
+            if skeleton is not None:
+                ways = (
+                    "These are joint positions of a skeleton, of which only an arm can be analysed: give `--protocol "
+                    "reach`, `--protocol curl`, or `--protocol free`, on the command line, all with `--space 3d`"
+                )
+            raise ConfigError(f"{recording.name}: the movement fits no protocol: {movement.evidence}. {ways}")
+        guessed["space"] = space or ("3d" if kind in IN_SPACE or skeleton is not None else "plane")
+        fits = kind in (IN_PLANE if guessed["space"] == "plane" else IN_SPACE)
+        guessed["protocol"] = protocol or (kind if fits else "free")
+        names = [name for name in ("space", "protocol") if given.get(name) is None]
+        guessed["guessed"] = {"keys": names, "movement": kind, "evidence": movement.evidence}
+    if (space or guessed.get("space")) == "3d":
+        reach = read_reach(recording, None)
+        if reach is not None:
+            named = PurePosixPath(*recording.parts[-2:])  # a folder further up may be called L by chance
+            guessed["side"] = reach.choose_sides(named)[0]
+    return {name: value for name, value in guessed.items() if given.get(name) is None}, files
+
+
+def _read_markers(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> Recording:
+    """Return the recording as the stage planarise will read it."""
+    settings = given.get("planarise") or {}
+    names = ("units", "vertical", "force_unit", "moment_unit")
+    return read(recording, forces, **{name: settings[name] for name in names if settings.get(name) is not None})
 
 
 def _convert(value: Any) -> Any:
@@ -267,7 +320,7 @@ def _format_trial(trial: Trial, given: Mapping[str, Any], file: Path, usual: Pat
     return _add_head("".join(lines))
 
 
-_ALWAYS = ("trial", "recording", "space", "protocol", "side", "out")
+_ALWAYS = ("trial", "recording", "space", "protocol", "side", "guessed", "out")
 """Keys that are written even if they were not given."""
 
 

@@ -12,7 +12,7 @@ from mocap_id.dynamics.base_parameters import BaseSet
 from mocap_id.dynamics.body_prior import BodyPrior
 from mocap_id.dynamics.clock_offset import SampledWrench
 from mocap_id.dynamics.lowpass import LowPass, blank_incomplete, choose_cutoff, undo_averaging
-from mocap_id.dynamics.preparation import FitSettings, find_usable
+from mocap_id.dynamics.preparation import NO_CLOCK, CoarseClock, FitSettings, find_usable
 from mocap_id.dynamics.space.base_parameters import SpatialBase, structural_base
 from mocap_id.dynamics.space.motion import SpatialMotion, move_segments, segment_regressor
 from mocap_id.geometry import se3, so3
@@ -46,6 +46,7 @@ class SpatialRecord:
     # (3,) centre of the plate's surface, m; None for the origin of the base. A wrong zero of Fx causes no moment about
     # this centre.
     plate: FloatArray | None = None
+    clock: CoarseClock = NO_CLOCK  # coarse clock offset of the plate
 
     @property
     def rate(self) -> float:

@@ -9,7 +9,7 @@ from mocap_id.estimation.space.space_kernels import ChainModel, Pose
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 
-_LEAST_MARKERS = 3
+LEAST_MARKERS = 3  # of a segment, that determine its pose
 _LEAST_SPREAD = 5e-3  # m, of a segment's markers across their longest direction
 
 
@@ -94,8 +94,8 @@ def find_visible_clusters(chain: SpatialChain, points: FloatArray) -> BoolArray:
     found = np.zeros((len(points), len(chain.joints) + 1), dtype=np.bool_)
     for k in range(found.shape[1]):
         own = _own_markers(chain, k)
-        if len(own) >= _LEAST_MARKERS and _measure_spread(chain.local[own]) > _LEAST_SPREAD:
-            found[:, k] = seen[:, own].sum(axis=1) >= _LEAST_MARKERS
+        if len(own) >= LEAST_MARKERS and _measure_spread(chain.local[own]) > _LEAST_SPREAD:
+            found[:, k] = seen[:, own].sum(axis=1) >= LEAST_MARKERS
     return found
 
 

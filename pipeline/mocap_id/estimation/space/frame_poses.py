@@ -7,11 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.estimation.dropouts import find_rejected_segments
 from mocap_id.estimation.space.chain_model import (
+    LEAST_MARKERS,
     degrees_of_freedom,
     estimate_start_poses,
     find_visible_clusters,
     make_track,
+    select_frames,
 )
 from mocap_id.estimation.space.slips import estimate_slips, remove_fast_part
 from mocap_id.estimation.space.space_kernels import ChainModel, Found, Pose, Search, find_poses, predict_markers
@@ -96,6 +99,7 @@ def find_frame_poses(
     new[:-1] |= (ready[:-1] & ~ready[1:]).any(axis=1)  # the search also runs backwards
     new[best] = True
     found = _search(chain, model, points, sd=sd, limit=gate * _LARGEST * sd, order=order, starts=new)
+    _search_lost_again(chain, model, points, found, sd=sd, limit=gate * _LARGEST * sd)
     limit = gate * widen_sds(found, sd)
     for _ in range(_FILLS):
         with np.errstate(invalid="ignore"):
@@ -116,7 +120,39 @@ def find_frame_poses(
             getattr(found, name)[partly] = getattr(again, name)
         found.residual[partly] = points[partly] - predict_positions(model, again.track)
         found = replace(found, slips=slips)
-    return found
+    visible: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
+    rejected = find_rejected_segments(model.segment, found.observed.shape[1], visible, found.used)
+    return replace(found, observed=found.observed & ~rejected)
+
+
+def _search_lost_again(
+    chain: SpatialChain, model: ChainModel, points: FloatArray, found: FramePoses, *, sd: FloatArray, limit: FloatArray
+) -> None:
+    """Search again, from the clusters, where over half of a segment's visible markers are not used; change ``found``.
+
+    The search follows the frame before. After markers that were wrong, it can stay at a wrong pose for ever.
+    """
+    visible: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
+    rejected = find_rejected_segments(model.segment, found.observed.shape[1], visible, found.used)
+    lost = np.flatnonzero((rejected & find_visible_clusters(chain, points)).any(axis=1))
+    if not lost.size:
+        return
+    near, some = select_frames(found.track, lost), np.ascontiguousarray(points[lost])
+    start, started = estimate_start_poses(chain, model, some, np.arange(len(lost)))
+    near.origin[started[:, 0]] = start.origin[started[:, 0]]
+    near.turn[started] = start.turn[started]
+    near.angle[started[:, 1:]] = start.angle[started[:, 1:]]
+    again = _search(chain, model, some, sd=sd, limit=limit, near=near)
+    own = model.segment[:, None] == np.arange(rejected.shape[1])
+    before, after = found.used[lost].astype(np.int64) @ own, again.used.astype(np.int64) @ own
+    fits = ~find_rejected_segments(model.segment, rejected.shape[1], visible[lost], again.used) & (
+        after >= LEAST_MARKERS
+    )
+    better = (rejected[lost] & fits).any(axis=1) & (after.sum(axis=1) > before.sum(axis=1))
+    for name in ("variance", "observed", "used", "residual", "leverage"):
+        getattr(found, name)[lost[better]] = getattr(again, name)[better]
+    for old, newer in zip(found.track, again.track, strict=True):
+        old[lost[better]] = newer[better]
 
 
 def widen_sds(found: FramePoses, sd: FloatArray) -> FloatArray:

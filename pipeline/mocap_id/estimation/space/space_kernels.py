@@ -23,6 +23,8 @@ _CLOSE = 3e-3  # rad and m; a step smaller than this leaves an error of about it
 _LEAST_LEFT = 1e-10  # least share of a variance after smoothing
 _FASTEST = 200.0  # rad/s or m/s; a joint with a faster motion, which is impossible, starts again
 _STEADY = 0.5  # rad/s; largest standard deviation of a rate with which accelerometers are used
+_ENOUGH = 3  # markers of a segment that show its pose
+_WIDE = 3.0  # the gate around a frame's own pose, relative to the gate around the prediction
 _LEAP = 0.2  # rad and m; largest step that is extrapolated
 
 
@@ -696,11 +698,12 @@ def _update(
     weight: FloatArray,
     anchor: Pose,
     anchored: bool,
+    limit: float,
 ) -> bool:
     """Update pose and P with the markers ``z`` (M, 3) of a frame, in place; return false if the update fails.
 
     ``used`` (M,) receives the markers within the gate. If ``anchored``, the update starts from the frame's own pose
-    ``anchor``, is iterated, and has no gate.
+    ``anchor``, is iterated, and has a gate around this pose in place of the prediction: ``limit`` standard deviations.
     """
     n, d = len(model.ball), len(noise.density)
     placed, rows, columns = _new_placed(n, d), np.empty((d, 3)), np.empty(d, dtype=np.int64)
@@ -719,13 +722,19 @@ def _update(
         _place(model, at, placed)
         a, h = np.zeros((d, d)), np.zeros(d)
         for m in range(len(model.segment)):
-            used[m] = False
-            if math.isnan(z[m, 0] + z[m, 1] + z[m, 2]):
+            if turn == 0:
+                used[m] = not math.isnan(z[m, 0] + z[m, 1] + z[m, 2])
+            if not used[m]:
                 continue
             count = _locate(model, placed, m, x, rows, columns)
             for i in range(3):
                 y[i] = z[m, i] - x[i]
-            used[m] = anchored or _passes(p, rows, columns, count, y, noise.gate_variance[m] / weight[m], noise.gate)
+            if turn == 0:
+                variance = noise.gate_variance[m] / weight[m]
+                if anchored:
+                    used[m] = y[0] ** 2 + y[1] ** 2 + y[2] ** 2 <= limit**2 * variance
+                else:
+                    used[m] = _passes(p, rows, columns, count, y, variance, limit)
             if used[m]:
                 _add_marker(a, h, rows, columns, count, y, weight[m] / noise.variance)
         for r in range(d):
@@ -1050,6 +1059,39 @@ def _count_failing(model: ChainModel, z: FloatArray, used: BoolArray, failing: I
 
 
 @compiled
+def _loses_segment(
+    model: ChainModel, noise: Noise, z: FloatArray, used: BoolArray, weight: FloatArray, found: BoolArray, own: Pose
+) -> bool:
+    """Return whether a segment fails the gate around the prediction but not the gate around the frame's pose ``own``.
+
+    Over half of its visible markers, at least 3, fail the first, and over half pass the second, which is wider.
+    """
+    n, d = len(model.ball), len(noise.density)
+    placed, rows, columns, x = _new_placed(n, d), np.empty((d, 3)), np.empty(d, dtype=np.int64), np.empty(3)
+    ready = False
+    for k in range(n + 1):
+        seen, passed = 0, 0
+        for m in range(len(model.segment)):
+            if model.segment[m] == k and not math.isnan(z[m, 0] + z[m, 1] + z[m, 2]):
+                seen += 1
+                passed += used[m]
+        if not found[k] or seen < _ENOUGH or 2 * passed >= seen:
+            continue
+        if not ready:
+            _place(model, own, placed)
+            ready = True
+        fitting = 0
+        for m in range(len(model.segment)):
+            if model.segment[m] == k and not math.isnan(z[m, 0] + z[m, 1] + z[m, 2]):
+                _locate(model, placed, m, x, rows, columns)
+                off = (z[m, 0] - x[0]) ** 2 + (z[m, 1] - x[1]) ** 2 + (z[m, 2] - x[2]) ** 2
+                fitting += off <= (_WIDE * noise.gate) ** 2 * noise.gate_variance[m] / weight[m]
+        if 2 * fitting > seen:
+            return True
+    return False
+
+
+@compiled
 def run_filter(
     model: ChainModel,
     noise: Noise,
@@ -1070,8 +1112,8 @@ def run_filter(
     not use them. Markers of a frame determine the base or joint if ``found``, markers or sensors do if ``followed``.
     """
     n, d = len(model.ball), len(noise.density)
-    pose, last, start, p = _new_pose(model), _new_pose(model), _new_pose(model), np.zeros((4 * d, 4 * d))
-    moved = np.empty((4 * d, 4 * d))
+    pose, last, start, kept = _new_pose(model), _new_pose(model), _new_pose(model), _new_pose(model)
+    p, moved = np.zeros((4 * d, 4 * d)), np.empty((4 * d, 4 * d))
     failing = np.zeros(n + 1, dtype=np.int64)
     _copy_pose(_view_frame(anchors, 0), pose)
     _copy_pose(pose, last)
@@ -1092,14 +1134,21 @@ def run_filter(
             for c in range(max(first, 3), end):
                 anchored = anchored or p[c, c] > noise.anchor_limit
             any_found = any_found or found[k, j]
-        if anchored and any_found:
+        if any_found:
             _copy_pose(pose, start)
             for j in range(n + 1):
                 if found[k, j]:
                     _restart(model, start, j, _view_frame(anchors, k), 0, 0)
-            fine = _update(model, noise, pose, p, z[k], used[k], noise.weight[k], start, True)
+        if anchored and any_found:
+            fine = _update(model, noise, pose, p, z[k], used[k], noise.weight[k], start, True, math.inf)
         else:
-            fine = _update(model, noise, pose, p, z[k], used[k], noise.weight[k], pose, False)
+            _copy_pose(pose, kept)
+            _copy(p, moved)
+            fine = _update(model, noise, pose, p, z[k], used[k], noise.weight[k], pose, False, noise.gate)
+            if fine and any_found and _loses_segment(model, noise, z[k], used[k], noise.weight[k], found[k], start):
+                _copy_pose(kept, pose)
+                _copy(moved, p)
+                fine = _update(model, noise, pose, p, z[k], used[k], noise.weight[k], start, True, _WIDE * noise.gate)
         if not fine:
             return k
         _update_inertial(model, sensors, k, noise.gate, pose, p, sensed[k])

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, chunks
+from mocap_id.estimation.dropouts import find_rejected_segments, find_stretches
 from mocap_id.estimation.process_model import ORDER
 from mocap_id.estimation.space.chain_model import degrees_of_freedom, group_columns, make_chain_model, select_frames
 from mocap_id.estimation.space.frame_poses import (
@@ -106,9 +107,31 @@ def smooth_in_space(
     points = np.where(np.isfinite(points).all(axis=2, keepdims=True), points, np.nan)
     frames, steady, noise = estimate_noise(chain, model, points, rate, settings)
     track = filter_and_smooth(model, steady, 1.0 / rate, frames, noise, gate=settings.gate)
+    again = _leave_out_rejected(model, points, frames, steady, track.used)
+    if again is not None:
+        frames, steady = again
+        track = filter_and_smooth(model, steady, 1.0 / rate, frames, noise, gate=settings.gate)
     lost = find_uncertain_segments(chain, model, track, settings)
     scale_to_movement(track, noise.errors)
     return collect_states(chain, model, frames, track, noise, lost)
+
+
+def _leave_out_rejected(
+    model: ChainModel, points: FloatArray, frames: FramePoses, steady: FloatArray, used: BoolArray
+) -> tuple[FramePoses, FloatArray] | None:
+    """Return the poses and markers without the segments whose visible markers the filter mostly rejects; None if none.
+
+    The few markers of such a segment that pass the gate are probably wrong too. The filter then bridges the stretch
+    like a gap, with standard deviations that grow. Stretches of up to :data:`FEW` frames stay.
+    """
+    visible: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
+    rejected = find_rejected_segments(model.segment, frames.observed.shape[1], visible, used)
+    observed, kept = frames.observed.copy(), steady.copy()
+    for s, each in enumerate(rejected.T):
+        for run in find_stretches(each):
+            observed[run, s] = False
+            kept[run, model.segment == s] = np.nan
+    return None if np.array_equal(kept, steady, equal_nan=True) else (replace(frames, observed=observed), kept)
 
 
 def estimate_noise(

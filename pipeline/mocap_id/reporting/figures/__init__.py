@@ -73,7 +73,8 @@ FIGURES: tuple[FigureEntry, ...] = (
         "Wrench and torques over a repetition",
         "Mean and one standard deviation over complete repetitions: ground reaction wrench and centre of pressure "
         "(measured, identified model, allometric reference), and joint torques of the model. During chair contact, "
-        "the models give the sum of ground and chair forces.",
+        "the models give the sum of ground and chair forces. Shaded: a torque is unknown in at least one repetition, "
+        "because a chair or support that no plate measures may carry part of the body.",
     ),
     RESIDUALS,
     FigureEntry(
@@ -83,6 +84,14 @@ FIGURES: tuple[FigureEntry, ...] = (
         "Wrench of the ground on the body about the origin of the plane frame: measured, identified model with its "
         "95 % confidence band, and allometric reference, if one applies. Shaded: samples used for identification. "
         "Outside them, a chair may carry part of the modelled force.",
+    ),
+    FigureEntry(
+        "torques",
+        wrench.draw_torques,
+        "Joint torques",
+        "Torque of the lower on the upper segment at each joint, with its 95 % confidence band. Shaded: a chair or "
+        "support that no plate measures carries, or may carry, part of the body. The torques of the joints below it "
+        "are unknown there and not drawn.",
     ),
     FigureEntry(
         "parameters",
@@ -103,6 +112,7 @@ FIGURES: tuple[FigureEntry, ...] = (
 _OF_POSES: Mapping[str, str] = {
     "wrench": "The measured wrench is not filtered.",
     "phases": "The measured wrench is not filtered.",
+    "torques": "",
     "parameters": "The parameters are computed from bodies that were fitted with a loose prior.",
     "point_masses": "Each panel is a body of the fit. If a body is not a segment of the chain, its origin is the "
     "centroid of its markers.",
@@ -129,13 +139,16 @@ def _complete_caption(entry: FigureEntry, data: ReportData) -> str:
         return f"{entry.caption} {_describe_zeros(data)}"
     if entry.name not in _OF_POSES or data.facts("dynamics.h5").get("motion") is None:
         return entry.caption
-    sentences = [entry.caption, *(_describe_missing_torques(data) if entry.name == "phases" else ())]
+    sentences = [entry.caption]
+    if entry.name in ("phases", "torques"):
+        legs = data.facts("dynamics.parquet").get("legs") == "both"
+        sentences += ["Forces and torques are sums over both legs." if legs else "", *_describe_missing_torques(data)]
     if data.measured_poses:
         cutoffs = ", ".join(f"{axis} {cutoff:g} Hz" for axis, cutoff in (data.bands or {}).items())
         sentences += [f"The masses move with the measured poses, low-pass filtered ({cutoffs}).", _OF_POSES[entry.name]]
     else:
         sentences += ["The masses move with the pinned chain.", _OF_CHAIN.get(entry.name, "")]
-    return " ".join(sentences).rstrip()
+    return " ".join(sentence for sentence in sentences if sentence)
 
 
 def _describe_zeros(data: ReportData) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Band, Dash, Figure, Item, Line, Panel, Rule, arrange_in_lines
-from mocap_id.reporting.figures.states import label_angle
+from mocap_id.reporting.figures.states import draw_shades, label_angle
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store import Table
 from mocap_id.store.views import JointStates
@@ -107,8 +107,20 @@ def draw_phases(data: ReportData) -> Figure | str:
     if not torques and not any(panel.items for panel in wrench):
         why = data.facts("phases.parquet").get("why") or "forces and torques are unknown"
         return f"No averages over repetitions: {style.clean(why)}."
-    last = Panel(torques, "joint torques (N·m)", _SPAN, x_range=(0, 100), linked=True)
+    legs = ", both legs together" if data.facts("dynamics.parquet").get("legs") == "both" else ""
+    shades = _shade_unknown_torques(table, len(names))
+    last = Panel((*shades, *torques), f"joint torques{legs} (N·m)", _SPAN, x_range=(0, 100), linked=True)
     return Figure((wrench[:2], wrench[2:], *(((last,),) if torques else ())))
+
+
+def _shade_unknown_torques(table: Table, joints: int) -> tuple[Item, ...]:
+    """Return shaded intervals of the repetition in which fewer repetitions than elsewhere have a torque."""
+    unknown = np.zeros(len(_GRID), dtype=np.bool_)
+    for joint in range(1, joints + 1):
+        own = (table["quantity"] == f"tau_{joint}") & (table["span"] == "repetition")
+        if own.any():
+            unknown |= table["count"][own] < table["count"][own].max()
+    return draw_shades(100 * _GRID, unknown)
 
 
 def read_average(table: Table, quantity: str) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -34,6 +34,36 @@ def draw(data: ReportData) -> Figure | str:
     return Figure(tuple((row,) for row in rows))
 
 
+def draw_torques(data: ReportData) -> Figure | str:
+    """Return a panel over time with the torque of every joint and its 95 % band; contact is shaded."""
+    table, names = data.table("dynamics.parquet"), data.skeleton.joints if data.skeleton is not None else ()
+    known = [j for j in range(1, len(names) + 1) if table is not None and np.isfinite(table[f"tau_{j}"]).any()]
+    if table is None or not known:
+        return (
+            f"No joint torques: {style.clean(data.facts('dynamics.h5').get('why') or data.why_missing('dynamics.h5'))}."
+        )
+    time, words = table["time"], data.facts("dynamics.parquet").get("positive") or {}
+    panels = []
+    for j in known:
+        torque, half = table[f"tau_{j}"], NORMAL_95 * table[f"sd_tau_{j}"]
+        colour, name = style.pick_colour(j), style.clean(names[j - 1], 20)
+        items: tuple[Item, ...] = (
+            *draw_shades(time, data.contact),
+            Band(*thin_band(time, torque - half, torque + half), colour),
+            Line(*thin_curve(time, torque), colour, name),
+        )
+        positive = words[names[j - 1]][0] if names[j - 1] in words else ""
+        title = f"{name}, positive: {positive}" if positive else name
+        below = "time (s)" if j == known[-1] else ""
+        panels.append(
+            Panel(
+                items, title, below, "torque (N·m)", (float(time[0]), float(time[-1])), style.find_range([torque]),
+                linked=True, height=1.9,
+            )
+        )  # fmt: skip
+    return Figure(tuple((one,) for one in panels))
+
+
 def draw_panels(data: ReportData, height: float) -> tuple[Panel, ...]:
     """Return a panel for each component of the wrench; empty without measured forces."""
     table = read_forces(data)

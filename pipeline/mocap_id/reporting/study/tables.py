@@ -9,7 +9,7 @@ import pandas as pd
 
 from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.reporting.grids import Grid, GridColumn, mean_sd, millimetres, number, text, to_grid
-from mocap_id.reporting.numbers import UNKNOWN, scale, show
+from mocap_id.reporting.numbers import UNKNOWN, scale, show, show_fixed, to_number
 from mocap_id.reporting.results.study_page import VERDICT
 from mocap_id.reporting.study.page_data import COHORT, CohortData
 
@@ -17,7 +17,7 @@ BY_STRATEGY = "By strategy (thesis table 6.2): mean ± sd over the people"
 BY_PERSON = "By person and strategy: mean ± sd over the person's trials"
 MODELS = (
     "Every model on every action of the same person (thesis table 6.3), model minus measurement off the chair, bias ± "
-    "sd over all people; torques minus the torques of the action's own model"
+    "sd over all people; torques of both legs together minus those of the action's own model"
 )
 MODELS_BY_PERSON = "Every model on every trial of the same person, model minus measurement off the chair, bias ± sd"
 VARIATION = (
@@ -35,7 +35,7 @@ def list_trials(data: CohortData) -> Grid:
         text("strategy", "strategy"),
         VERDICT,
         GridColumn("complete repetitions", _count_complete, optional=True),
-        number("five times (s)", "five_times", 2, optional=True),
+        GridColumn("five times (s)", _show_five_times, optional=True),
         millimetres("re-projection (mm)", "reprojection", optional=True),
         number("condition number", "condition_number", optional=True),
         millimetres("CoP, own (mm)", "cop_x_own_rms", optional=True),
@@ -130,6 +130,11 @@ def list_variation(frame: pd.DataFrame, caption: str) -> Grid:
 
 def _count_complete(row: Mapping[str, Any]) -> str:
     return UNKNOWN if pd.isna(row["repetitions"]) else f"{row['complete']} of {row['repetitions']}"
+
+
+def _show_five_times(row: Mapping[str, Any]) -> str:
+    seconds, sd = to_number(row["five_times"]), to_number(row["five_times_sd"])
+    return show_fixed(seconds, 2) if seconds is None or sd is None else f"{seconds:.2f} ± {sd:.3f}"
 
 
 def _name_model(row: Mapping[str, Any]) -> str:

@@ -11,7 +11,8 @@ import numpy as np
 from mocap_id import recording
 from mocap_id.anatomy.still_pose import find_still_pose
 from mocap_id.arrays import BoolArray, ComplexArray, IntArray, as_xy
-from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.dynamics.allometry import look_up_table
+from mocap_id.errors import ConfigError, RecordingError, Refused
 from mocap_id.kinematics import ChainFit, fit_chain, fit_links, frames_along_motion, orient_frames
 from mocap_id.kinematics.chain_equations import ChainState
 from mocap_id.kinematics.links import chain_angles
@@ -20,7 +21,7 @@ from mocap_id.kinematics.static_pose import fit_static_pose
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.calibration_trial import get_calibration, has_no_markers, read_chain
 from mocap_id.stages.fit_joints import FitJointsSettings
-from mocap_id.stages.trial_keys import StaticTrial
+from mocap_id.stages.trial_keys import StaticTrial, Subject
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN
 from mocap_id.store.views import Trajectories
@@ -30,6 +31,10 @@ _MARKED_SD = 0.005  # m; limit for a joint with a marker at it, and for the firs
 _OTHER_PERSON = 0.04  # m; rms distance of the static pose's markers from the chain of the same person: below 0.02
 _FEWEST_MARKERS = 4  # smallest number of markers of a static pose
 _FEW_FRAMES = 10  # smallest number of frames of a static pose
+_OFF = 0.25  # largest relative difference of a length from that of the person's height or of the other segment
+_LEG = (0.2, 0.62)  # m; shank and thigh of a child of three years, and of the tallest people
+_ANKLE, _ANKLE_M = 0.2, 0.2  # largest height of the ankle above the floor, as share of the body's height (a knee is at
+# 0.28) and in m, for markers on the legs alone
 _FEW_POSITIONS = 3  # smallest sufficient number of different marker positions on the first segment
 
 
@@ -43,6 +48,8 @@ def fit_joints(context: Context) -> Outputs:
     assigned = np.flatnonzero(segments["segment"] >= 0)
     labels, segment = [str(label) for label in segments["marker"][assigned]], segments["segment"][assigned]
     points, own = view.read_plane(), _columns(view, labels)
+    heights = np.where(np.isfinite(points), points.imag, np.nan)
+    top, floor = float(np.nanpercentile(heights, 99.5)), float(np.nanmean(heights[:, own[segment == 0]], axis=0).min())
     joint_names = segments.facts["joint_names"]
     marked: Mapping[str, list[str]] = segments.facts["joint_markers"]
     at_joint = {joint_names.index(name) + 1: _columns(view, about) for name, about in marked.items()}
@@ -56,6 +63,10 @@ def fit_joints(context: Context) -> Outputs:
         start = None if start is None else replace(start, angles=start.angles[frames])
         tracks = {joint: track[frames] for joint, track in tracks.items()}
     fit = orient_frames(_estimate(points[:, own], segment, tracks, settings, start))
+    names, uncertain = segments.facts["names"], np.nan_to_num(fit.length_sd)
+    check_sizes(dict(zip(names[1:-1], zip(fit.lengths, uncertain, strict=True), strict=True)), context.trial.subject)
+    if context.trial.protocol == "sit-to-stand" and names[0] == "foot":
+        _check_ankle(float(fit.centres[0].imag) - floor, top - floor, context.trial.subject.height)
     data = {
         "joints": {
             "name": np.array(joint_names, dtype=object),
@@ -166,6 +177,76 @@ def _use_calibration(context: Context) -> Tree:
     note = Reason("calibrated", f"the joint centres and the segments' axes come from {name}.", level="ok")
     cautions = tuple(reason for reason in tree.reasons if reason.level != "ok")
     return Tree(CHAIN, tree.data, {**tree.facts, "calibration": name}, (note, *cautions))
+
+
+def check_sizes(sizes: Mapping[str, tuple[float, float]], subject: Subject) -> None:
+    """Raise Refused if shank or thigh has a length that this person, or any person, cannot have.
+
+    With a height, the length is compared with the tables' share of it; without, shank and thigh are compared with each
+    other and with the smallest and tallest people. Two standard deviations of the length are allowed in addition.
+
+    Parameters
+    ----------
+    sizes : mapping
+        Length and its standard deviation, m, of each segment between two joints.
+    """
+    sex = subject.sex
+    tables = [look_up_table("winter", None), *((look_up_table("de-leva", sex),) if sex is not None else ())]
+    shares = {"shank": [table.shank.length for table in tables], "thigh": [table.thigh.length for table in tables]}
+    legs = {name: sizes[name] for name in shares if name in sizes}
+    wrong = []
+    for name, (length, own_sd) in legs.items():
+        sd = own_sd
+        other = next((each for each in legs if each != name), None)
+        if subject.height is not None:
+            usual = [share * subject.height for share in shares[name]]
+            against = f"for a height of {subject.height:g} m"
+            hint = "the height, "
+        elif not _LEG[0] - 2 * sd <= length <= _LEG[1] + 2 * sd:
+            usual, against, hint = [_LEG[0] / (1 - _OFF), _LEG[1] / (1 + _OFF)], "in any person", ""
+        elif other is not None:
+            usual = [share / part * legs[other][0] for share, part in zip(shares[name], shares[other], strict=True)]
+            sd = float(np.hypot(own_sd, legs[other][1]))
+            against, hint = f"beside a {other} of {legs[other][0]:.2f} m", ""
+        else:
+            continue
+        low, high = (1 - _OFF) * min(usual), (1 + _OFF) * max(usual)
+        if not low - 2 * sd <= length <= high + 2 * sd:
+            wrong.append(
+                (
+                    length,
+                    low if length < low else high,
+                    f"the {name} is {length:.2f} m long, expected {low:.2f} to {high:.2f} m {against}",
+                    hint,
+                )
+            )
+    if wrong:
+        length, limit, text, hint = max(wrong, key=lambda each: abs(np.log(each[0] / each[1])))
+        raise Refused(
+            "size-impossible",
+            f"{text}. Check {hint}the unit of length (`planarise: {{units: …}}`) and the segments: give them with "
+            "`segment: {count: …}`, `names`, `together` or `apart`",
+            length,
+            limit,
+        )
+
+
+def _check_ankle(height: float, top: float, stature: float | None) -> None:
+    """Raise Refused if the ankle is as high above the floor as a knee, so that the shank was taken for the foot.
+
+    ``height`` is that of the ankle and ``top`` that of the highest marker above the lowest still marker, m.
+    """
+    limit = max(_ANKLE * (top if stature is None else stature), _ANKLE_M)
+    if height > limit:
+        raise Refused(
+            "size-impossible",
+            f"the joint called ankle is {height:.2f} m above the lowest marker that stands, expected at most "
+            f"{limit:.2f} m: this is a higher joint, such as the knee, and what is still below it was taken for the "
+            "foot. Record a movement in which the shank rotates, or name the segments: `segment: {count: …, names: "
+            "[…]}`, with `protocol: free`",
+            height,
+            limit,
+        )
 
 
 def _columns(view: Trajectories, labels: list[str]) -> IntArray:

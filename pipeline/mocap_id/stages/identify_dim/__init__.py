@@ -38,7 +38,13 @@ class IdentifyDimSettings(Settings):
     apply_clock_offset: bool = Field(
         True, description="correct the clock offset between cameras and plate; it is always reported"
     )
-    clock_offset_limit_s: float = Field(0.15, ge=0.01, le=1, description="largest possible clock offset, ± s")
+    clock_offset_limit_s: float | None = Field(
+        None,
+        ge=0.01,
+        le=5,
+        description="largest possible clock offset, ± s. Default: 5, if forces and markers show one clear offset, "
+        "otherwise 0.15",
+    )
     plate_bias: bool = Field(True, description="estimate the constant error of the plate's Fx")
     plate_zero_sd_n: float = Field(
         5.0, ge=0, description="standard deviation of the constant error of the plate's Fy, N"

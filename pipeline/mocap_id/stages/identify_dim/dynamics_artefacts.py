@@ -15,6 +15,7 @@ from mocap_id.dynamics.chain_parameters import ChainMap
 from mocap_id.dynamics.comparison import centre_of_pressure, compare
 from mocap_id.dynamics.consistency import ConsistentSolution
 from mocap_id.dynamics.excitation import Excitation
+from mocap_id.dynamics.fit import describe_clock
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.point_grid import PointGrid
 from mocap_id.dynamics.prediction import Prediction
@@ -221,8 +222,9 @@ def make_facts(result: IdentifiedDynamics, joints: Sequence[str]) -> dict[str, A
     return make_empty_facts(None) | {
         "condition_number": result.in_chain.fit.condition,
         "condition_number_scaled": result.in_chain.fit.condition_scaled,
-        "clock_offset_s": fit.best_offset if fit.offset_known else None,
+        "clock_offset_s": fit.total_offset if fit.offset_known else None,
         "clock_offset_sd_s": found.offset_sd if fit.offset_known else None,
+        "clock": describe_clock(prepared, fit),
         **describe_comparison(compare(model, measured, samples, threshold)),
         "samples": int(samples.sum()),
         "reference_table": result.references.chosen.table,
@@ -273,9 +275,9 @@ def make_facts_without_model(
 def make_empty_facts(why: str | None) -> dict[str, Any]:
     """Return the facts of dynamics.h5 without an identification; ``why`` says why there is none."""
     keys = (
-        "condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "wrench", "cop_rms_m",
-        "samples", "reference_table", "rivals", "held_out", "consistency", "solver", "reference_pulls", "cutoff_hz",
-        "plate_bias_N", "untold", "arc_deg", "contact", "external", "advice",
+        "condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "clock", "wrench",
+        "cop_rms_m", "samples", "reference_table", "rivals", "held_out", "consistency", "solver", "reference_pulls",
+        "cutoff_hz", "plate_bias_N", "untold", "arc_deg", "contact", "external", "advice",
         "motion", "pins", "scales", "calibration_covariance",
     )  # fmt: skip
     return {**dict.fromkeys(keys), "why": why}

@@ -51,9 +51,9 @@ class MeasuredBodies:
     placed: dict[int, float]
 
     @property
-    def loosest(self) -> float:
-        """Largest acceleration of a gap, m/s²."""
-        return max((gap.acceleration for gap in self.gap.values() if np.isfinite(gap.acceleration)), default=0.0)
+    def loose(self) -> list[int]:
+        """Joints, from 0, whose two sides separate, the joint with the largest acceleration first."""
+        return sorted((j for j, gap in self.gap.items() if not gap.pinned), key=lambda j: -self.gap[j].above_noise)
 
     def grid(self, points: tuple[int, int]) -> PointGrid:
         """Return a grid of ``points`` (across, along) point masses around the joints and markers of each body."""
@@ -71,7 +71,7 @@ def find_measured_bodies(context: Context, recorded: TrialData) -> Iterator[Meas
 
     Pelvis and trunk may be two bodies or one. A division is possible if every segment is in a body with a known pose.
     """
-    table = context.table("poses.parquet")
+    table, camera = context.table("poses.parquet"), context.tree("skin.h5").facts["camera_sd_m"]
     segments = [set(body["segments"]) for body in table.facts["bodies"]]
     usable = [k for k in range(len(segments)) if _has_pose(table, k, recorded)]
     several = [k for k in usable if len(segments[k]) > 1]
@@ -82,7 +82,7 @@ def find_measured_bodies(context: Context, recorded: TrialData) -> Iterator[Meas
         divisions.append([k for k in usable if k not in parts])
     for used in divisions:
         if set().union(*(segments[k] for k in used)) == set(range(len(recorded.centres) + 1)):
-            yield bridge_gaps(read_bodies(table, recorded.centres, used))
+            yield bridge_gaps(read_bodies(table, recorded.centres, used, camera))
 
 
 def _has_pose(table: Table, k: int, recorded: TrialData) -> bool:
@@ -111,7 +111,7 @@ def pin_joints(bodies: MeasuredBodies) -> MeasuredBodies:
     return replace(bodies, poses=close_gaps(bodies.poses, pinned))
 
 
-def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> MeasuredBodies:
+def read_bodies(table: Table, centres: FloatArray, used: Sequence[int], camera: float = 0.0) -> MeasuredBodies:
     """Return bodies of poses.parquet as measured: gaps are not bridged, joints not pinned, and ``gap`` is empty.
 
     Parameters
@@ -120,6 +120,8 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> Measu
         Joint centres in the axes of the previous segment, m.
     used : sequence of int
         Indices of the bodies; together, they contain every segment of the chain once.
+    camera : float
+        Standard deviation of the cameras' white noise in each coordinate of a marker, m.
     """
     bodies = [table.facts["bodies"][k] for k in used]
     owner = {segment: k for k, body in enumerate(bodies) for segment in body["segments"]}
@@ -145,6 +147,7 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> Measu
         centres=before,
         shift=np.array([_find_shift(bodies[owner[k + 1]], k + 1) for k in range(len(centres))]),
         beyond=after,
+        camera=camera**2 * np.array([[1 / len(p), 1 / s] for p, s in zip(local, spread, strict=True)]),
     )
     return MeasuredBodies(
         names=tuple(str(body["name"]) for body in bodies),

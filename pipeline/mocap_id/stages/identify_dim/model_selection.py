@@ -1,7 +1,8 @@
-"""Choice of cut-offs, and of chain or measured poses, by predicting left-out repetitions at a reduced frame rate."""
+"""Choice of cut-offs, and of the joints that are pinned, by predicting left-out repetitions at a reduced rate."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,19 +10,21 @@ import numpy as np
 from mocap_id.arrays import IntArray
 from mocap_id.dynamics.body_prior import BodyPrior
 from mocap_id.dynamics.cross_validation import LeftOutPrediction, predict_left_out
-from mocap_id.dynamics.cutoffs import Cutoffs, choose_cutoffs, score_left_out
-from mocap_id.dynamics.fit import Fit, determines_parameters, fit
+from mocap_id.dynamics.cutoffs import Cutoffs, choose_cutoffs
+from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.lowpass import LowPass
-from mocap_id.dynamics.measured_motion import USUAL, PoseFilter
-from mocap_id.dynamics.preparation import MEASURED_CUTOFF, PreparedTrial, TrialData, prepare
+from mocap_id.dynamics.measured_motion import USUAL, BodyPoses, PoseFilter, close_gaps
+from mocap_id.dynamics.preparation import PreparedTrial, TrialData, prepare
 from mocap_id.dynamics.sample_choice import number_parts, shorten_rests
 from mocap_id.protocols.movement import Movement
 from mocap_id.stages.identify_dim import validation
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies
 
 _RATE = 50.0  # Hz; smallest reduced rate
-_CLEARLY = 0.3  # clear difference of the cost, the sum of the logarithms of errors of Fx, Fy, tauz: 10 % of each
+_SKIN = 0.05  # m/s², rms acceleration of a gap above the noise that skin often causes; it reaches twice as much
+_CLEARLY = 0.2  # clear decrease of the cost, the sum of the logarithms of errors of Fx, Fy, tauz: 7 % of each
+_SURELY = 0.1  # m/s², rms acceleration of a gap that skin does not cause
 
 
 class RepetitionPredictor:
@@ -79,31 +82,51 @@ class RepetitionPredictor:
         ready = prepare(moved, self._settings, self._prior)
         found = fit(ready, self._free, self._first)
         self._first = self._first or found
-        predicted = self._predict(ready, found)
+        predicted = predict_left_out(ready, self._free, found, self._part, CompressedProblem.free_solution)
         if cutoffs == USUAL:
             self._found[cutoffs] = predicted
         return predicted
 
-    def predict_on_chain(self) -> LeftOutPrediction | None:
-        """Predict left-out repetitions with the pinned chain at the cut-off of measured poses; None if impossible."""
-        cutoff = self._settings.cutoff or MEASURED_CUTOFF
-        ready = prepare(self._recorded, replace(self._settings, cutoff=cutoff))
-        return self._predict(ready, fit(ready, self._free)) if determines_parameters(ready, self._free) else None
 
-    def _predict(self, ready: PreparedTrial, found: Fit) -> LeftOutPrediction | None:
-        return predict_left_out(ready, self._free, found, self._part, CompressedProblem.free_solution)
+def pin_joints_that_hold(
+    bodies: MeasuredBodies, make_predictor: Callable[[MeasuredBodies], RepetitionPredictor]
+) -> MeasuredBodies:
+    """Return the bodies, pinned at all joints but those whose two sides surely separate.
 
+    A gap above the noise of the cameras may be a gap of the joint or skin that slides. If the joint holds, its pin
+    makes the motion and the parameters more accurate, most of all the torques; the gap of a joint that does not hold
+    is missing in the motion of the masses, and left-out repetitions are predicted worse with the pin. All joints are
+    therefore pinned first. Then each joint is opened, the largest gap first, and stays open if left-out repetitions
+    are predicted clearly better with the same bodies, prior and search of cut-offs. A gap that is smaller than those
+    that skin often causes needs more. If no repetition can be left out, the gap alone decides.
 
-def prefers_poses(predictor: RepetitionPredictor) -> bool:
-    """Return whether measured poses predict left-out repetitions about as well as the pinned chain, or better.
-
-    In doubt, poses are used, because their intervals are also valid if the two sides of a joint separate. The chain is
-    used only if it is clearly better than poses with the usual cut-offs, and better than poses with the best cut-offs.
+    Parameters
+    ----------
+    bodies : MeasuredBodies
+        Bodies without pins.
+    make_predictor
+        Function that returns the predictor of repetitions for bodies.
     """
-    chain = score_left_out(predictor.predict_on_chain())
-    if score_left_out(predictor.predict_on_poses(USUAL)) <= chain + _CLEARLY:
-        return True
-    return choose_cutoffs(predictor.predict_on_poses).cost <= chain
+    opened: list[int] = []
+
+    def close_others(*joints: int) -> BodyPoses:
+        return close_gaps(bodies.poses, [joint for joint in bodies.poses.joints if joint not in joints])
+
+    def predict(*joints: int) -> float:
+        return choose_cutoffs(make_predictor(replace(bodies, poses=close_others(*joints))).predict_on_poses).cost
+
+    pinned = predict()
+    for joint in bodies.loose:
+        size = bodies.gap[joint].above_noise
+        if not np.isfinite(pinned):
+            opened += [joint] * (size > _SURELY)
+            continue
+        cost = predict(*opened, joint)
+        if pinned - cost > _CLEARLY * max((_SKIN / size) ** 2, 1.0):
+            opened.append(joint)
+            pinned = cost
+    gap = {joint: replace(each, holds=joint not in opened) for joint, each in bodies.gap.items()}
+    return replace(bodies, poses=close_others(*opened), gap=gap)
 
 
 def _number_repetitions(prepared: PreparedTrial, movement: Movement) -> IntArray:

@@ -75,7 +75,7 @@ def compare_motions(
 
 def _get_offset(found: Identification) -> float | None:
     """Return the clock offset, s; None if the trial does not determine it."""
-    return found.fit.best_offset if found.fit.offset_known else None
+    return found.fit.total_offset if found.fit.offset_known else None
 
 
 def explain_motion(facts: Mapping[str, Any]) -> tuple[Reason, ...]:

@@ -2,45 +2,71 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
 from mocap_id.design.recommendation import describe_recommendations, recommend_if_doubtful
 from mocap_id.dynamics.acceleration_noise import correlate_errors
 from mocap_id.dynamics.built_in_sensors import combine_with_sensors
-from mocap_id.dynamics.cautions import find_cautions
+from mocap_id.dynamics.cautions import OFFSET_LARGE, find_cautions, get_identified_mass
 from mocap_id.dynamics.excitation import WEAK, WEAK_ROBOT, measure_excitation
 from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.point_grid import PointGrid
 from mocap_id.dynamics.prediction import Prediction, estimate_chain_noise, predict
 from mocap_id.dynamics.preparation import PreparedTrial
-from mocap_id.protocols.movement import Movement
+from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
+from mocap_id.errors import Refused
+from mocap_id.protocols.body_names import name_directions
+from mocap_id.protocols.movement import Movement, find_facing
+from mocap_id.protocols.repetitions import SUPPORT_LIMIT
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.identify_dim import IdentifyDimSettings, validation
 from mocap_id.stages.identify_dim import dynamics_artefacts as artefacts
 from mocap_id.stages.identify_dim.board_position import explain_board
 from mocap_id.stages.identify_dim.few_markers import check_torques, choose_foot_sd, choose_plate_sd, explain_foot_prior
-from mocap_id.stages.identify_dim.identifiability import NotIdentifiable
+from mocap_id.stages.identify_dim.identifiability import MASS_CONTRADICTS, NotIdentifiable, judge_mass
 from mocap_id.stages.identify_dim.joint_zeros import find_zeros
 from mocap_id.stages.identify_dim.motion_comparison import compare_motions, compare_torque, explain_motion
 from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, build_reference_bodies
 from mocap_id.stages.identify_dim.repetition_averages import average_signals
-from mocap_id.stages.identify_dim.scales import check_and_calibrate, explain_scales, make_scale_facts, read_calibration
+from mocap_id.stages.identify_dim.scales import (
+    ON_TRUST,
+    check_and_calibrate,
+    explain_scales,
+    make_scale_facts,
+    read_calibration,
+)
 from mocap_id.stages.identify_dim.segment_fit import SegmentFit, fit_segments
 from mocap_id.stages.identify_dim.sit_to_stand_events import (
     compute_missing_force,
     make_events,
     make_sit_to_stand_events,
 )
-from mocap_id.stages.identify_dim.trial_data import read_cop_threshold, read_joint_names, read_kinematic_error
+from mocap_id.stages.identify_dim.trial_data import (
+    find_seat_segment,
+    read_cop_threshold,
+    read_joint_names,
+    read_kinematic_error,
+    read_wrench,
+)
 from mocap_id.stages.identify_dim.trial_inputs import TrialInputs, describe_gaps, read_inputs
 from mocap_id.stages.identify_dim.wrench_checks import check_sensors, make_gain_facts
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
 from mocap_id.verdict import Reason
 
+_LET_GO = 0.4  # s after `stand`: in simulations, a person comes to rest up to 0.37 s later
+_SEAT_LEVER = 0.04  # m, horizontal distance between the hip and the part of the chair's force that acts on the pelvis
+_SAME = 0.1
+"""Relative difference of two masses up to which they are the same, while the person stands without a load."""
+
 
 def identify_dim(context: Context) -> Outputs:
     """Return events.parquet, dynamics.parquet, dynamics.h5 and phases.parquet of a trial in the plane."""
+    _refuse_other_mass(context)
     inputs = read_inputs(context)
     prepared = inputs.prepared
     if prepared is None or inputs.obstacle is not None:
@@ -48,7 +74,8 @@ def identify_dim(context: Context) -> Outputs:
         table, tree = _explain_obstacle(context, inputs, inputs.obstacle)
     else:
         table, tree, prepared = _identify(context, inputs, prepared)
-    events = _make_events(context, inputs, prepared, table)
+    events = _make_events(context, inputs, prepared, table, tree)
+    table = _mark_contact(context, inputs, prepared, (events, table, tree))
     return events, table, tree, average_signals(context, events, table, *find_zeros(context, inputs.movement.posture))
 
 
@@ -97,19 +124,77 @@ def _fit(
     return found, fit_segments(context, inputs.body_sets, prepared, inputs.movement, pinned=found, tables=references)
 
 
-def _make_events(context: Context, inputs: TrialInputs, prepared: PreparedTrial | None, dynamics: Table) -> Table:
+def _make_events(
+    context: Context, inputs: TrialInputs, prepared: PreparedTrial | None, dynamics: Table, tree: Tree
+) -> Table:
     """Return events.parquet; for sit-to-stand, it contains details of every rise."""
     movement, recorded = inputs.movement, inputs.recorded
+    late = float((tree.facts["clock"] or {}).get("applied_s") or 0.0)
     if movement.posture is None:
         return make_events(movement.repetitions)
+    states, names = context.table("states.parquet"), [f"sd_dtheta_{j + 1}" for j in range(recorded.q.shape[1])]
     return make_sit_to_stand_events(
-        context.table("wrench.parquet"),
+        read_wrench(context)[0],
         recorded,
         movement,
         compute_missing_force(prepared, dynamics.columns),
         share=context.settings.seat_off_share,
         seat_measured=recorded.seat is not None,
+        # the speed is a norm of joint velocities, so its standard deviation is at most the largest of theirs
+        speed_sd=states.stack(names).max(axis=1) if set(names) <= set(states.names) else None,
+        clock_offset=late if abs(late) > OFFSET_LARGE else 0.0,
     )
+
+
+def _mark_contact(
+    context: Context, inputs: TrialInputs, prepared: PreparedTrial | None, found: tuple[Table, Table, Tree]
+) -> Table:
+    """Return dynamics.parquet with the column ``contact``; torques that are unknown there become NaN.
+
+    The torque of a joint is the moment of all forces that the motion of the segments beyond it needs, so a force on
+    these segments that no plate measures makes it unknown. A chair pushes on the thigh (`seat_segment`): the joints
+    from the ground to the knee are unknown. Unless the setting says so, part of the chair's force may act on the
+    pelvis; the standard deviation of the next joint, the hip, includes the moment of the whole missing force with
+    :data:`_SEAT_LEVER`. A hand on an unmeasured support is beyond all joints. If the movement gives a smaller mass
+    than standing (`load-shared`), something carries the body at unknown times, so every sample counts as contact.
+
+    Within the reach of the low-pass after contact, the smoothed motion follows a sudden release too late. The standard
+    deviations there include the moment of the difference between modelled and measured wrench.
+
+    ``found`` are events.parquet, dynamics.parquet and dynamics.h5.
+    """
+    events, dynamics, tree = found
+    segments, time = inputs.chain.segments, dynamics["time"]
+    given = context.settings.seat_segment
+    seat = inputs.recorded.knee + 1 if given is None else find_seat_segment(context, segments)  # from 0, the base
+    masses = [(each.value, each.limit) for each in tree.reasons if each.code == "load-shared"]
+    by_hand = np.full(len(time), any(moving and standing and moving < standing for moving, standing in masses))
+    if "support" in events.names:
+        seated = -np.inf  # the hand may push from the end of the repetition before
+        for stand, end, support in events.stack(["stand", "end", "support"]):
+            if support > SUPPORT_LIMIT:
+                by_hand |= (time > seated) & ~(time > stand + _LET_GO)
+            seated = np.nanmax([seated, stand, end])
+    on_chair = inputs.movement.carried
+    columns: dict[str, Any] = {"contact": on_chair | by_hand}
+    joints = inputs.recorded.q.shape[1]
+    late = np.zeros((len(time), joints))
+    if prepared is not None and on_chair.any():
+        near = np.convolve(on_chair, np.ones(2 * prepared.lowpass.reach_samples + 1), "same") > 0
+        wrong = dynamics.stack(WRENCH_COMPONENTS) - dynamics.stack([f"{name}_model" for name in WRENCH_COMPONENTS])
+        moment = np.einsum("tcj,tc->tj", prepared.motion.jacobian, np.nan_to_num(wrong))
+        late = np.where((near & ~dynamics["in_fit"])[:, None], np.nan_to_num(moment), 0.0)
+    for j in range(1, joints + 1):
+        unknown = by_hand | (on_chair & (j <= seat))
+        torque, sd = dynamics[f"tau_{j}"], np.hypot(dynamics[f"sd_tau_{j}"], late[:, j - 1])
+        if j == seat + 1 and given is None:
+            missing = dynamics["Fy_model"] - np.nan_to_num(dynamics["Fy"], nan=0.0)
+            sd = np.where(on_chair, np.hypot(dynamics[f"sd_tau_{j}"], _SEAT_LEVER * missing), sd)
+        columns |= {f"tau_{j}": np.where(unknown, np.nan, torque), f"sd_tau_{j}": np.where(unknown, np.nan, sd)}
+    facts: dict[str, Any] = {"legs": "none"}
+    if context.trial.protocol != "robot-joint":
+        facts = {"legs": "both", "positive": name_directions(inputs.chain.joint_names, find_facing(inputs.recorded))}
+    return replace(dynamics.with_columns(**columns), facts=facts)
 
 
 def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) -> tuple[Table, Tree, PreparedTrial]:
@@ -224,8 +309,12 @@ def _find_cautions(context: Context, result: artefacts.IdentifiedDynamics) -> tu
         standing=standing,
         calibration=read_calibration(context),
     )
+    _refuse_shared_load(reasons)
+    implausible = judge_mass(context, standing or get_identified_mass(result.prepared, result.found))
+    reasons += () if implausible is None else (implausible,)
     reasons += check_sensors(result.chain, result.in_chain.fit)
-    reasons += explain_scales(result.found, given)
+    stands = standing is not None and context.trial.protocol == "sit-to-stand"
+    reasons += explain_scales(result.found, given, stands=stands)
     if undetermined := artefacts.find_undetermined(result):
         text = (
             f"the fitted components {', '.join(context.settings.components)} do not determine "
@@ -243,6 +332,37 @@ def _find_cautions(context: Context, result: artefacts.IdentifiedDynamics) -> tu
     return reasons
 
 
+def _refuse_other_mass(context: Context) -> None:
+    """Raise Refused if the given mass is far from the standing one and no load in the hands explains it."""
+    facts, given = context.table("wrench.parquet").facts, context.trial.subject.mass
+    standing = facts.get("mass_kg")
+    if standing is None or given is None or abs(standing / given - 1.0) <= MASS_CONTRADICTS:
+        return
+    lightest, heaviest = facts.get("mass_range_kg") or (standing, standing)
+    if abs(lightest / given - 1.0) <= _SAME and heaviest > (1.0 + _SAME) * lightest:
+        return  # the person stands with and without a load; `mass-contradiction` remains a caution
+    beside = (facts.get("registration") or {}).get("foot_beside") is not None
+    cause = "One foot stands beside the plates. " if beside else ""
+    raise Refused(
+        "mass-contradiction",
+        f"the plates measure {standing:.1f} kg while the person stands, but `subject: {{mass: …}}` is {given:g} kg: a "
+        f"difference of {100 * (standing / given - 1.0):+.0f} %, expected within ± {100 * MASS_CONTRADICTS:.0f} %. No "
+        f"load that is taken up or put down explains it. {cause}Check the mass, that the recording is of this person, "
+        "that both feet are on plates that are used, the units and the calibration of the plates, and whether the "
+        "person holds an object all the time",
+        standing,
+        given,
+    )
+
+
+def _refuse_shared_load(reasons: Sequence[Reason]) -> None:
+    """Raise Refused if the identified mass is far from the standing one."""
+    for each in reasons:
+        far = each.value and each.limit and abs(each.value / each.limit - 1.0) > MASS_CONTRADICTS
+        if each.code == "load-shared" and far:
+            raise Refused(each.code, each.message, each.value, each.limit)
+
+
 def _explain_obstacle(context: Context, inputs: TrialInputs, obstacle: NotIdentifiable) -> tuple[Table, Tree]:
     """Return dynamics.parquet and dynamics.h5 of a trial without an identification."""
     recorded, movement, threshold = inputs.recorded, inputs.movement, read_cop_threshold(context)
@@ -253,4 +373,10 @@ def _explain_obstacle(context: Context, inputs: TrialInputs, obstacle: NotIdenti
     columns = artefacts.make_empty_columns(recorded, reference, threshold)
     data = artefacts.make_empty_data(recorded.centres, inputs.grid, obstacle.mass, references.chosen.parameters)
     reasons = (*movement.reasons, *references.chosen.reasons, Reason(obstacle.code, obstacle.why))
+    implausible = judge_mass(context, obstacle.mass)
+    if implausible is not None:
+        reasons = (*reasons, implausible)
+    stands = obstacle.mass is not None and context.trial.protocol == "sit-to-stand"
+    if stands and context.trial.subject.mass is None:
+        reasons = (*reasons, ON_TRUST)
     return Table(DYNAMICS_TABLE, columns), Tree(DYNAMICS_TREE, data, facts, reasons)

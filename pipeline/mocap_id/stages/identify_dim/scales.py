@@ -102,13 +102,14 @@ def make_scale_facts(found: Identification) -> dict[str, Any]:
     return {"scales": scales, "calibration_covariance": covariance}
 
 
-def explain_scales(found: Identification, given: float | None) -> tuple[Reason, ...]:
-    """Return a caution about suspected errors of scale, and a note if the user has not given the mass ``given``, kg."""
+def explain_scales(found: Identification, given: float | None, *, stands: bool) -> tuple[Reason, ...]:
+    """Return a caution about suspected errors of scale, and a note if the user has not given the mass ``given``, kg.
+
+    ``stands`` says whether the plates or a balance board measure a standing person.
+    """
     scales = found.scales
-    if scales is None:
-        return ()
-    trust = () if given is not None else (_ON_TRUST,)
-    if not scales.suspects:
+    trust = () if given is not None or not (stands or scales is not None) else (ON_TRUST,)
+    if scales is None or not scales.suspects:
         return trust
     first = scales.causes[scales.suspects[0]]
     certain = len(scales.suspects) == 1
@@ -122,7 +123,7 @@ def explain_scales(found: Identification, given: float | None) -> tuple[Reason, 
     return (*trust, Reason("scale-error" if certain else "scales-contradict", text, value=value, limit=limit))
 
 
-_ON_TRUST = Reason(
+ON_TRUST = Reason(
     "scale-on-trust",
     "the mass of the person is not given, so the gain of all channels of the plate cannot be checked: the scale of "
     "forces, torques and parameters is assumed to be right, with the standard deviation `identify-dim: {plate_gain_sd: "

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray
+from mocap_id.dynamics.clock_offset import SampledWrench
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData
 from mocap_id.protocols.attempts import Attempt, find_failed_attempts
 from mocap_id.protocols.five_times import PUBLISHED, REQUIRED_RISES, FiveTimes, compute_five_times
@@ -25,6 +26,7 @@ from mocap_id.protocols.repetitions import (
     measure_paused_time,
     measure_support,
 )
+from mocap_id.protocols.sit_to_stand import estimate_event_sd
 from mocap_id.store import Column, Table
 from mocap_id.store.schemas import EVENTS, RISE
 
@@ -37,6 +39,8 @@ def make_sit_to_stand_events(
     *,
     share: float,
     seat_measured: bool,
+    speed_sd: FloatArray | None = None,
+    clock_offset: float = 0.0,
 ) -> Table:
     """Return events.parquet of a sit-to-stand with a known posture; ``plates`` is wrench.parquet.
 
@@ -49,14 +53,19 @@ def make_sit_to_stand_events(
         Share of the standing weight under the feet at seat-off, by the rule of the thesis.
     seat_measured : bool
         Whether the chair's force is measured and therefore not part of ``missing``.
+    speed_sd : (T,) array, optional
+        Standard deviation of the speed in the posture, rad/s; without it, those of the five-times test are unknown.
+    clock_offset : float
+        Clock offset of the plates that the fit found, s; both wrenches are still without this correction.
     """
     assert movement.posture is not None
     posture, repetitions, contact = movement.posture, movement.repetitions, movement.contact
     chair = None if contact is None else contact.chair
     weight = float("nan") if contact is None else contact.weight
-    vertical = recorded.wrench[:, 1] / weight
+    stamped = recorded.time - clock_offset
+    vertical = _sample(recorded.time, recorded.wrench[:, 1], stamped) / weight
     attempts = find_failed_attempts(recorded.time, posture, vertical, repetitions, chair=chair)
-    shared = _share_load(plates, recorded, posture, movement)
+    shared = _share_load(plates, recorded, posture, movement, stamped)
     rises = tuple(
         replace(
             _describe_rise(k, recorded.time, movement, vertical, share),
@@ -79,7 +88,18 @@ def make_sit_to_stand_events(
             for each, rise in zip(repetitions, rises, strict=True)
         )
     facts = {
-        "five_times": _describe_five_times(compute_five_times(repetitions, rises, chair=chair)),
+        "five_times": _describe_five_times(
+            compute_five_times(
+                repetitions,
+                rises,
+                chair=chair,
+                event_sd=None
+                if speed_sd is None or chair is False
+                else estimate_event_sd(
+                    recorded.time, posture, repetitions, speed_sd, None if contact is None else contact.above_noise
+                ),
+            )
+        ),
         "attempts": [_describe_attempt(attempt) for attempt in attempts],
         "load_share": _describe_load_share(shared),
     }
@@ -139,14 +159,21 @@ def compute_missing_force(prepared: PreparedTrial | None, columns: Mapping[str, 
     return ()
 
 
-def _share_load(plates: Table, recorded: TrialData, posture: Posture, movement: Movement) -> LoadShare:
+def _sample(time: FloatArray, force: FloatArray, stamped: FloatArray) -> FloatArray:
+    """Return a force (T,) of the plates at the times ``stamped`` (T,) of their clock, s."""
+    return SampledWrench.of(time, force[:, None])(stamped)[:, 0]
+
+
+def _share_load(
+    plates: Table, recorded: TrialData, posture: Posture, movement: Movement, stamped: FloatArray
+) -> LoadShare:
     nothing = {phase: np.full(len(movement.repetitions), np.nan) for phase in PHASES}
     feet = [plate for plate in plates.facts.get("plates") or () if plate.get("use") == "feet"]
     across = [(int(plate["index"]), _number(plate.get("across_m"))) for plate in feet]
     found = find_foot_plates(across, find_facing(recorded))
     if isinstance(found, str):
         return LoadShare(None, None, nothing, found)
-    left, right = (plates[f"Fy_p{plate}"] for plate in found)
+    left, right = (_sample(recorded.time, plates[f"Fy_p{plate}"], stamped) for plate in found)
     return LoadShare(*found, compute_load_share(recorded.time, posture, left, right, movement.repetitions))
 
 
@@ -180,6 +207,9 @@ def _describe_five_times(found: FiveTimes) -> dict[str, Any]:
         "to_fifth_stand_s": found.to_fifth_stand,
         "to_fifth_seat_contact_s": found.to_fifth_seat_contact,
         "to_fifth_seated_s": found.to_fifth_seated,
+        "to_fifth_stand_sd_s": found.to_fifth_stand_sd,
+        "to_fifth_seat_contact_sd_s": found.to_fifth_seat_contact_sd,
+        "to_fifth_seated_sd_s": found.to_fifth_seated_sd,
         "mean_cycle_s": found.mean_cycle,
         "cycle_sd_s": found.cycle_sd,
         "failed_attempts": found.attempts,

@@ -10,6 +10,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.comparison import agreement, centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.excitation import Excitation
+from mocap_id.dynamics.fit import describe_clock
 from mocap_id.dynamics.space.base_parameters import name_parameters
 from mocap_id.dynamics.space.identification import SpatialIdentification
 from mocap_id.dynamics.space.prediction import SpatialPrediction
@@ -140,8 +141,9 @@ def make_facts(
     return make_empty_facts_in_space(trial.recorded.chain, None) | {
         "condition_number": fit.condition,
         "condition_number_scaled": fit.condition_scaled,
-        "clock_offset_s": fit.best_offset if fit.offset_known else None,
+        "clock_offset_s": fit.total_offset if fit.offset_known else None,
         "clock_offset_sd_s": found.offset_sd if fit.offset_known else None,
+        "clock": describe_clock(trial, fit),
         "wrench": {name: None if one is None else asdict(one) for name, one in compared.items()},
         "cop_rms_m": None if cop is None else float(np.hypot(cop.bias, cop.sd)),
         "samples": int(fit.in_fit.sum()),

@@ -18,7 +18,7 @@ from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.stages.identify_dim.identifiability import NotIdentifiable
-from mocap_id.stages.identify_dim.trial_data import read_common_time
+from mocap_id.stages.identify_dim.trial_data import read_common_time, read_wrench
 from mocap_id.store import Table
 from mocap_id.store.spatial_views import SpatialSkeleton
 
@@ -44,7 +44,8 @@ class SpatialInputs:
 def read_spatial_inputs(context: Context) -> SpatialInputs:
     """Return a trial in space, prepared if possible; StoreError if poses and wrench have different times."""
     settings: IdentifyDimSettings = context.settings
-    poses, wrench = context.table("poses.parquet"), context.table("wrench.parquet")
+    poses = context.table("poses.parquet")
+    wrench, clock = read_wrench(context)
     time = read_common_time(context, "poses.parquet")
     skeleton = SpatialSkeleton.from_tree(context.tree("chain.h5"))
     inputs = SpatialInputs(time, skeleton.chain, skeleton.segments, _read_wrench(wrench))
@@ -55,9 +56,10 @@ def read_spatial_inputs(context: Context) -> SpatialInputs:
     if isinstance(base, NotIdentifiable):
         return replace(inputs, obstacle=base)
     centre = wrench.facts.get("centre_m")
-    record = replace(_make_record(poses, inputs, base), plate=None if centre is None else np.array(centre))
+    plate = None if centre is None else np.array(centre)
+    record = replace(_make_record(poses, inputs, base), plate=plate, clock=clock)
     width = recording.compute_averaging_width(wrench.facts["analog_rate_hz"], record.rate)
-    trial = prepare(replace(record, averaged=width), _make_fit_settings(settings))
+    trial = prepare(replace(record, averaged=width), _make_fit_settings(settings, clock.search))
     return replace(inputs, trial=trial, obstacle=_check_excitation(settings, trial))
 
 
@@ -76,11 +78,11 @@ def read_calibration(settings: IdentifyDimSettings) -> SpatialCalibration:
     )
 
 
-def _make_fit_settings(settings: IdentifyDimSettings) -> FitSettings:
+def _make_fit_settings(settings: IdentifyDimSettings, search: float) -> FitSettings:
     return FitSettings(
         components=tuple(range(len(COMPONENTS))),
         cutoff=settings.cutoff_hz,
-        offset_limit=settings.clock_offset_limit_s,
+        offset_limit=search,
         apply_offset=settings.apply_clock_offset,
         plate_bias=settings.plate_bias,
         block=settings.block_s,

@@ -11,7 +11,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.body_prior import build_even_prior
 from mocap_id.dynamics.cutoffs import score_left_out
-from mocap_id.dynamics.measured_motion import GIVES_WAY, SURELY, USUAL
+from mocap_id.dynamics.measured_motion import USUAL
 from mocap_id.dynamics.point_grid import PointGrid, build_grid
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData, prepare
 from mocap_id.protocols.movement import Movement, find_movement
@@ -19,6 +19,7 @@ from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.stages.identify_dim.board_position import locate_board
 from mocap_id.stages.identify_dim.identifiability import NotIdentifiable, check_excitation, check_wrench
+from mocap_id.stages.identify_dim.joint_positions import estimate_hidden_gaps
 from mocap_id.stages.identify_dim.measured_bodies import (
     MeasuredBodies,
     find_measured_bodies,
@@ -26,7 +27,7 @@ from mocap_id.stages.identify_dim.measured_bodies import (
     pin_joints,
     prepare_bodies,
 )
-from mocap_id.stages.identify_dim.model_selection import RepetitionPredictor, prefers_poses
+from mocap_id.stages.identify_dim.model_selection import RepetitionPredictor, pin_joints_that_hold
 from mocap_id.stages.identify_dim.motion_comparison import ASKED_FOR
 from mocap_id.stages.identify_dim.reference_bodies import build_reference_bodies
 from mocap_id.stages.identify_dim.trial_data import make_fit_settings, read_joint_names, read_skeleton, read_trial_data
@@ -45,7 +46,7 @@ class TrialInputs:
     movement: Movement  # repetitions, contact and usable samples
     grid: PointGrid  # point masses of the chain's segments
     obstacle: NotIdentifiable | None  # reason why nothing can be identified; None if there is none
-    # bodies with measured poses, one entry for each division of the person; empty if the pinned chain is used
+    # bodies with measured poses, pinned at the joints that hold; empty if the pinned chain is used
     body_sets: tuple[MeasuredBodies, ...]
     motion_facts: dict[str, Any]  # JSON about the choice between chain and poses
     centre_sd: FloatArray  # (n,) standard deviation of each joint centre from the gap of its joint, m
@@ -77,10 +78,16 @@ def read_inputs(context: Context) -> TrialInputs:
     if prepared is None or obstacle is not None or not body_sets:
         return replace(inputs, body_sets=())
     bodies = _choose_bodies(context, inputs, prepared)
-    surely = body_sets[0].loosest > SURELY or settings.motion == "segments"
-    if not (surely or prefers_poses(_make_predictor(context, inputs, prepared, bodies))):
-        why = "the gap of a joint is hardly above the noise, and the chain predicts left-out repetitions clearly better"
-        return replace(inputs, body_sets=(), motion_facts=facts | {"source": "chain", "why": why})
+    if settings.motion == "segments":
+        bodies = pin_joints(bodies)
+    else:
+        bodies = pin_joints_that_hold(bodies, lambda each: _make_predictor(context, inputs, prepared, each))
+    if settings.motion == "chain" or not bodies.loose:
+        why = "the gap of a joint is above the noise, but left-out repetitions are not predicted better without its pin"
+        why = ASKED_FOR if settings.motion else why
+        joints = describe_gaps(bodies, read_joint_names(context))
+        return replace(inputs, body_sets=(), motion_facts=facts | {"source": "chain", "why": why, "joints": joints})
+    inputs = replace(inputs, body_sets=(bodies,))
     even = build_even_prior(_estimate_mass(context, recorded), bodies.poses.centroid)
     on_poses = prepare_bodies(bodies, recorded, prepared.settings, even)
     movement = _find_movement(context, recorded, on_poses, chair_reasons)
@@ -112,7 +119,7 @@ def _choose_bodies(context: Context, inputs: TrialInputs, prepared: PreparedTria
         return inputs.body_sets[0]
 
     def cost(bodies: MeasuredBodies) -> float:
-        return score_left_out(_make_predictor(context, inputs, prepared, bodies).predict_on_poses(USUAL))
+        return score_left_out(_make_predictor(context, inputs, prepared, pin_joints(bodies)).predict_on_poses(USUAL))
 
     return min(reversed(inputs.body_sets), key=cost)
 
@@ -139,19 +146,23 @@ def _choose_motion(
     body_sets = find_measured_bodies(context, recorded)
     first = next(body_sets, None)
     if first is not None:
-        for joint, each in first.gap.items():
-            centre_sd[joint] = 0.0 if each.pinned else np.sqrt(each.excess)
+        # a gap that follows the angle of its joint, as far as skin does not explain it
+        of_fit = np.nan_to_num(np.einsum("jkk->j", read_skeleton(context).covariance) / 2)
+        for joint in first.gap:
+            hidden = float(estimate_hidden_gaps(first.poses, [joint])[joint])
+            centre_sd[joint] = np.sqrt(max(hidden - of_fit[joint], 0.0))
     gap = {} if first is None else describe_gaps(first, read_joint_names(context))
     if requested == "chain":
-        return (), {"source": "chain", "why": ASKED_FOR, "joints": gap}, centre_sd
+        sets = () if first is None or not first.loose else (first, *body_sets)
+        return sets, {"source": "chain", "why": ASKED_FOR, "joints": gap}, centre_sd
     if first is None:
         why = "the pose of a segment cannot be measured: its markers are too few, or missing too often"
         return (), {"source": "chain", "why": why}, centre_sd
-    if first.loosest <= GIVES_WAY:
+    if not first.loose:
         return (), {"source": "chain", "why": "the gaps of all joints are within the noise", "joints": gap}, centre_sd
     return (
-        tuple(pin_joints(each) for each in (first, *body_sets)),
-        {"source": "segments", "why": "a joint gives way", "joints": gap},
+        (first, *body_sets),
+        {"source": "segments", "why": "the two sides of a joint separate", "joints": gap},
         centre_sd,
     )
 

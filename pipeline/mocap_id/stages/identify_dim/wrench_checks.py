@@ -8,11 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.dynamics.external_wrenches import SEAT
+from mocap_id.arrays import FloatArray
+from mocap_id.dynamics.clock_offset import SampledWrench, profile_offset
+from mocap_id.dynamics.external_wrenches import SEAT, ExternalWrench
 from mocap_id.dynamics.fit import Fit, determines_parameters, fit
+from mocap_id.dynamics.lowpass import blank_incomplete
 from mocap_id.dynamics.preparation import PreparedTrial, prepare
 from mocap_id.dynamics.wrench_gains import WrenchGain, estimate_gains
 from mocap_id.verdict import Reason
+
+_SENSOR_RANGE = 1.0  # s, largest clock offset of a sensor that is tried, in both directions
+_SENSOR_LEAST = 2.0  # s, shortest duration of the samples for this
+_SENSOR_LATE, _SENSOR_BETTER = 0.02, 1.2  # smallest offset that is reported, s, and smallest ratio of the residuals
 
 
 def check_chair(prepared: PreparedTrial) -> tuple[PreparedTrial, tuple[Reason, ...]]:
@@ -46,9 +53,10 @@ def check_chair(prepared: PreparedTrial) -> tuple[PreparedTrial, tuple[Reason, .
 
 
 def check_sensors(prepared: PreparedTrial, found: Fit) -> tuple[Reason, ...]:
-    """Return a caution for every sensor whose wrench contradicts the motion of the body."""
+    """Return a caution for every sensor whose wrench or clock contradicts the motion of the body."""
     wrong = [gain for gain in estimate_gains(prepared, found) if gain.name != SEAT and gain.contradicts]
-    return tuple(
+    clocks = tuple(_check_clock(prepared, found, each) for each in prepared.recorded.external if not each.by_plates)
+    return tuple(reason for reason in clocks if reason is not None) + tuple(
         Reason(
             "external-contradiction",
             f"the forces add up best with the {gain.component} of `{name}` times {gain.value:.2f} ± {gain.sd:.2f}, "
@@ -59,6 +67,39 @@ def check_sensors(prepared: PreparedTrial, found: Fit) -> tuple[Reason, ...]:
         )
         for name in dict.fromkeys(gain.name for gain in wrong)
         for gain in [_find_worst([each for each in wrong if each.name == name])]
+    )
+
+
+def _check_clock(prepared: PreparedTrial, found: Fit, sensor: ExternalWrench) -> Reason | None:
+    """Return a caution if the forces add up clearly better with another clock offset of a sensor."""
+    components, time = list(prepared.settings.components), prepared.recorded.time
+    filtered = prepared.lowpass(blank_incomplete(sensor.wrench))[:, components]
+    sampled = SampledWrench.of(time, filtered)
+    around = np.linspace(-_SENSOR_RANGE, _SENSOR_RANGE, 21)
+    known = np.isfinite(sampled(time[found.samples] - around[:, None])).all(axis=(0, 2))
+    samples = found.samples[known]
+    if len(samples) * prepared.lowpass.step < _SENSOR_LEAST * prepared.recorded.rate:
+        return None
+    rest = prepared.filtered_measured(samples, time[samples] - found.offset)[:, components] - filtered[samples]
+    rows = found.design[known, :, :-1]
+
+    def measured(times: FloatArray) -> FloatArray:
+        return (rest + sampled(times)) * found.weights
+
+    every = np.ones(len(components))
+    offset, at_end = profile_offset(rows, measured, time[samples], every, _SENSOR_RANGE, prior=found.prior)
+    flat = rows.reshape(-1, rows.shape[-1])
+    targets = np.stack([measured(time[samples] - each).reshape(-1) for each in (0.0, offset)], axis=1)
+    left = np.linalg.norm(targets - flat @ np.linalg.lstsq(flat, targets, rcond=None)[0], axis=0)
+    if at_end or abs(offset) <= _SENSOR_LATE or left[0] < _SENSOR_BETTER * left[1]:
+        return None
+    return Reason(
+        "external-clock",
+        f"the forces add up best if the clock of `{sensor.name}` is moved by {offset:+.2f} s, expected at most ± "
+        f"{_SENSOR_LATE:g} s (residual {left[0] / left[1]:.1f} times as large without). It was not moved: add this "
+        "time to its `clock_offset_s:` under `external:`, and check its start",
+        value=offset,
+        limit=_SENSOR_LATE,
     )
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from mocap_id.errors import Refused
 from mocap_id.stages import STAGE_HELP
 from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
+from mocap_id.verdict import Reason
 
 
 class PlanariseSettings(Settings):
@@ -45,6 +48,33 @@ class PlanariseSettings(Settings):
 
 
 def _planarise(context: Context) -> Outputs:
+    guess = context.trial.guessed
+    if guess is None:
+        return _planarise_in_its_space(context)
+    if guess.movement in {"walking", "jumping"}:
+        from mocap_id.protocols.kind_of_movement import ELSEWHERE  # noqa: PLC0415  loads numpy
+
+        raise Refused(
+            "walking" if guess.movement == "walking" else "jumping",
+            f"this is {guess.movement}: {guess.evidence}. mocap-id needs feet, or another base, that stand. "
+            f"{ELSEWHERE[guess.movement]}. If only a part of the recording is of interest, give `window:`; if the "
+            "movement is another one, give its protocol (`--protocol`)",
+        )
+    what = " and ".join(f"`{name}: {getattr(context.trial, name)}`" for name in guess.keys)
+    note = Reason(
+        "guessed",
+        f"{what} {'were' if len(guess.keys) > 1 else 'was'} guessed, because {guess.evidence}. If this is wrong, give "
+        "the right values (`--protocol`, `--space`, `--side`)",
+        level="ok",
+    )
+    from mocap_id.store import LongTable  # noqa: PLC0415  loads numpy
+
+    planar, *others = _planarise_in_its_space(context)
+    assert isinstance(planar, LongTable)
+    return replace(planar, reasons=(note, *planar.reasons)), *others
+
+
+def _planarise_in_its_space(context: Context) -> Outputs:
     if context.trial.space == "3d":
         from mocap_id.stages.planarise.space import planarise_in_space  # noqa: PLC0415
 
@@ -63,7 +93,7 @@ STAGE = Stage(
     version=10,
     inputs=(),
     outputs=("planar.parquet", "wrench.parquet"),
-    uses=("recording", "space", "side", "landmarks", "protocol", "window", "plates", "external"),
+    uses=("recording", "space", "side", "landmarks", "protocol", "window", "plates", "external", "guessed"),
     settings=PlanariseSettings,
     function=_planarise,
     help=STAGE_HELP["planarise"],

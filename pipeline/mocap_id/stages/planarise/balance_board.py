@@ -63,7 +63,9 @@ def read_board_plate(board: Path | BalanceBoard | None, source: Recording) -> tu
             "recording's time minus `time_s`"
         )
     force = np.column_stack([np.zeros((len(log.force), 2)), log.force])
-    plate = Plate(1, "balance board", None, force, np.zeros_like(force), log.ok, log.rate, start)
+    ok = log.ok if not log.problem else np.zeros_like(log.ok)
+    force[~ok] = np.nan
+    plate = Plate(1, "balance board", None, force, np.zeros_like(force), ok, log.rate, start, log.problem)
     return log, replace(source, plates=(plate,), analog_rate=log.rate)
 
 

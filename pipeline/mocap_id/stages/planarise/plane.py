@@ -15,13 +15,21 @@ from mocap_id.kinematics import PlaneFit, fit_plane
 from mocap_id.kinematics.base_motion import find_base_motion
 from mocap_id.kinematics.plane import find_feet
 from mocap_id.kinematics.simple_faults import find_lone_markers
-from mocap_id.plates import GRAVITY, PlateChoice, choose_plates, find_dropouts
+from mocap_id.plates import GRAVITY, PlateChoice, choose_plates, find_clock_offset, find_dropouts
+from mocap_id.plates.direction import compare_courses
+from mocap_id.plates.feet import find_standing_feet
 from mocap_id.recording import PlateSamples, Recording, ThinnedFrames
 from mocap_id.recording.marker_posture import Facing, find_facing, find_upright
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.planarise import PlanariseSettings, moved_base
 from mocap_id.stages.planarise.balance_board import place_board, read_board_plate
-from mocap_id.stages.planarise.plate_reasons import describe_losses, describe_plates, doubt_units
+from mocap_id.stages.planarise.plate_reasons import (
+    FOLLOWS,
+    describe_losses,
+    describe_plates,
+    doubt_units,
+    judge_course,
+)
 from mocap_id.stages.planarise.plate_registration import PlateCheck, check_registration
 from mocap_id.stages.planarise.used_part import (
     UsedPart,
@@ -54,13 +62,19 @@ def planarise(context: Context) -> Outputs:
     positions, swaps, swap_reasons = check_swaps(part, repair=settings.repair_swaps)
     part = replace(part, positions=positions)
     thinned = ThinnedFrames.of(part.positions, part.time, source.rate, source.plates)
-    samples = [recording.decimate(plate, part.time, source.rate) for plate in source.plates]
     choice = choose_plates(source.plates, thinned.samples, thinned.positions, feet=plates.feet, seat=plates.seat)
+    loaded = [source.plates[index] for index in (*choice.indices("feet"), *choice.indices("seat"))]
+    clock = find_clock_offset(loaded, thinned.positions, thinned.time, thinned.rate, frame_s=1.0 / source.rate)
+    if clock.offset_s:  # everything below, and every later stage, uses the corrected clock
+        source = replace(source, plates=clock.correct(source.plates))
+        thinned = ThinnedFrames.of(part.positions, part.time, source.rate, source.plates)
+        choice = choose_plates(source.plates, thinned.samples, thinned.positions, feet=plates.feet, seat=plates.seat)
+    samples = [recording.decimate(plate, part.time, source.rate) for plate in source.plates]
     base = find_base_motion(thinned.positions, thinned.time, thinned.rate)
     still = moved_base.undo_in_frames(base, thinned)
     frame, faced, plane = _fit_frame(still, source, choice, settings)
     board = None
-    if log is not None and isinstance(files.forces, BalanceBoard):
+    if log is not None and not log.problem and isinstance(files.forces, BalanceBoard):
         board = place_board(files.forces, log, source, still, frame, faces=1.0 if settings.facing == "+x" else -1.0)
         source, frame = replace(source, plates=(board.plate,)), replace(frame, origin=board.origin)
         samples = [recording.decimate(board.plate, part.time, source.rate)]
@@ -84,19 +98,44 @@ def planarise(context: Context) -> Outputs:
     thinned = replace(thinned, samples=_mark_missing(thinned.samples, choice, missing[:: thinned.step]))
     kept = _mark_missing(samples, choice, missing)
     wrench = compute_ground_wrench(part.time, kept, choice, frame, threshold) | external.columns
+    course = None
+    if person and feet and find_standing_feet(thinned.positions, find_upright(thinned.positions)[0], None, 2):
+        vertical = sum((thinned.samples[index].force[:, 2] for index in choice.indices("feet")), external.vertical)
+        course = compare_courses(np.asarray(vertical), thinned.positions, thinned.rate)
     check = PlateCheck({}, ())  # a balance board has no position in the file
     if board is None:
         loads = [thinned.samples[index] for index in choice.indices("feet")]
-        check = check_registration(feet, loads, thinned.positions, thinned.rate, person=person)
+        others = [
+            f"plate {plate.index} ({why})"
+            for plate, use, why in zip(source.plates, choice.uses, choice.why, strict=True)
+            if use not in ("feet", "seat")
+        ]
+        check = check_registration(
+            feet,
+            loads,
+            thinned.positions,
+            thinned.rate,
+            person=person,
+            yaw=frame.yaw,
+            labels=part.labels,
+            others=others,
+            follows=course is not None and course.correlation >= FOLLOWS,
+        )
+        if not check.horizontal:
+            wrench["Fx"] = np.full(len(part.time), np.nan)
+        if check.unusable is not None:
+            wrench["plate_ok"] = np.zeros(len(part.time), np.bool_)
     else:
         wrench["Fx"] = np.full(len(part.time), np.nan)
         facts, reasons = facts | {"board": board.facts}, (*reasons, *board.reasons)
-    facts["registration"] = check.facts
+    facts |= {"registration": check.facts, "clock": clock.facts()}
+    facts["unusable"], facts["horizontal_measured"] = check.unusable, check.horizontal
+    belonging = judge_course(course, source.files, files.forces)
     across = measure_lateral_cop(thinned.samples, frame, threshold)
     facts["plates"] = [plate | {"across_m": each} for plate, each in zip(facts["plates"], across, strict=True)]
-    losses = describe_losses(feet, part.time, missing)
+    losses = describe_losses(feet, part.time, missing, clock.offset_s)
     registered = moved_base.remove_explained_by_lean(check.reasons, plane)
-    reasons = (*doubt_units(assumptions), *reasons, *losses, *registered, *external.reasons)
+    reasons = (*doubt_units(assumptions), *reasons, *losses, *registered, *belonging, *external.reasons)
     return planar, Table(WRENCH, wrench, facts, reasons)
 
 

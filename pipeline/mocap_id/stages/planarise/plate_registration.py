@@ -1,4 +1,4 @@
-"""Check of the plates' positions and axes against the markers, with facts and reasons for planarise."""
+"""Check of the plates against the markers: position, axes, dead channels, feet beside them; facts and reasons."""
 
 from __future__ import annotations
 
@@ -10,7 +10,13 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.plates.direction import ForceDirection, compare_directions
-from mocap_id.plates.placement import PlatePlacement, compare_with_feet, measure_lean
+from mocap_id.plates.placement import (
+    PlatePlacement,
+    compare_with_feet,
+    find_foot_beside,
+    find_pinned_pressure,
+    measure_lean,
+)
 from mocap_id.recording import Plate, PlateSamples
 from mocap_id.verdict import Reason
 
@@ -30,6 +36,13 @@ of one foot, which also pushes sideways."""
 _COHERENT, _FORCE_N = 0.7, 5.0
 """Smallest coherence with the movement and smallest force for which a direction is judged."""
 
+_WEAK, _EXPECTED_N = 0.15, 6.0
+"""A horizontal force smaller than this fraction of the expected one is missing; good recordings have 0.4 to 1.2. It is
+judged if the expected one is at least the second value, N."""
+
+_ALONG = 0.2
+"""Least cosine of the angle between a dead channel and the motion, so that the motion plane depends on the channel."""
+
 _SUNK_M, _HOVERING_M = 0.008, 0.12
 """The lowest marker of a foot must not be below the surface, nor higher above it than an ankle."""
 
@@ -40,15 +53,38 @@ class PlateCheck:
 
     facts: dict[str, Any]
     reasons: tuple[Reason, ...]
+    unusable: str | None = None  # reason why the moments are missing, so that no parameter can be identified
+    horizontal: bool = True  # whether the horizontal force in the motion plane is measured
 
 
 def check_registration(
-    plates: Sequence[Plate], samples: Sequence[PlateSamples], positions: FloatArray, rate: float, *, person: bool
+    plates: Sequence[Plate],
+    samples: Sequence[PlateSamples],
+    positions: FloatArray,
+    rate: float,
+    *,
+    person: bool,
+    yaw: float = 0.0,
+    labels: Sequence[str] = (),
+    others: Sequence[str] = (),
+    follows: bool = False,
 ) -> PlateCheck:
-    """Compare positions and axes of the feet's plates with the markers.
+    """Compare the feet's plates with the markers.
 
-    ``samples`` are the plates' wrenches at the times of ``positions`` (F, M, 3), lab axes with Z up, m. ``person`` says
-    whether a person moves; a robot has no feet.
+    Parameters
+    ----------
+    samples : sequence of PlateSamples
+        The plates' wrenches at the times of ``positions`` (F, M, 3), lab axes with Z up, m.
+    person : bool
+        Whether a person moves; a robot has no feet.
+    yaw : float
+        Angle of the plane's x from the lab's X, rad.
+    labels : sequence of str, length M
+        Names of the markers, for messages.
+    others : sequence of str
+        Each plate that is not used, and why, for messages.
+    follows : bool
+        Whether the vertical force follows the body; then the size of the horizontal force is checked too.
     """
     if not plates:
         return PlateCheck({}, ())
@@ -64,7 +100,93 @@ def check_registration(
     }
     reasons = [reason for each in found for reason in (_describe_misplacement(each), _describe_height(each))]
     reasons += [_describe_unchecked(found), _describe_tilt(found, lean), *_describe_rotation(plates, whole, alone)]
-    return PlateCheck(facts, tuple(reason for reason in reasons if reason is not None))
+    unusable = None
+    if person:
+        off = find_foot_beside(plates, samples, positions)
+        if off is not None:
+            foot, beside, share = off
+            facts["foot_beside"] = {"beside_m": beside if np.isfinite(beside) else None, "share": share}
+            reasons.append(_describe_foot_beside(_name_markers(foot, positions, labels), beside, share, others))
+        pinned = {
+            plate.index: away
+            for plate, each in zip(plates, samples, strict=True)
+            if (away := find_pinned_pressure(plate, each, positions)) is not None
+        }
+        if pinned:
+            reasons = [each for each in reasons if each is None or each.code != "plate-misplaced"]
+            missing = _describe_pinned(pinned)
+            reasons.append(missing)
+            unusable = missing.message
+    weak = whole is not None and whole.expected >= _EXPECTED_N and whole.size < _WEAK * whole.expected
+    direction = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    along = any(abs(axis @ direction) > _ALONG for plate in plates for _, axis in plate.dead)
+    weak = bool(follows and weak)
+    if weak or any(plate.dead for plate in plates):
+        reasons.append(_describe_dead(plates, whole if weak else None, along=along))
+    kept = tuple(reason for reason in reasons if reason is not None)
+    return PlateCheck(facts, kept, unusable, not (weak or along))
+
+
+def _name_markers(foot: FloatArray, positions: FloatArray, labels: Sequence[str]) -> str:
+    """Return the names of up to three markers at the mean positions ``foot`` (K, 3), m."""
+    with np.errstate(invalid="ignore"):
+        usual = np.nanmedian(positions[:: max(1, len(positions) // 1000)], axis=0)
+    near = [int(np.nanargmin(np.linalg.norm(usual - point, axis=1))) for point in foot]
+    names = [labels[k] for k in dict.fromkeys(near) if k < len(labels)]
+    return ", ".join(names[:3]) + (" …" if len(names) > 3 else "")
+
+
+def _describe_foot_beside(markers: str, beside: float, share: float, others: Sequence[str]) -> Reason:
+    outside = f" stands {100 * beside:.0f} cm beside every plate that is used" if beside > 0 else ""
+    unused = f". Not used: {'; '.join(others)}" if others else ""
+    return Reason(
+        "foot-off-plate",
+        f"the plates do not measure one foot: the foot with the markers {markers}{outside or ' carries no load'}, and "
+        f"the force acts under the other foot ({100 * abs(share):.0f} % of the way to this foot, expected 30 to 70 %)"
+        f"{unused}. Mass, wrench, torques and parameters are then far too small. Record with both feet on plates that "
+        "are used; check the unused plates, and `plates: {feet: …}`, and whether the file contains all plates",
+        value=abs(share),
+        limit=0.3,
+    )
+
+
+def _describe_pinned(pinned: dict[int, float]) -> Reason:
+    numbers = " and ".join(map(str, pinned))
+    return Reason(
+        "plate-moments-missing",
+        f"the centre of pressure never leaves the centre of plate {numbers} (it moves by at most "
+        f"{1e3 * max(pinned.values()):.1f} mm), expected some centimetres: the moments of the plate are missing or a "
+        "thousand times too small. Check the moment channels (Mx, My) and their unit, and set `planarise: "
+        "{moment_unit: …}` if the unit in the file is wrong",
+        value=max(pinned.values()),
+    )
+
+
+def _describe_dead(plates: Sequence[Plate], weak: ForceDirection | None, *, along: bool) -> Reason:
+    """Return a caution about horizontal channels that are dead, or a note if the motion plane does not need them."""
+    listed = "; ".join(
+        f"plate {plate.index}: {', '.join(name for name, _ in plate.dead)}" for plate in plates if plate.dead
+    )
+    if weak is None and not along:
+        text = (
+            f"channels of horizontal force read the same value in every sample ({listed}): they are dead. They measure "
+            "across the motion, so the results in its plane do not depend on them"
+        )
+        return Reason("plate-channel-dead", text, level="ok")
+    found = (
+        f"channels of horizontal force read the same value in every sample ({listed})"
+        if listed
+        else "the horizontal force hardly varies"
+    )
+    size = ""
+    if weak is not None:
+        size = f" (it varies by {weak.size:.1f} N, expected about {weak.expected:.0f} N from the movement)"
+    return Reason(
+        "plate-channel-dead",
+        f"{found}{size}: a channel is dead, not connected or in a wrong unit. Fx is left out, as it is unmeasured. The "
+        "parameters are fitted to Fy and tauz, and the moment contains an error of Fx times the depth of the plate's "
+        "sensors. Check cable, amplifier and `force_unit`",
+    )
 
 
 def _list_placement(found: PlatePlacement) -> dict[str, Any]:

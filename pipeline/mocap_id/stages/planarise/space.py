@@ -10,7 +10,7 @@ from mocap_id import recording
 from mocap_id.anatomy.landmark_names import find_landmarks
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.kinematics import fit_plane
-from mocap_id.plates import choose_plates
+from mocap_id.plates import choose_plates, find_clock_offset
 from mocap_id.recording import ThinnedFrames
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.planarise import PlanariseSettings
@@ -59,7 +59,14 @@ def planarise_in_space(context: Context) -> Outputs:
         "missing_fraction": float(1.0 - visible.mean()),
         **({} if skeleton is None else {"skeleton": skeleton.facts(part.labels, part.first, part.stop)}),
     }
-    choice = choose_plates(source.plates, thinned.samples, thinned.positions, feet=context.trial.plates.feet, seat=())
+    named = context.trial.plates.feet
+    choice = choose_plates(source.plates, thinned.samples, thinned.positions, feet=named, seat=())
+    loaded = [source.plates[index] for index in (*choice.indices("feet"), *choice.indices("seat"))]
+    clock = find_clock_offset(loaded, thinned.positions, thinned.time, thinned.rate, frame_s=1.0 / source.rate)
+    if clock.offset_s:
+        source = replace(source, plates=clock.correct(source.plates))
+        thinned = ThinnedFrames.of(part.positions, part.time, source.rate, source.plates)
+        choice = choose_plates(source.plates, thinned.samples, thinned.positions, feet=named, seat=())
     assumptions = tuple(text for index in choice.indices("feet") for text in source.plates[index].assumptions)
     notes = (*part.list_oddities(assumptions), *(_describe_planar_motion(planarity) if free else ()))
     notes += () if skeleton is None else skeleton.reasons
@@ -68,6 +75,7 @@ def planarise_in_space(context: Context) -> Outputs:
     facts, reasons = describe_plates(source, thinned, choice, ExternalWrenches(), settings.cop_threshold_N)
     threshold = settings.cop_threshold_N
     columns = compute_ground_wrench_in_space(part.time, samples, choice, frame, threshold, mirrored=left)
+    facts["clock"] = clock.facts()
     facts["centre_m"] = find_plates_centre(source.plates, choice, frame, mirrored=left)
     if not free:  # reaches and curls are recorded without plates
         reasons = tuple(replace(each, level="ok") for each in reasons)

@@ -76,7 +76,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="segment",
-    version=15,
+    version=16,
     inputs=("planar.parquet",),
     outputs=("segments.parquet",),
     uses=("space", "protocol", "calibration"),

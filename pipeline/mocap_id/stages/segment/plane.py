@@ -19,6 +19,7 @@ from mocap_id.kinematics import (
     segment_markers,
 )
 from mocap_id.protocols.body_names import LONGEST, name_bodies
+from mocap_id.protocols.kind_of_movement import ELSEWHERE, recognise_movement
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.segment import SegmentSettings
@@ -37,6 +38,8 @@ from mocap_id.store.schemas import SEGMENTS
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
+_WRONG = 1e-3  # confidence below which a trial is refused, unless the user gave the segments
+_EXTENT = (0.4, 2.7)  # m; least and largest height of the markers of a person who stands up
 _NOT_OF_SPACE = ("no-motion", "too-few-frames")  # refusals that `space: 3d` cannot avoid
 
 
@@ -49,12 +52,19 @@ def segment(context: Context) -> Outputs:
     out = list(find_markers(labels, settings.ignore, "segment: ignore"))
     done, lift = _find_segments(recorded, settings, LONGEST[trial.protocol], out)
     found, view, points = done.found, done.view, done.points
+    if trial.protocol == "sit-to-stand":
+        _check_extent(points[..., 1])
     asymmetries = np.degrees(measure_asymmetry(_plane(points, out), _lateral(points), found.segment))
     planarity = _measure_planarity(points[:, found.segment > 0])
     not_planar = _check_planarity(planarity, settings)
     foot = is_foot_a_segment(lift, labels, found)
     usual, joint_names = name_bodies(trial.protocol, found.count, foot_turns=foot)
     names = usual if settings.names is None else check_names(settings.names, found.count)
+    doubts = _explain_doubts(found, joint_names)
+    given = settings.count is not None or settings.names is not None or settings.together or settings.apart
+    if found.confidence.value < _WRONG and not given:
+        text = f"{doubts[0].message} With a confidence of {found.confidence.value:.1g}, nothing is computed from them."
+        raise Refused("segments-unsure", text, found.confidence.value, _WRONG)
     facts = {
         "count": found.count,
         "names": list(names),
@@ -78,7 +88,7 @@ def segment(context: Context) -> Outputs:
         *explain_bad_markers(view.bad),
         *explain_lift(lift, moves=foot),
         *not_planar,
-        *_explain_doubts(found, joint_names),
+        *doubts,
         *_explain_asymmetry(asymmetries, names, settings.asymmetry_deg),
         *check_marker_names(labels, found.segment, usual, found.confidence.value),
         *_check_height(points, found.segment),
@@ -116,6 +126,10 @@ def _find_segments(
     try:
         done = segment_into(settings.count)
     except Refused as refused:
+        seen = recognise_movement(labels, recorded.read_positions(axes="zxy"), recorded.rate)  # the plane's y is up
+        if longest != LONGEST["robot-joint"] and seen.kind in ELSEWHERE:
+            hint = f"This looks like {seen.kind}: {seen.evidence}. {ELSEWHERE[seen.kind]}"
+            raise Refused(refused.code, f"{refused} {hint}", refused.value, refused.limit) from refused
         planarity = recorded.planar.facts["plane"]["planarity"]
         if planarity <= settings.planarity_caution or refused.code in _NOT_OF_SPACE:
             raise
@@ -135,6 +149,19 @@ def _plane(points: FloatArray, out: list[int]) -> ComplexArray:
     plane = np.asarray(points[..., 0] + 1j * points[..., 1])
     plane[:, out] = np.nan
     return plane
+
+
+def _check_extent(heights: FloatArray) -> None:
+    """Raise Refused if the markers of a person, with heights (F, M), m, span a height that no person has."""
+    low, high = np.nanpercentile(heights, [0.5, 99.5])
+    extent = float(high - low)
+    if not _EXTENT[0] <= extent <= _EXTENT[1]:
+        text = (
+            f"the markers span {extent:.2f} m in height; expected {_EXTENT[0]:g} to {_EXTENT[1]:g} m for a person who "
+            "stands up or squats. The file declares a wrong unit of length: set `planarise: {units: …}`. For another "
+            "chain, set `protocol: free`."
+        )
+        raise Refused("size-impossible", text, extent, _EXTENT[extent > _EXTENT[1]])
 
 
 def _measure_planarity(points: FloatArray) -> float:

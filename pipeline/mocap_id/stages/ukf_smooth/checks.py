@@ -9,6 +9,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.errors import RecordingError
 from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE
+from mocap_id.estimation.dropouts import find_stretches
 from mocap_id.estimation.residual_spectrum import Oscillation
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.store.views import Trajectories
@@ -22,6 +23,7 @@ _JITTER = 0.25  # largest error of a time stamp, in frames; rounding to millisec
 _SAME = 1e-9  # m, largest change of a marker in a repeated frame
 _MOVED = 2e-5  # m, least median change after a repeated frame, because noise-free recordings repeat frames at rest
 _SHORT = 0.1  # s; the smoother bridges shorter gaps without loss
+_LISTED = 3  # stretches of a segment that a message lists
 _MANY = 0.01  # fraction of repeated frames for a caution
 
 
@@ -70,6 +72,31 @@ def _explain_gaps(settings: UkfSmoothSettings) -> str:
         f"its markers are missing, or do not fit the chain, for so long that {limit}. Fill or relabel them, or leave "
         "this time out with `window:`"
     )
+
+
+def report_rejected(rejected: BoolArray, time: FloatArray, names: Sequence[str]) -> tuple[Reason, ...]:
+    """Return a caution if over half of the visible markers of a segment are not used for more than a few frames.
+
+    ``rejected`` (F, K) marks these frames for the K segments called ``names``; ``time`` (F,) is in s.
+    """
+    parts, frames = [], np.zeros(len(time), dtype=np.bool_)
+    for name, each in zip(names, rejected.T, strict=True):
+        runs = find_stretches(each)
+        if runs:
+            for run in runs:
+                frames[run] = True
+            spans = [f"{time[run.start]:.2f}–{time[run.stop - 1]:.2f} s" for run in runs]
+            more = f" and {len(spans) - _LISTED} times more" if len(spans) > _LISTED else ""
+            parts.append(f"{name} at {', '.join(spans[:_LISTED])}{more}")
+    if not parts:
+        return ()
+    seconds = float(np.count_nonzero(frames) * (time[-1] - time[0]) / max(len(time) - 1, 1))
+    message = (
+        f"over half of the visible markers of a segment do not fit the chain and the movement ({'; '.join(parts)}), so "
+        "they are not used. The pose there is bridged and counts as not observed: no range, volume or average contains "
+        "it. Check the labels and the markers of these segments at these times, or leave the times out with `window:`"
+    )
+    return (Reason("markers-rejected", message, seconds, 0.0),)
 
 
 def find_repeated_frames(observed: FloatArray) -> BoolArray:

@@ -12,6 +12,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, as_complex, chunks
 from mocap_id.estimation import FRAMEWISE, FilterSettings, States, smooth
 from mocap_id.estimation.chain_residuals import ChainResiduals
+from mocap_id.estimation.dropouts import find_rejected_segments
 from mocap_id.estimation.inverse_kinematics import MarkerChain
 from mocap_id.estimation.lasting_errors import add_lasting_errors, estimate_camera_sd
 from mocap_id.estimation.residual_spectrum import ResidualSpectrum, compute_residual_spectrum
@@ -29,6 +30,7 @@ from mocap_id.stages.ukf_smooth.checks import (
     report_filter,
     report_gaps,
     report_oscillations,
+    report_rejected,
     report_repeated_frames,
 )
 from mocap_id.stages.ukf_smooth.columns import marker_columns, state_columns
@@ -66,6 +68,7 @@ def ukf_smooth(context: Context) -> Outputs:
     repeated = find_repeated_frames(observed)
     observed[repeated] = np.nan
     moving = MarkerChain(chain.centres, chain.segment[moves], chain.local[moves])
+    visible: BoolArray = np.asarray(np.isfinite(observed).all(axis=-1))
     states, sensors = _smooth(context, view, observed, moving, skeleton.segments)
     camera = estimate_camera_sd(observed, states, settings.marker_sd_floor)
     skin = estimate_skin(states, observed, camera) if tree.facts.get("estimator") == "bundle" else None
@@ -76,7 +79,8 @@ def ukf_smooth(context: Context) -> Outputs:
     poses = measure_poses(view, chain, skeleton, observed=observed, angles=states.mean[:, :, 0])
     del observed
     skin_tree = _make_skin_tree(tree, skeleton, states, skin, camera)
-    states = replace(states, observed=bridge_repeated(states.observed, repeated, view.rate))
+    rejected = find_rejected_segments(moving.segment - 1, len(moving.centres), visible, states.used)
+    states = replace(states, observed=bridge_repeated(states.observed & ~rejected, repeated, view.rate))
     encoder = read_encoder_states(context.trial.encoder, states, view.time, settings)
     if settings.method == "encoder":
         states, sd_holds = use_encoder(states, encoder), _ENCODER_NOISE
@@ -85,6 +89,7 @@ def ukf_smooth(context: Context) -> Outputs:
     reasons = (
         report_gaps(np.isnan(states.mean[:, :, 0]), view.time, skeleton.joint_names, "angle", settings)
         + _report_method(settings)
+        + report_rejected(rejected, view.time, skeleton.segments[1:])
         + report_repeated_frames(repeated)
         + report_filter(spectrum.cut_off)
         + report_oscillations(spectrum.oscillations, skeleton.segments)

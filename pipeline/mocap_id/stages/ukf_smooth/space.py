@@ -18,6 +18,7 @@ from mocap_id.anatomy.angles import (
 )
 from mocap_id.anatomy.coordinates import RelativeMotion, compose_motions
 from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.estimation.dropouts import find_rejected_segments
 from mocap_id.estimation.space import SpatialSettings, SpatialStates, smooth_in_space
 from mocap_id.geometry import so3
 from mocap_id.stages.base import Context, Outputs
@@ -30,6 +31,7 @@ from mocap_id.stages.ukf_smooth.checks import (
     check_uniform_times,
     find_repeated_frames,
     report_gaps,
+    report_rejected,
     report_repeated_frames,
 )
 from mocap_id.stages.ukf_smooth.encoder_states import empty_encoder_table
@@ -82,13 +84,17 @@ def smooth_rotations(context: Context) -> Outputs:
         states = add_axial_rotation_errors(states, skeleton.chain, common=_COMMON_WITH_IMUS, missed=missed)
     else:
         states = add_axial_rotation_errors(smooth_in_space(points, view.rate, skeleton.chain, given), skeleton.chain)
-    observed = bridge_repeated(states.observed, repeated, view.rate)
+    visible: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
+    rejected = find_rejected_segments(skeleton.chain.segment, len(skeleton.segments), visible, states.used)
+    observed = states.observed if from_skeleton else states.observed & ~rejected
+    observed = bridge_repeated(observed, repeated, view.rate)
     angles = _angles(states, skeleton, tree.facts)
     angles = [limit_to_skeleton(each) for each in angles] if from_skeleton else angles
     segments = [name.replace("_", " ") for name in skeleton.segments]
     missing = np.isnan(states.omega[:, :, 0])
     reasons = report_gaps(missing, view.time, segments, "pose", settings)
     reasons += report_repeated_frames(repeated) + sensor_reasons
+    reasons += () if from_skeleton else report_rejected(rejected, view.time, segments)
     reasons += check_arm_motion(angles, _find_thorax_axis(states, skeleton, tree.facts["frames"]))
     facts = _facts(states, points, settings) | ({"imus": imus} if imus else {})
     return (

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from mocap_id.store.spatial_views import SpatialSkeleton
 from mocap_id.store.views import Skeleton
+from mocap_id.workflows.run_folder import RunFolder
 
 MODEL, FREE_MODEL = ".osim", "_free.osim"
 MEASURED_MARKERS, ANGLES, FREE_POSES = ".trc", "_angles.mot", "_free_poses.mot"
@@ -27,6 +28,19 @@ class ExportFiles:
 
     def __add__(self, other: ExportFiles) -> ExportFiles:
         return ExportFiles({**self.files, **other.files}, tuple(dict.fromkeys((*self.notes, *other.notes))))
+
+
+def note_contact(run: RunFolder, file_format: str) -> ExportFiles:
+    """Return a note that torques are unknown while an unmeasured support carries the body; none without contact."""
+    table = run.table("dynamics.parquet")
+    if table is None or "contact" not in table.names or not table["contact"].any():
+        return ExportFiles()
+    note = (
+        f"{file_format}: a chair or support that no plate measures carries, or may carry, the body in "
+        f"{100 * table['contact'].mean():.0f} % of the samples (column `contact` of dynamics.parquet). The torques of "
+        "the joints below it are unknown there: do not interpolate them"
+    )
+    return ExportFiles(notes=(note,))
 
 
 def make_legal(names: Iterable[str], taken: Iterable[str] = ()) -> dict[str, str]:

@@ -92,11 +92,8 @@ def _read_other_loads(run: RunFolder) -> Iterator[_Load]:
 
 
 def _read_applied_offset(run: RunFolder) -> float:
-    """Return the clock offset of the plates, s, that is corrected in dynamics.parquet; 0 if none is."""
-    about, offset = run.provenance.get("dynamics.h5"), run.facts("dynamics.h5").get("clock_offset_s")
-    if about is None or offset is None:
-        return 0.0
-    return float(offset) if about.origin.parameters["identify-dim"]["apply_clock_offset"] else 0.0
+    """Return the clock offset, s, that is corrected in dynamics.parquet but not in wrench.parquet."""
+    return float((run.facts("dynamics.h5").get("clock") or {}).get("applied_s") or 0.0)
 
 
 def convert_planar_wrench(wrench: FloatArray, threshold: float) -> FloatArray:

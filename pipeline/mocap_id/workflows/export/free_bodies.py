@@ -78,7 +78,7 @@ def _read_free_bodies(run: RunFolder) -> _FreeBodies | None:
         return None
     skeleton, cutoffs = Skeleton.from_tree(chain), chosen["bands_hz"]
     bands = (float(cutoffs["x"]), float(cutoffs["y"]), float(cutoffs["angle"]))
-    moving = read_measured_bodies(poses, skeleton.centres, chosen["used"], bands, read_gravity(run))
+    moving = read_measured_bodies(poses, skeleton, chosen, bands, read_gravity(run))
     return _FreeBodies(
         names=name_bodies(moving.skeleton.segments),
         joints=name_joints(skeleton),

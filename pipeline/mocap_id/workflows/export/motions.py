@@ -10,7 +10,15 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.recording import format_motion_table
 from mocap_id.store.spatial_views import SpatialAngles
 from mocap_id.store.views import JointStates, Skeleton, joint_columns
-from mocap_id.workflows.export.files import ANGLES, TORQUES, ExportFiles, make_legal, name_coordinates, name_joints
+from mocap_id.workflows.export.files import (
+    ANGLES,
+    TORQUES,
+    ExportFiles,
+    make_legal,
+    name_coordinates,
+    name_joints,
+    note_contact,
+)
 from mocap_id.workflows.export.spatial_joints import list_coordinates, model_joints
 from mocap_id.workflows.export.spatial_model import read_model_parts
 from mocap_id.workflows.run_folder import RunFolder
@@ -60,6 +68,7 @@ def export_torques(run: RunFolder) -> ExportFiles:
         note = f"sto: no torques, no modelled wrench: {run.why_missing('dynamics.h5')}"
         return parts + ExportFiles(notes=(note,))
     names = [f"{name}_moment" for name in name_coordinates(skeleton)]
+    parts += note_contact(run, "sto")
     return parts + format_motion(run.name + TORQUES, "joint torques", names, values, time=time)
 
 

@@ -12,7 +12,7 @@ from mocap_id.store import Table
 from mocap_id.store.parquet import expand_columns
 from mocap_id.store.spatial_views import SpatialSkeleton
 from mocap_id.store.views import IdentifiedDynamics, Skeleton
-from mocap_id.workflows.export.files import ExportFiles
+from mocap_id.workflows.export.files import ExportFiles, note_contact
 from mocap_id.workflows.run_folder import RunFolder
 
 _SOURCES = {
@@ -51,7 +51,7 @@ def export_tables(run: RunFolder) -> ExportFiles:
         "parameters": parameter_table(run),
         "events": _artefact_table(run, "events.parquet"),
     }
-    files = _format_tables(run, tables)
+    files = _format_tables(run, tables) + note_contact(run, "csv")
     if (run.facts("dynamics.h5").get("motion") or {}).get("used"):
         note = (
             "csv: torques and modelled wrench belong to bodies on their measured poses; states and base parameters "

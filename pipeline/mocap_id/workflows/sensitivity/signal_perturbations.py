@@ -57,9 +57,12 @@ def clock_offset_ignored(trial: TrialInputs, change: Perturbation) -> TrialInput
 
     If the program corrected the clock offset of the unperturbed trial, the samples are first corrected by this offset.
     """
-    offset = trial.tree("dynamics.h5").facts["clock_offset_s"]
+    table, offset = trial.table(WRENCH), trial.tree("dynamics.h5").facts["clock_offset_s"]
     is_applied = getattr(trial.settings[LAST], "apply_clock_offset", False)
-    corrected = offset if is_applied and offset is not None else 0.0
+    coarse = float((table.facts.get("clock") or {}).get("offset_s") or 0.0)  # already corrected in the table
+    corrected = offset - coarse if is_applied and offset is not None else 0.0
+    if is_applied and coarse:
+        trial = trial.with_artefacts(replace(table, facts={**table.facts, "clock": None}))
     delayed = clock_offset(trial, replace(change, level=change.level - corrected))
     return delayed.with_settings(LAST, apply_clock_offset=False)
 

@@ -17,6 +17,7 @@ from mocap_id.reporting.results.columns import ResultTable
 from mocap_id.reporting.results.result import Result
 from mocap_id.reporting.study.page_data import PAGE_FILE, CohortData
 from mocap_id.stages import STAGES
+from mocap_id.stages.trial_keys import list_sensors
 from mocap_id.store import Folder, dumps, hash_bytes, hash_file
 from mocap_id.store.ownership import Owner, check_owner, hash_texts, store_owner
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trials
@@ -118,7 +119,11 @@ def _find_owner(study: Study) -> Owner:
     contents = []
     for one in study.trials:
         keys = one.trial.keys
-        files = [*keys.imus.values()] if keys.recording is None else [keys.recording.motion]
+        files = (
+            [each.file for each in list_sensors(keys.imus).values()]
+            if keys.recording is None
+            else [keys.recording.motion]
+        )
         place = [os.path.relpath(file, study.file.parent) for file in files]
         contents.append(hash_texts([study.name, one.name, *place]))
     return Owner(study.name, study.file, tuple(contents))

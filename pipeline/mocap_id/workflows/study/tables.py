@@ -93,8 +93,15 @@ TRIALS = TableSchema(
             "complete", "number of repetitions with all their events", lambda t: _count_repetitions(t, complete=True)
         ),
         number("five_times", "s", f"{_FIVE_TIMES} stand", read_entry("five_times", "to_fifth_stand_s")),
+        number("five_times_sd", "s", "its standard deviation", read_entry("five_times", "to_fifth_stand_sd_s")),
         number(
             "five_times_seated", "s", f"{_FIVE_TIMES} seat contact", read_entry("five_times", "to_fifth_seat_contact_s")
+        ),
+        number(
+            "five_times_seated_sd",
+            "s",
+            "its standard deviation",
+            read_entry("five_times", "to_fifth_seat_contact_sd_s"),
         ),
         number("cycle", "s", "mean time from stand to stand", read_entry("five_times", "mean_cycle_s")),
         count(
