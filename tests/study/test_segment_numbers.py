@@ -47,6 +47,7 @@ def test_trials_that_agree_or_have_no_common_number_stay_as_they_are() -> None:
     assert choose_counts(trials, turning) == {}, "with a foot that turns, 5 segments are another chain"
 
 
+@pytest.mark.slow
 @pytest.mark.recordings
 def test_a_study_runs_a_deviating_trial_again_and_says_so(recordings: Path, tmp_path: Path) -> None:
     folder = recordings / "sit-to-stand"

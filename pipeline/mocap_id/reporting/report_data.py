@@ -9,8 +9,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-import numpy as np
-
 from mocap_id.arrays import BoolArray
 from mocap_id.reporting.markers import Residual, compute_residuals
 from mocap_id.reporting.numbers import to_number
