@@ -28,7 +28,7 @@ from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
 _MARKED_SD = 0.005  # m; limit for a joint with a marker at it, and for the first joint if its segment has few
-_OTHER_PERSON = 0.04  # m; rms distance of the static pose's markers from the chain of the same person: below 0.02
+_OTHER_PERSON = 0.03  # m; rms distance of the static pose's markers from the chain; the same person: below 0.015
 _FEWEST_MARKERS = 4  # smallest number of markers of a static pose
 _FEW_FRAMES = 10  # smallest number of frames of a static pose
 _OFF = 0.25  # largest relative difference of a length from that of the person's height or of the other segment

@@ -61,7 +61,8 @@ def segment(context: Context) -> Outputs:
     usual, joint_names = name_bodies(trial.protocol, found.count, foot_turns=foot)
     names = usual if settings.names is None else check_names(settings.names, found.count)
     doubts = _explain_doubts(found, joint_names)
-    given = settings.count is not None or settings.names is not None or settings.together or settings.apart
+    counted = settings.count is not None and settings.count_alone is None  # by the user, not by a study
+    given = counted or settings.names is not None or settings.together or settings.apart
     if found.confidence.value < _WRONG and not given:
         text = f"{doubts[0].message} With a confidence of {found.confidence.value:.1g}, nothing is computed from them."
         raise Refused("segments-unsure", text, found.confidence.value, _WRONG)
