@@ -37,7 +37,7 @@ from mocap_id.reporting.summary_schema import (
     VerdictEntry,
 )
 from mocap_id.store import Facts, Table
-from mocap_id.store.views import IdentifiedDynamics, Skeleton
+from mocap_id.store.views import IdentifiedDynamics
 
 _NO_PLANE = "yaw_deg, origin_m: a trial in space has no plane of motion"
 _NO_MOVEMENT_HELPS = "none of those tried"
@@ -46,7 +46,7 @@ _WIDE = 2.0  # times the median standard deviation; above it, a torque is not re
 
 def summarise(data: ReportData) -> Summary:
     """Return the summary of a trial; values of artefacts that are missing are null, with a ``why``."""
-    joints = spatial.summarise_joints(data) if data.in_space else _summarise_joints(data.skeleton)
+    joints = spatial.summarise_joints(data) if data.in_space else _summarise_joints(data)
     lengths = spatial.summarise_lengths(data) if data.in_space else _summarise_lengths(data)
     rises, failed = summarise_repetitions(data), summarise_attempts(data)
     seconds = _summarise_run_times(data)
@@ -154,7 +154,8 @@ def _summarise_hypotheses(facts: Facts) -> list[HypothesisEntry] | None:
     ]
 
 
-def _summarise_joints(skeleton: Skeleton | None) -> list[JointEntry] | None:
+def _summarise_joints(data: ReportData) -> list[JointEntry] | None:
+    skeleton = data.skeleton
     if skeleton is None:
         return None
     return [
@@ -165,6 +166,9 @@ def _summarise_joints(skeleton: Skeleton | None) -> list[JointEntry] | None:
             centre_m=to_numbers(skeleton.centres[j]),
             sd_m=to_numbers(skeleton.centre_sd[j]),
             arc_deg=to_number(np.degrees(skeleton.arc[j])),
+            zero=data.zeros[j].source,
+            zero_deg=float(np.degrees(data.zeros[j].value)),
+            zero_sd_deg=to_number(np.degrees(data.zeros[j].sd)),
         )
         for j, name in enumerate(skeleton.joints)
     ]
