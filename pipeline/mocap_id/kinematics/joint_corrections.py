@@ -35,6 +35,18 @@ _ANKLE_SD = 0.01  # m; standard deviation of the ankle from a joint fit if the f
 REMAINING = 0.4
 """Fraction of the hip's error from a bending trunk that remains after the correction, as a standard deviation."""
 
+BENDS_M = 0.0025
+"""Least displacement of the hip by a trunk that bends, m; skin on a rigid trunk causes up to 1 mm."""
+
+
+@dataclass(frozen=True)
+class HipShift:
+    """Displacement of the hip by a trunk that bends; zero if it is unknown."""
+
+    place: complex = 0j  # change of the hip's position in the thigh's frame, m
+    slide: float = 0.0  # range of the pelvis markers' motion along the trunk, m
+    across: FloatArray | None = None  # (F,) motion of the hip across the thigh relative to a rigid trunk, m; has NaN
+
 
 @dataclass(frozen=True)
 class AnklePosition:
@@ -47,8 +59,8 @@ class AnklePosition:
 
 def estimate_hip_shift(
     thigh: tuple[ComplexArray, FloatArray], trunk: tuple[ComplexArray, FloatArray], marker: ComplexArray
-) -> complex:
-    """Return the change of the hip's position in the thigh's frame by a bending trunk, m; 0 if unknown.
+) -> HipShift:
+    """Return the displacement of the hip by a bending trunk; zero if unknown.
 
     If the hip rotates little, its shift and its motion with the trunk cannot be separated, and the result is 0. Each
     body is given by the origin (F,), m, and the angle (F,), rad, of its frame; the trunk's y axis points from the hip
@@ -58,9 +70,9 @@ def estimate_hip_shift(
     local = np.conj(above) * (marker - trunk[0])
     known = np.isfinite(local) & np.isfinite(thigh[0]) & np.isfinite(below)
     if np.count_nonzero(known) < _FEWEST:
-        return 0j
+        return HipShift()
     if np.ptp(np.unwrap((trunk[1] - thigh[1])[known])) < _RANGE:
-        return 0j
+        return HipShift()
     below, above, local, apart = (each[known] for each in (below, above, local, trunk[0] - thigh[0]))
     forwards = np.sign(local.real.mean())
     slide = forwards * (local.imag - local.imag.mean())
@@ -71,7 +83,10 @@ def estimate_hip_shift(
     weight = gap / (_INDEPENDENT * _RATIO_SD**2)
     normal[2, 2] += weight
     target[2] += weight * _RATIO
-    return complex(np.linalg.solve(normal, target)[0] - rigid[0])
+    place, beyond, ratio = np.linalg.solve(normal, target)
+    across = np.full(len(known), np.nan)
+    across[known] = (np.conj(below) * above * (beyond - rigid[1] + ratio * slide)).real
+    return HipShift(complex(place - rigid[0]), float(np.ptp(np.quantile(slide, (0.01, 0.99)))), across)
 
 
 def locate_ankle(
