@@ -13,7 +13,6 @@ _STEP_S = 0.5  # a marker stands still if it moves less than _STILL_M in this ti
 _STILL_M = 0.004
 _BODY_M = 0.03  # the body moves if a quarter of the markers move farther than this in _STEP_S
 _STANDING = 0.9  # least fraction of the body's moving time in which a base marker stands still
-_LOW_M = 0.2  # markers of the feet are at most this much higher than the lowest marker that stands still
 _STRETCH_S = 1.5  # shortest interval in which the base stands still
 _MARGIN_S = 0.3  # a change of position may begin this long before, and end this long after, the visible motion
 _SAME_M = 0.003  # smaller displacements of the base are motion of the skin
@@ -22,6 +21,9 @@ _STEP_M = 0.6  # markers on the other foot are at most this far away
 _AS_HIGH_M = 0.002  # markers on a plate are lower than foot markers by more than this
 _RIGID_M = 0.005  # largest rms distance from a rigid motion of both feet
 _SPREAD_M = 0.05  # markers closer together than this do not determine a rotation
+
+LOW_M = 0.2
+"""Markers of the feet are at most this much higher, m, than the lowest marker that stands still."""
 
 MOVED_M = 0.008
 """Least displacement of the base, m; standing feet roll by less."""
@@ -137,7 +139,7 @@ def find_standing(blocks: FloatArray, block_s: float, least: float = _STANDING) 
         return none
     height = np.full(blocks.shape[1], np.inf)
     height[standing] = np.nanmean(blocks[:, standing, 2], axis=0)
-    return np.asarray(standing & (height < height.min() + _LOW_M))
+    return np.asarray(standing & (height < height.min() + LOW_M))
 
 
 def _measure_range(tracks: FloatArray) -> FloatArray:

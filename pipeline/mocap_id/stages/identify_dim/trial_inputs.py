@@ -14,6 +14,7 @@ from mocap_id.dynamics.cutoffs import score_left_out
 from mocap_id.dynamics.measured_motion import GIVES_WAY, SURELY, USUAL
 from mocap_id.dynamics.point_grid import PointGrid, build_grid
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData, prepare
+from mocap_id.kinematics.joint_corrections import BENDS_M
 from mocap_id.protocols.movement import Movement, find_movement
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import IdentifyDimSettings
@@ -33,6 +34,8 @@ from mocap_id.stages.identify_dim.trial_data import make_fit_settings, read_join
 from mocap_id.stages.identify_dim.wrench_checks import check_chair
 from mocap_id.store.views import Skeleton
 from mocap_id.verdict import Reason
+
+_BENT = 1.4  # error of the chain's hip in one direction, relative to its shift by a bending trunk; half is corrected
 
 
 @dataclass(frozen=True)
@@ -140,7 +143,9 @@ def _choose_motion(
     first = next(body_sets, None)
     if first is not None:
         for joint, each in first.gap.items():
-            centre_sd[joint] = 0.0 if each.pinned else np.sqrt(each.excess)
+            bend = float(np.linalg.norm(first.poses.shift[joint]))
+            moved = _BENT * bend if bend >= BENDS_M else 0.0  # the chain's hip is not corrected for a bending trunk
+            centre_sd[joint] = np.hypot(0.0 if each.pinned else np.sqrt(each.excess), moved)
     gap = {} if first is None else describe_gaps(first, read_joint_names(context))
     if requested == "chain":
         return (), {"source": "chain", "why": ASKED_FOR, "joints": gap}, centre_sd
