@@ -189,15 +189,22 @@ def _divide_slow_slide(run: tuple[int, int], feet: FloatArray, least: int) -> li
     """Return sections of ``least`` blocks or more if the feet slide slowly in a still interval, or else the interval.
 
     Feet that slide by a millimetre per second stand still in every step, but not where they stood before. They are
-    compared in the first and the last third of the interval, because the skin returns with every repetition.
+    compared in the first and the last third, because the skin returns with every repetition.
     """
     start, stop = run
-    third, count = (stop - start) // 3, (stop - start) // least
-    before, after = (_median_positions(feet, part) for part in ((start, start + third), (stop - third, stop)))
-    if count < 3 or _measure_distance(before, after) < MOVED_M:
-        return [run]
+    count = (stop - start) // least
     ends = [start + (stop - start) * k // count for k in range(count + 1)]
-    return list(pairwise(ends))
+    sections = list(pairwise(ends))
+    places = [_median_positions(feet, section) for section in sections]
+    within = any(_measure_distance(places[0], place) >= MOVED_M for place in places[1:])
+    return sections if within and (_slides(feet[start:stop]) or _slides(feet)) else [run]
+
+
+def _slides(feet: FloatArray) -> bool:
+    """Return whether feet (K, N, 2) are at another place in the last third than in the first third."""
+    third = len(feet) // 3
+    before, after = (_median_positions(feet, part) for part in ((0, third), (len(feet) - third, len(feet))))
+    return _measure_distance(before, after) >= MOVED_M
 
 
 def _merge_stretches(runs: list[tuple[int, int]], feet: FloatArray) -> list[tuple[int, int]]:
@@ -237,28 +244,39 @@ def _fit_motion(
 ) -> BaseMotion:
     """Fit the motion of the base to tracks (K, N, 2) of foot markers that are visible in the first interval.
 
-    ``runs`` are the still intervals, (first block, stop); ``margin`` blocks at their inner ends count as motion. If one
-    foot moves ``alone``, the motion has no rotation. The fields ``feet`` and ``fixed`` of the result are empty.
+    ``runs`` are the still intervals, (first block, stop); ``margin`` blocks at their inner ends count as motion.
+    ``alone`` tells that markers on a foot keep their places. The fields ``feet`` and ``fixed`` of the result are empty.
     """
     first = _median_positions(tracks, runs[0])
     centre = first.mean(axis=0)
     fits = [_fit_rigid_motion(first - centre, _median_positions(tracks, run) - centre) for run in runs]
-    turning = not alone and all(misfit <= _RIGID_M for _, misfit in fits)
+    turning = all(misfit <= (_SAME_M if alone else _RIGID_M) for _, misfit in fits)
+    alone &= not turning  # feet may also rotate about a marker that keeps its place
     if not turning:
         fits = [
             _fit_rigid_motion(first - centre, _median_positions(tracks, run) - centre, turning=False) for run in runs
         ]
-    last = len(runs) - 1
+    last, step = len(runs) - 1, max(2, round(_STRETCH_S / float(time[1] - time[0])))
     stretches, knots = [], dict[float, FloatArray]()
     for k, ((start, stop), (pose, misfit)) in enumerate(zip(runs, fits, strict=True)):
         begin, end = start + margin * (k > 0), max(stop - 1 - margin * (k < last), start + margin + 1)
         stretches.append(BaseStretch(float(time[begin]), float(time[end]), pose[:2], float(pose[2]), misfit))
-        knots |= {float(time[begin]): pose, float(time[end]): pose}
-        between = range(end + 1, runs[k + 1][0] + margin) if k < last else range(0)
+        if (k > 0 and runs[k - 1][1] == start) or (k < last and runs[k + 1][0] == stop):  # a slow slide is followed
+            parts = [(a, min(a + step, stop)) for a in range(start, stop - step // 2, step)]
+            knots |= {
+                float(time[(a + b - 1) // 2]): _fit_rigid_motion(
+                    first - centre, _median_positions(tracks, (a, b)) - centre, turning=turning
+                )[0]
+                for a, b in parts
+            }
+        else:
+            knots |= {float(time[begin]): pose, float(time[end]): pose}
+        between = range(end + 1, runs[k + 1][0] + margin) if k < last and runs[k + 1][0] > stop else range(0)
         seen = [block for block in between if np.isfinite(tracks[block, :, 0]).sum() >= 2]
         knots |= {
             float(time[b]): _fit_rigid_motion(first - centre, tracks[b] - centre, turning=turning)[0] for b in seen
         }
+    knots = dict(sorted(knots.items()))
     nothing = np.zeros(0, np.bool_)
     places = np.array(list(knots)), np.array(list(knots.values()))
     return BaseMotion(tuple(stretches), (), nothing, centre, alone, *places)

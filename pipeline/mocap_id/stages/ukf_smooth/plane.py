@@ -172,7 +172,8 @@ def _add_sd(
 ) -> tuple[States, str]:
     """Return the states with standard deviations that include skin motion if ``skin`` is given, and what they contain.
 
-    ``bend`` is as for :func:`estimate_lasting_errors`. The second result is ``UNKNOWN``, ``NOISE`` or ``SKIN`` of :mod:`mocap_id.stages.ukf_smooth.state_errors`.
+    ``bend`` is as for :func:`estimate_lasting_errors`. The second result is ``UNKNOWN``, ``NOISE`` or ``SKIN`` of
+    :mod:`mocap_id.stages.ukf_smooth.state_errors`.
     """
     if settings.method in FRAMEWISE:  # the errors of these methods are unknown
         return states, UNKNOWN
@@ -180,7 +181,7 @@ def _add_sd(
         return replace(states, sd=np.full_like(states.sd, np.nan)), UNKNOWN
     if skin is None or settings.method == "two-filter":
         return states, NOISE
-    errors = estimate_lasting_errors(states, observed, skin, camera, spectrum, bend)
+    errors = estimate_lasting_errors(states, observed, skin, camera, spectrum, bend=bend)
     return replace(states, sd=add_lasting_errors(states, spectrum.rate, errors)), SKIN
 
 

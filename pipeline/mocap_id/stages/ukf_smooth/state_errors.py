@@ -53,6 +53,7 @@ def estimate_lasting_errors(
     skin: SkinModel,
     camera: float,
     spectrum: ResidualSpectrum,
+    *,
     bend: tuple[int, FloatArray] | None = None,
 ) -> LastingErrors:
     """Return the variances of errors of the states that average out slowly or not at all.
@@ -70,12 +71,10 @@ def estimate_lasting_errors(
     return LastingErrors(camera, frames, variance)
 
 
-def _compute_bend_variance(
-    hip: int, turn: FloatArray, angles: FloatArray, frames: IntArray, rate: float
-) -> FloatArray:
+def _compute_bend_variance(hip: int, turn: FloatArray, angles: FloatArray, frames: IntArray, rate: float) -> FloatArray:
     """Return the variance (T, n, 4) of joint angles and their derivatives due to a trunk that bends.
 
-    The turn (F,) of the thigh, rad, has noise. A smooth function of the posture replaces it, so that it has derivatives.
+    The turn (F,) of the thigh, rad, has noise. A smooth function of the posture replaces it, which has derivatives.
     """
     posture = np.column_stack([angles[:, hip], angles.sum(axis=1)])
     posture -= posture.mean(axis=0)
