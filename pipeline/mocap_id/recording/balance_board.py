@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.recording.clock import SENSOR_HZ, check_times
+from mocap_id.recording.held_samples import HeldSamples, find_held, list_held
 from mocap_id.recording.text_tables import read_csv
 
 TIME, CELLS = "time_s", ("tl_kg", "tr_kg", "bl_kg", "br_kg")
@@ -26,6 +27,7 @@ _WINDOW_S, _INTERVALS = 0.025, 2.0  # the window is as long as the larger of 25 
 _LONGEST_GAP_S = 0.15  # in a longer gap the load is not known
 _LEAST_ROWS = 20
 _LARGEST_KG = 400.0
+_UNLOADED_KG = 2.0
 _CELL_KG, _CELL_GAIN = 0.05, 0.02  # standard deviations: of a reading, and of a cell's gain before calibration
 
 
@@ -41,6 +43,7 @@ class BoardLog:
     averaged: float  # width of the moving average that smooths as much as the resampling, s
     interval: float  # median time between two different time stamps, s
     gaps: int  # number of gaps that are too long to be bridged
+    held: tuple[HeldSamples, ...] = ()  # repeated or interpolated rows, which are left out
 
 
 def read_board(path: Path, loads: Path | None = None) -> BoardLog:
@@ -69,8 +72,15 @@ def read_board(path: Path, loads: Path | None = None) -> BoardLog:
     if loads is not None:
         gain, zero = calibrate_cells(_read_columns(loads, LOAD))
         cells = (cells - zero) * gain
-    newtons = cells * _GRAVITY
-    return _resample(time, np.column_stack([newtons.sum(axis=1), newtons @ _ACROSS, newtons @ _ALONG]))
+    rate = (len(time) - 1) / float(np.ptp(time))
+    rows = [each & (np.abs(cells).sum(axis=1) > _UNLOADED_KG) for each in find_held(cells, rate)]
+    kept = ~rows[0] & ~rows[1]
+    newtons = cells[kept] * _GRAVITY
+    log = _resample(time[kept], np.column_stack([newtons.sum(axis=1), newtons @ _ACROSS, newtons @ _ALONG]))
+    held = list_held(f"the balance board ({path.name})", time, *rows)
+    stretches = [np.searchsorted(time[kept], first) for each in held for first, _ in each.stretches]
+    long = sum(time[kept][k] - time[kept][k - 1] > _LONGEST_GAP_S for k in stretches if 0 < k < kept.sum())
+    return replace(log, held=held, gaps=log.gaps - int(long))
 
 
 def calibrate_cells(values: FloatArray) -> tuple[FloatArray, FloatArray]:

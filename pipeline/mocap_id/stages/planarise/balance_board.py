@@ -64,7 +64,7 @@ def read_board_plate(board: Path | BalanceBoard | None, source: Recording) -> tu
         )
     force = np.column_stack([np.zeros((len(log.force), 2)), log.force])
     plate = Plate(1, "balance board", None, force, np.zeros_like(force), log.ok, log.rate, start)
-    return log, replace(source, plates=(plate,), analog_rate=log.rate)
+    return log, replace(source, plates=(plate,), analog_rate=log.rate, held=source.held + log.held)
 
 
 def place_board(
