@@ -17,12 +17,12 @@ from mocap_id.verdict import Reason
 
 _LEAST_ROWS, _LEAST_S = 5, 0.05  # shortest stretch
 _AROUND = 200  # rows before and after a stretch, with which it is compared
-_FEWEST = 20  # least number of these rows
+_NEAR, _FEWEST = 60, 20  # nearest rows on each side, whose noise is examined, and least number of them
 _CHANCE = 25.0  # least negative logarithm of the probability that a stretch occurs by chance
 _TO_AND_FRO = 0.2  # least negative correlation of successive steps; it is 0.5 for white noise
 _ROUGH = 1.2  # least ratio of third to second differences of noise; it is 1.8 for white noise
 _ABOVE_ROUNDING = 2.0  # least noise, relative to the rounding step
-_KINK = 8.0  # least bend at an end of the stretch, relative to the usual bend, in a track without noise
+_KINK = 5.0  # least bend at an end of the stretch, relative to the usual bend, in a track without noise
 _MOST = 0.4  # fraction of a track; more of it was interpolated as a whole, for example to another rate
 _LONG_S, _MANY = 0.3, 0.02  # longest stretch and largest fraction of a sensor's samples for a note
 _LISTED = 4
@@ -94,10 +94,10 @@ def _keep_impossible(alike: BoolArray, least: int, steps: FloatArray, rounding: 
     for run in runs:
         before = np.flatnonzero(outside[: run.start])[-_AROUND:]
         after = run.stop + np.flatnonzero(outside[run.stop : run.stop + 20 * _AROUND])[:_AROUND]
-        sides = [rows for rows in (before, after) if len(rows) >= _FEWEST]
+        sides = [rows for rows in (before[-_NEAR:], after[:_NEAR]) if len(rows) >= _FEWEST]
         if not sides:
             continue
-        around = np.concatenate(sides)
+        around = np.concatenate([before, after])
         chance = (alike[around].sum() + 1.0) / (len(around) + 2.0)
         if -(run.stop - run.start) * np.log(chance) < _CHANCE:
             continue

@@ -1,0 +1,230 @@
+"""Faults of skeletons: no depth, left and right exchanged, and another person in place of the recorded one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, find_runs
+from mocap_id.errors import RecordingError
+from mocap_id.verdict import Reason
+
+_BODY = 6  # least number of joints of a body; the checks need so many
+_FLAT_M, _CONSTANT_M = 0.02, 1e-4  # extent of a body along each axis; scatter of a joint along each axis
+_FAR_M = 0.2  # a joint that is usually farther from 0 along an axis than this is never exactly at 0
+_APART_M, _CROSSED = 0.2, 0.35  # steps of a pair of joints that may exchange its sides; ratio of the crossed steps
+_LONGEST_S = 1.0  # gap after which steps say nothing
+_JUMP_M, _JUMP_RATIO = 0.04, 8.0  # step of a whole body: least length, and relative to the largest tenth of the steps
+_SPEED = 1.0  # m/s of a whole body during a gap
+_USUAL_ROWS = 10
+_OTHER_BONES, _BONE_ERRORS = 0.03, 4.0  # median relative difference of bones, and relative to their usual differences
+_BACK = 0.5  # a body that jumps back is nearer to its place than this part of the jump
+_AWAY_S = 10.0  # longest time after which a body that jumps back is judged by its place
+_LEAST_SHARE = 0.5
+_LISTED = 5
+_SIDES = (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"))
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    rows: slice
+    other: bool
+    jump: float  # m
+    bones: float  # median relative difference
+
+
+def check_depth(path: Path, positions: FloatArray, oddities: list[str]) -> None:
+    """Raise RecordingError if the positions (K, M, 3) of a body have no extent along one axis, m.
+
+    Rows without depth, and joints that are exactly at 0 along an axis from which they are usually far, become NaN in
+    place, with a note.
+    """
+    if positions.shape[1] < _BODY:
+        return
+    lost = np.zeros(positions.shape[:2], dtype=np.bool_)
+    for axis, name in enumerate("xyz"):
+        values = positions[..., axis]
+        seen = np.isfinite(values)
+        several = seen.sum(axis=1) >= _BODY
+        if not several.any():
+            continue
+        extent = np.full(len(values), np.nan)
+        extent[several] = np.nanmax(values[several], axis=1) - np.nanmin(values[several], axis=1)
+        often = seen.sum(axis=0) > 1
+        scatter = float(np.median(np.nanstd(values[:, often], axis=0))) if often.any() else np.inf
+        if np.nanmedian(extent) < _FLAT_M or scatter < _CONSTANT_M:
+            raise RecordingError(
+                f"{path}: the {name} of its joints does not change: they are within {100 * np.nanmedian(extent):.1f} "
+                f"cm of each other along {name}, and each scatters by {1e3 * scatter:.2g} mm in time. The skeleton has "
+                "no depth, so its angles in space are not known; expected joints in three dimensions. Export them from "
+                "a depth camera or from several cameras"
+            )
+        with np.errstate(invalid="ignore"):
+            lost[extent < _FLAT_M] = True
+        usual = np.zeros(values.shape[1])
+        usual[often] = np.abs(np.nanmedian(values[:, often], axis=0))
+        lost |= (values == 0.0) & (usual > _FAR_M)
+    lost &= np.isfinite(positions).any(axis=2)
+    if lost.any():
+        positions[lost] = np.nan
+        oddities.append(f"{path.name}: {int(lost.sum())} positions of joints have no depth and were set to missing")
+
+
+def pair_sides(labels: tuple[str, ...]) -> list[tuple[int, int]]:
+    """Return the numbers of the left and the right joint of each pair.
+
+    Examples
+    --------
+    >>> pair_sides(("Neck", "ElbowLeft", "ElbowRight", "RKnee", "LKnee"))
+    [(1, 2), (4, 3)]
+    """
+    pairs = []
+    for number, label in enumerate(labels):
+        others = [label.replace(left, right) for left, right in _SIDES if left in label]
+        others += [f"R{label[1:]}"] if label[:1] == "L" and not others else []
+        pairs += [(number, labels.index(other)) for other in others if other in labels]
+    return pairs
+
+
+def undo_exchanges(
+    labels: tuple[str, ...], time: FloatArray, positions: FloatArray, inferred: BoolArray
+) -> tuple[Reason, ...]:
+    """Exchange left and right joints back, in place, where the file exchanges them for some time.
+
+    Two joints exchange their places from one row to the next, which no body does. The labels in most rows are right.
+    Positions (K, M, 3) are in m at the times (K,), s; ``inferred`` (K, M) belongs to them.
+    """
+    exchanged: dict[str, BoolArray] = {}
+    for left, right in pair_sides(labels):
+        rows = np.flatnonzero(np.isfinite(positions[:, [left, right]]).all(axis=(1, 2)))
+        if len(rows) < _USUAL_ROWS:
+            continue
+        a, b = positions[rows, left], positions[rows, right]
+        along = np.linalg.norm(np.diff(a, axis=0), axis=1) + np.linalg.norm(np.diff(b, axis=0), axis=1)
+        crossed = np.linalg.norm(b[1:] - a[:-1], axis=1) + np.linalg.norm(a[1:] - b[:-1], axis=1)
+        near = np.diff(time[rows]) <= _LONGEST_S
+        turns = near & (along > _APART_M) & (crossed < _CROSSED * along)
+        if not turns.any():
+            continue
+        state = np.concatenate([[0], np.cumsum(turns)]) % 2 == 1
+        state = ~state if state.mean() > 0.5 else state
+        wrong = np.zeros(len(time), dtype=np.bool_)
+        wrong[rows] = state
+        both = np.ix_(wrong, [left, right])
+        positions[both] = positions[np.ix_(wrong, [right, left])]
+        inferred[both] = inferred[np.ix_(wrong, [right, left])]
+        exchanged[labels[left]] = wrong
+    if not exchanged:
+        return ()
+    anywhere = np.any(list(exchanged.values()), axis=0)
+    names = ", ".join(list(exchanged)[:_LISTED]) + (" …" if len(exchanged) > _LISTED else "")
+    message = (
+        f"left and right joints ({names}) are exchanged {_list_times(time, anywhere)}: they jump to each other's place "
+        "from one row to the next. They were exchanged back in the results, so that the sides in most rows hold. Look "
+        "at these times whether the person turned round"
+    )
+    return (Reason("skeleton-exchanged", message, float(anywhere.mean()), 0.0),)
+
+
+def find_other_person(path: Path, time: FloatArray, positions: FloatArray) -> tuple[Reason, ...]:
+    """Set the rows of another person to NaN, in place, and return a reason if there are any.
+
+    A camera that takes another person for the recorded one moves all joints at once, and changes the lengths of all
+    bones. The person with most rows is the recorded one. Positions (K, M, 3) are in m at the times (K,), s. Raises
+    RecordingError if less than half of the rows remain.
+    """
+    if positions.shape[1] < _BODY:
+        return ()
+    rows = np.flatnonzero(np.isfinite(positions[..., 0]).sum(axis=1) >= _BODY)
+    if len(rows) < 2 * _USUAL_ROWS:
+        return ()
+    body, stamps = positions[rows], time[rows]
+    with np.errstate(invalid="ignore"):
+        steps = np.nanmedian(np.linalg.norm(np.diff(body, axis=0), axis=2), axis=1)
+    apart = np.diff(stamps)
+    least = max(_JUMP_M, _JUMP_RATIO * float(np.nanquantile(steps, 0.9)))
+    jumps = np.nan_to_num(steps) > least + _SPEED * np.maximum(apart - np.median(apart), 0.0)
+    if not jumps.any():
+        return ()
+    cuts = [0, *(np.flatnonzero(jumps) + 1).tolist(), len(rows)]
+    parts = [slice(a, b) for a, b in pairwise(cuts)]
+    bones = _measure_bones(body)
+    own = max(parts, key=lambda part: part.stop - part.start)
+    usual = np.nanmedian(bones[own], axis=0)
+    found, last = [], own
+    for part in [*(p for p in parts if p.start > own.start), own, *(p for p in parts[::-1] if p.start < own.start)]:
+        if part is own:
+            last = own
+            continue
+        difference, error = _compare_bones(bones, part, own, usual)
+        other = difference > max(_OTHER_BONES, _BONE_ERRORS * error)
+        edges = (last.stop - 1, part.start) if part.start > own.start else (last.start, part.stop - 1)
+        jump = float(np.nanmedian(np.linalg.norm(body[edges[1]] - body[edges[0]], axis=1)))
+        away = jump > least and abs(stamps[edges[1]] - stamps[edges[0]]) < _AWAY_S
+        if not other and away and _jumps_back(body, part, last, parts, jump):
+            other = True
+        if other:
+            found.append(_Stretch(part, other, jump, difference))
+        else:
+            last = part
+    if not found:
+        return ()
+    wrong = np.zeros(len(time), dtype=np.bool_)
+    for each in found:
+        wrong[rows[each.rows.start] : rows[each.rows.stop - 1] + 1] = True
+    share = float(wrong.mean())
+    stretches = _list_times(time, wrong)
+    jump, bone = max(each.jump for each in found), max(each.bones for each in found)
+    evidence = (
+        f"{stretches}, all joints are displaced by up to {100 * jump:.0f} cm from one row to the next, and the bones "
+        f"differ by up to {100 * bone:.0f} %"
+    )
+    if share > _LEAST_SHARE:
+        raise RecordingError(
+            f"{path}: {evidence}: the file shows several people in turn, none of them in half of the rows; record with "
+            "one person in view, or delete the rows of the others"
+        )
+    positions[wrong] = np.nan
+    message = (
+        f"{evidence}: the camera took another person for the recorded one. These rows are left out as missing. Record "
+        "with one person in view"
+    )
+    return (Reason("skeleton-other-person", message, share, 0.0),)
+
+
+def _measure_bones(body: FloatArray) -> FloatArray:
+    """Return the logarithms of those distances (K, B) between joints that change least."""
+    first, second = np.triu_indices(body.shape[1], 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        lengths = np.log(np.linalg.norm(body[:, first] - body[:, second], axis=2))
+        scatter = np.nanmedian(np.abs(lengths - np.nanmedian(lengths, axis=0)), axis=0)
+    return lengths[:, np.argsort(scatter)[: 2 * body.shape[1]]]
+
+
+def _compare_bones(bones: FloatArray, part: slice, own: slice, usual: FloatArray) -> tuple[float, float]:
+    """Return the median difference of the bones in two parts, and its usual size in parts of the same length."""
+    difference = float(np.nanmedian(np.abs(np.nanmedian(bones[part], axis=0) - usual)))
+    length, count = part.stop - part.start, own.stop - own.start
+    blocks = [slice(own.start + k, own.start + k + length) for k in range(0, count - length + 1, max(length, 1))]
+    same = [float(np.nanmedian(np.abs(np.nanmedian(bones[each], axis=0) - usual))) for each in blocks[:200]]
+    return difference, float(np.median(same)) if same else 0.0
+
+
+def _jumps_back(body: FloatArray, part: slice, last: slice, parts: list[slice], jump: float) -> bool:
+    """Return whether the body returns after a part to the place that it had before."""
+    after = next((p for p in parts if p.start == part.stop), None) if part.start >= last.stop else None
+    if part.stop <= last.start:
+        after = next((p for p in parts if p.stop == part.start), None)
+    if after is None:
+        return False
+    ends = (last.stop - 1, after.start) if part.start >= last.stop else (last.start, after.stop - 1)
+    return float(np.nanmedian(np.linalg.norm(body[ends[0]] - body[ends[1]], axis=1))) < _BACK * jump
+
+
+def _list_times(time: FloatArray, rows: BoolArray) -> str:
+    runs = find_runs(rows)
+    listed = ", ".join(f"{time[run.start]:.2f} to {time[run.stop - 1]:.2f} s" for run in runs[:_LISTED])
+    return f"from {listed}" + (f" and {len(runs) - _LISTED} more times" if len(runs) > _LISTED else "")
