@@ -20,6 +20,7 @@ _LONGEST_S = 1.0  # gap after which steps say nothing
 _JUMP_M, _JUMP_RATIO = 0.04, 8.0  # step of a whole body: least length, and relative to the largest tenth of the steps
 _SPEED = 1.0  # m/s of a whole body during a gap
 _USUAL_ROWS = 10
+_SIZE_STEP = 0.05  # median relative step of all bones; 0.03 in skeletons of one person
 _OTHER_BONES, _BONE_ERRORS = 0.03, 4.0  # median relative difference of bones, and relative to their usual differences
 _BACK = 0.5  # a body that jumps back is nearer to its place than this part of the jump
 _AWAY_S = 10.0  # longest time after which a body that jumps back is judged by its place
@@ -147,11 +148,12 @@ def find_other_person(path: Path, time: FloatArray, positions: FloatArray) -> tu
     apart = np.diff(stamps)
     least = max(_JUMP_M, _JUMP_RATIO * float(np.nanquantile(steps, 0.9)))
     jumps = np.nan_to_num(steps) > least + _SPEED * np.maximum(apart - np.median(apart), 0.0)
+    bones = _measure_bones(body)
+    jumps |= _find_steps(bones)
     if not jumps.any():
         return ()
     cuts = [0, *(np.flatnonzero(jumps) + 1).tolist(), len(rows)]
     parts = [slice(a, b) for a, b in pairwise(cuts)]
-    bones = _measure_bones(body)
     own = max(parts, key=lambda part: part.stop - part.start)
     usual = np.nanmedian(bones[own], axis=0)
     found, last = [], own
@@ -179,7 +181,7 @@ def find_other_person(path: Path, time: FloatArray, positions: FloatArray) -> tu
     stretches = _list_times(time, wrong)
     jump, bone = max(each.jump for each in found), max(each.bones for each in found)
     evidence = (
-        f"{stretches}, all joints are displaced by up to {100 * jump:.0f} cm from one row to the next, and the bones "
+        f"{stretches} the joints are displaced by up to {100 * jump:.0f} cm from one row to the next, and the bones "
         f"differ by up to {100 * bone:.0f} %"
     )
     if share > _LEAST_SHARE:
@@ -202,6 +204,17 @@ def _measure_bones(body: FloatArray) -> FloatArray:
         lengths = np.log(np.linalg.norm(body[:, first] - body[:, second], axis=2))
         scatter = np.nanmedian(np.abs(lengths - np.nanmedian(lengths, axis=0)), axis=0)
     return lengths[:, np.argsort(scatter)[: 2 * body.shape[1]]]
+
+
+def _find_steps(bones: FloatArray) -> BoolArray:
+    """Return between which rows (K - 1,) all bones become longer or shorter at once, and stay so."""
+    with np.errstate(invalid="ignore"):
+        size = np.nan_to_num(np.nanmedian(bones - np.nanmedian(bones, axis=0), axis=1))
+    summed = np.concatenate([[0.0], np.cumsum(size)])
+    mean = (summed[_USUAL_ROWS:] - summed[:-_USUAL_ROWS]) / _USUAL_ROWS
+    lasting = np.zeros(len(size) - 1)
+    lasting[_USUAL_ROWS - 1 : len(size) - _USUAL_ROWS] = np.abs(mean[_USUAL_ROWS:] - mean[:-_USUAL_ROWS])
+    return np.asarray(np.minimum(lasting, np.abs(np.diff(size))) > _SIZE_STEP)
 
 
 def _compare_bones(bones: FloatArray, part: slice, own: slice, usual: FloatArray) -> tuple[float, float]:
