@@ -86,20 +86,21 @@ def _keep_impossible(alike: BoolArray, least: int, steps: FloatArray, rounding: 
     """
     bends = np.full(steps.shape, np.nan)
     bends[:-1] = np.diff(steps, axis=0)
-    runs = [run for run in find_runs(alike) if run.stop - run.start >= least]
-    outside = np.isfinite(bends).all(axis=1)
-    for run in runs:
-        outside[run] = False
+    outside = np.flatnonzero(np.isfinite(bends).all(axis=1) & ~alike)
+    followed = np.append(alike[1:], False)[outside]  # a chance run begins as often as a chance row follows another
     found = np.zeros_like(alike)
-    for run in runs:
-        before = np.flatnonzero(outside[: run.start])[-_AROUND:]
-        after = run.stop + np.flatnonzero(outside[run.stop : run.stop + 20 * _AROUND])[:_AROUND]
-        sides = [rows for rows in (before[-_NEAR:], after[:_NEAR]) if len(rows) >= _FEWEST]
+    for run in find_runs(alike):
+        if run.stop - run.start < least:
+            continue
+        first = int(np.searchsorted(outside, run.start))
+        before, after = slice(max(first - _AROUND, 0), first), slice(first, first + _AROUND)
+        sides = [outside[before][-_NEAR:], outside[after][:_NEAR]]
+        sides = [rows for rows in sides if len(rows) >= _FEWEST]
         if not sides:
             continue
-        around = np.concatenate([before, after])
-        chance = (alike[around].sum() + 1.0) / (len(around) + 2.0)
-        if -(run.stop - run.start) * np.log(chance) < _CHANCE:
+        around = outside[before.start : after.stop]
+        begins = followed[before.start : after.stop].sum() - (first > 0 and followed[first - 1])
+        if -(run.stop - run.start) * np.log((begins + 1.0) / (len(around) + 2.0)) < _CHANCE:
             continue
         usual = np.maximum(np.median(np.abs(bends[around]), axis=0), rounding)
         ends = [row for row in (run.start - 2, run.start - 1, run.stop - 1, run.stop) if 0 <= row < len(bends)]

@@ -93,16 +93,14 @@ def _read_columns(path: Path) -> dict[str, FloatArray]:
 def _find_held_rows(time: FloatArray, position: FloatArray, velocity: FloatArray) -> BoolArray:
     """Return which rows (K,) repeat the row before.
 
-    An encoder repeats its angle while the joint rests. It repeats it wrongly if the velocity in these rows is not zero,
-    or if noise always changes the values elsewhere.
+    An encoder repeats its angle while the joint rests. It repeats it wrongly if the velocity in these rows is not zero.
     """
     values = np.column_stack([position, velocity])
-    found = find_held(values, (len(time) - 1) / float(np.ptp(time)))[0]
     same = np.concatenate([[False], np.all(np.diff(values, axis=0) == 0.0, axis=1)])
+    found = np.zeros_like(same)
     for run in find_runs(same):
         moved = abs(velocity[run.start]) * float(time[run.stop - 1] - time[run.start - 1])
-        if run.stop - run.start >= _LEAST_HELD and moved > _HELD_MOVES:
-            found[run] = True
+        found[run] = run.stop - run.start >= _LEAST_HELD and moved > _HELD_MOVES
     return found
 
 

@@ -15,7 +15,8 @@ from mocap_id.verdict import Reason
 _BODY = 6  # least number of joints of a body; the checks need so many
 _FLAT_M, _CONSTANT_M = 0.02, 1e-4  # extent of a body along each axis; scatter of a joint along each axis
 _FAR_M = 0.2  # a joint that is usually farther from 0 along an axis than this is never exactly at 0
-_APART_M, _CROSSED = 0.2, 0.35  # steps of a pair of joints that may exchange its sides; ratio of the crossed steps
+_APART_M, _SUDDEN = 0.2, 4.0  # steps of a pair of joints that may exchange its sides: length, and relative to usual
+_CROSSED = 0.35  # largest ratio of the steps with the sides exchanged
 _LONGEST_S = 1.0  # gap after which steps say nothing
 _JUMP_M, _JUMP_RATIO = 0.04, 8.0  # step of a whole body: least length, and relative to the largest tenth of the steps
 _SPEED = 1.0  # m/s of a whole body during a gap
@@ -107,7 +108,7 @@ def undo_exchanges(
         along = np.linalg.norm(np.diff(a, axis=0), axis=1) + np.linalg.norm(np.diff(b, axis=0), axis=1)
         crossed = np.linalg.norm(b[1:] - a[:-1], axis=1) + np.linalg.norm(a[1:] - b[:-1], axis=1)
         near = np.diff(time[rows]) <= _LONGEST_S
-        turns = near & (along > _APART_M) & (crossed < _CROSSED * along)
+        turns = near & (along > max(_APART_M, _SUDDEN * float(np.median(along)))) & (crossed < _CROSSED * along)
         if not turns.any():
             continue
         state = np.concatenate([[0], np.cumsum(turns)]) % 2 == 1
