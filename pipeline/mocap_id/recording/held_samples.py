@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_runs
-from mocap_id.verdict import Reason
+from mocap_id.verdict import Level, Reason
 
 _LEAST_ROWS, _LEAST_S = 5, 0.05  # shortest stretch
 _AROUND = 200  # rows before and after a stretch, with which it is compared
@@ -23,7 +23,7 @@ _TO_AND_FRO = 0.2  # least negative correlation of successive steps; it is 0.5 f
 _ROUGH = 1.2  # least ratio of third to second differences of noise; it is 1.8 for white noise
 _ABOVE_ROUNDING = 2.0  # least noise, relative to the rounding step
 _KINK = 5.0  # least bend at an end of the stretch, relative to the usual bend, in a track without noise
-_MOST = 0.4  # fraction of a track; more of it was interpolated as a whole, for example to another rate
+_MOST = 0.7  # fraction of a track; if more is like this, it is how the sensor or the software works
 _LONG_S, _MANY = 0.3, 0.02  # longest stretch and largest fraction of a sensor's samples for a note
 _LISTED = 4
 _SINGLE = 2.0**-23  # relative rounding of a file in single precision
@@ -158,5 +158,5 @@ def describe_held(found: Sequence[HeldSamples], start: float = -np.inf, end: flo
         f"{listed}{rest}. No sensor measures such values: software repeated them or filled a gap. They are left out "
         "as missing. Export the recording without filled gaps, and look for lost data at these times"
     )
-    level = "caution" if longest > _LONG_S or share > _MANY else "ok"
+    level: Level = "caution" if longest > _LONG_S or share > _MANY else "ok"
     return (Reason("samples-held", message, longest, _LONG_S, level),)

@@ -115,9 +115,11 @@ def read_imu(path: Path, rate: float | None = None) -> ImuLog:
             f"{path}: the gyroscope reaches {np.abs(log.gyro).max():.0f} rad/s; degrees per second must be converted "
             "to rad/s"
         )
-    rows = find_held(np.hstack([log.gyro, log.acc]), 1.0 / float(np.median(np.diff(log.time))))
-    kept = ~rows[0] & ~rows[1]
-    held = list_held(f"the sensor in {path.name}", log.time, *rows)
+    rate = 1.0 / float(np.median(np.diff(log.time)))
+    of_gyro, of_acc = find_held(log.gyro, rate), find_held(log.acc, rate)
+    again, straight = of_gyro[0] | of_acc[0], of_gyro[1] | of_acc[1]
+    kept = ~again & ~straight
+    held = list_held(f"the sensor in {path.name}", log.time, again, straight & ~again)
     return ImuLog(log.time[kept], log.gyro[kept], log.acc[kept], held)
 
 

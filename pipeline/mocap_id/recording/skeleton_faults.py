@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -25,17 +24,9 @@ _SIZE_STEP = 0.05  # median relative step of all bones; 0.03 in skeletons of one
 _OTHER_BONES, _BONE_ERRORS = 0.03, 4.0  # median relative difference of bones, and relative to their usual differences
 _BACK = 0.5  # a body that jumps back is nearer to its place than this part of the jump
 _AWAY_S = 10.0  # longest time after which a body that jumps back is judged by its place
-_LEAST_SHARE = 0.5
+_MOST_OTHERS = 0.5  # fraction of the rows
 _LISTED = 5
 _SIDES = (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"))
-
-
-@dataclass(frozen=True)
-class _Stretch:
-    rows: slice
-    other: bool
-    jump: float  # m
-    bones: float  # median relative difference
 
 
 def check_depth(path: Path, positions: FloatArray, oddities: list[str]) -> None:
@@ -115,9 +106,8 @@ def undo_exchanges(
         state = ~state if state.mean() > 0.5 else state
         wrong = np.zeros(len(time), dtype=np.bool_)
         wrong[rows] = state
-        both = np.ix_(wrong, [left, right])
-        positions[both] = positions[np.ix_(wrong, [right, left])]
-        inferred[both] = inferred[np.ix_(wrong, [right, left])]
+        for values in (positions, inferred):
+            values[wrong, left], values[wrong, right] = values[wrong, right], values[wrong, left]
         exchanged[labels[left]] = wrong
     if not exchanged:
         return ()
@@ -157,35 +147,32 @@ def find_other_person(path: Path, time: FloatArray, positions: FloatArray) -> tu
     parts = [slice(a, b) for a, b in pairwise(cuts)]
     own = max(parts, key=lambda part: part.stop - part.start)
     usual = np.nanmedian(bones[own], axis=0)
-    found, last = [], own
-    for part in [*(p for p in parts if p.start > own.start), own, *(p for p in parts[::-1] if p.start < own.start)]:
-        if part is own:
-            last = own
-            continue
-        difference, error = _compare_bones(bones, part, own, usual)
-        other = difference > max(_OTHER_BONES, _BONE_ERRORS * error)
-        edges = (last.stop - 1, part.start) if part.start > own.start else (last.start, part.stop - 1)
-        jump = float(np.nanmedian(np.linalg.norm(body[edges[1]] - body[edges[0]], axis=1)))
-        away = jump > least and abs(stamps[edges[1]] - stamps[edges[0]]) < _AWAY_S
-        if not other and away and _jumps_back(body, part, last, parts, jump):
-            other = True
-        if other:
-            found.append(_Stretch(part, other, jump, difference))
-        else:
-            last = part
-    if not found:
+    wrong, jump, bone = np.zeros(len(time), dtype=np.bool_), 0.0, 0.0
+    for forwards in (True, False):
+        last = own
+        order = [part for part in parts if (part.start > own.start if forwards else part.start < own.start)]
+        order = order if forwards else order[::-1]
+        for part, after in zip(order, (*order, None)[1:], strict=True):
+            leaves, enters = (last.stop - 1, part.start) if forwards else (last.start, part.stop - 1)
+            moved = _measure_displacement(body, leaves, enters)
+            difference, error = _compare_bones(bones, part, own, usual)
+            other = difference > max(_OTHER_BONES, _BONE_ERRORS * error)
+            if not other and after is not None and moved > least and abs(stamps[enters] - stamps[leaves]) < _AWAY_S:
+                back = _measure_displacement(body, leaves, after.start if forwards else after.stop - 1)
+                other = back < _BACK * moved
+            if not other:
+                last = part
+                continue
+            wrong[rows[part.start] : rows[part.stop - 1] + 1] = True
+            jump, bone = max(jump, moved), max(bone, difference)
+    if not wrong.any():
         return ()
-    wrong = np.zeros(len(time), dtype=np.bool_)
-    for each in found:
-        wrong[rows[each.rows.start] : rows[each.rows.stop - 1] + 1] = True
     share = float(wrong.mean())
-    stretches = _list_times(time, wrong)
-    jump, bone = max(each.jump for each in found), max(each.bones for each in found)
     evidence = (
-        f"{stretches} the joints are displaced by up to {100 * jump:.0f} cm from one row to the next, and the bones "
-        f"differ by up to {100 * bone:.0f} %"
+        f"{_list_times(time, wrong)} the joints are displaced by up to {100 * jump:.0f} cm from one row to the next, "
+        f"and the bones differ by up to {100 * bone:.0f} %"
     )
-    if share > _LEAST_SHARE:
+    if share > _MOST_OTHERS:
         raise RecordingError(
             f"{path}: {evidence}: the file shows several people in turn, none of them in half of the rows; record with "
             "one person in view, or delete the rows of the others"
@@ -204,7 +191,7 @@ def _measure_bones(body: FloatArray) -> FloatArray:
     with np.errstate(invalid="ignore", divide="ignore"):
         lengths = np.log(np.linalg.norm(body[:, first] - body[:, second], axis=2))
         scatter = np.nanmedian(np.abs(lengths - np.nanmedian(lengths, axis=0)), axis=0)
-    return lengths[:, np.argsort(scatter)[: 2 * body.shape[1]]]
+    return np.asarray(lengths[:, np.argsort(scatter)[: 2 * body.shape[1]]])
 
 
 def _find_steps(bones: FloatArray) -> BoolArray:
@@ -227,15 +214,10 @@ def _compare_bones(bones: FloatArray, part: slice, own: slice, usual: FloatArray
     return difference, float(np.median(same)) if same else 0.0
 
 
-def _jumps_back(body: FloatArray, part: slice, last: slice, parts: list[slice], jump: float) -> bool:
-    """Return whether the body returns after a part to the place that it had before."""
-    after = next((p for p in parts if p.start == part.stop), None) if part.start >= last.stop else None
-    if part.stop <= last.start:
-        after = next((p for p in parts if p.stop == part.start), None)
-    if after is None:
-        return False
-    ends = (last.stop - 1, after.start) if part.start >= last.stop else (last.start, after.stop - 1)
-    return float(np.nanmedian(np.linalg.norm(body[ends[0]] - body[ends[1]], axis=1))) < _BACK * jump
+def _measure_displacement(body: FloatArray, first: int, second: int) -> float:
+    """Return the median displacement of the joints between two rows, m; 0 if they have no joint in common."""
+    moved = np.linalg.norm(body[second] - body[first], axis=1)
+    return float(np.nanmedian(moved)) if np.isfinite(moved).any() else 0.0
 
 
 def _list_times(time: FloatArray, rows: BoolArray) -> str:

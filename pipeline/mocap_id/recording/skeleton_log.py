@@ -11,7 +11,7 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.recording.axes import check_axis
 from mocap_id.recording.clock import SKELETON_HZ, check_times
-from mocap_id.recording.held_samples import describe_held, find_held, list_held
+from mocap_id.recording.held_samples import HeldSamples, describe_held, find_held, list_held
 from mocap_id.recording.marker_positions import clean_positions, resolve_length_unit, rotate_z_up
 from mocap_id.recording.model import Recording
 from mocap_id.recording.skeleton_faults import check_depth, find_other_person, undo_exchanges
@@ -105,7 +105,8 @@ def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None 
 
 def _leave_out_held(rows: _Rows) -> tuple[Reason, ...]:
     """Set positions that software repeated or interpolated to NaN, in place, and return a reason if there are any."""
-    rate, held = (len(rows.time) - 1) / float(np.ptp(rows.time)), []
+    held: list[HeldSamples] = []
+    rate = (len(rows.time) - 1) / float(np.ptp(rows.time))
     for number, label in enumerate(rows.labels):
         found = find_held(rows.positions[:, number], rate)
         held += list_held(f"joint {label}", rows.time, *found)
