@@ -81,6 +81,9 @@ def test_exactly_the_changed_rows_of_a_sensor_with_noise_are_found(
         np.round(movement(3, noise=0.0), 3),
         np.round(movement(3, noise=5e-4), 3),  # noise below the rounding
         np.round(movement(3, noise=5e-3), 2),
+        np.round(
+            np.cumsum(np.abs(np.sin(2.6 * TIME))[:, None] ** 8 * [1.0, 0.3, 0.1], axis=0) / 30, 3
+        ),  # a foot's steps
         np.repeat(movement(3, noise=1e-3)[::8], 8, axis=0),  # exported at eight times the rate
         np.stack([np.interp(np.arange(1200), np.arange(0, 1200, 8), c) for c in movement(3, noise=1e-3)[::8].T], 1)[
             :1190
@@ -96,6 +99,7 @@ def test_exactly_the_changed_rows_of_a_sensor_with_noise_are_found(
         "rounded",
         "dithered",
         "coarse",
+        "steps",
         "repeated",
         "interpolated",
         "short",

@@ -26,6 +26,7 @@ _KINK = 5.0  # least bend at an end of the stretch, relative to the usual bend, 
 _MOST = 0.7  # fraction of a track; if more is like this, it is how the sensor or the software works
 _LONG_S, _MANY = 0.3, 0.02  # longest stretch and largest fraction of a sensor's samples for a note
 _LISTED = 4
+_OFF_LINE = 1.1  # largest distance from a line, relative to the rounding step
 _SINGLE = 2.0**-23  # relative rounding of a file in single precision
 
 
@@ -74,6 +75,8 @@ def find_held(values: FloatArray, rate: float) -> tuple[BoolArray, BoolArray]:
     least = max(_LEAST_ROWS, int(np.ceil(_LEAST_S * rate)))
     held = _keep_impossible(same, least, steps, rounding)
     straight = _keep_impossible(straight & ~held, least, steps, rounding)
+    for run in find_runs(straight):
+        straight[run] = _is_rounded_line(values[run.start - 1 : run.stop + 1], rounding)
     if (held | straight).sum() > _MOST * np.isfinite(values).all(axis=1).sum():
         return none, none
     return held, straight
@@ -107,6 +110,22 @@ def _keep_impossible(alike: BoolArray, least: int, steps: FloatArray, rounding: 
         kink = np.nan_to_num(np.abs(bends[ends]) / usual).max()
         found[run] = kink > _KINK or all(_is_noisy(rows, steps, bends, rounding) for rows in sides)
     return found
+
+
+def _is_rounded_line(values: FloatArray, rounding: FloatArray) -> bool:
+    """Return whether rows (k, n) are the rounded values of a line that rises by a rounding step or more for each row.
+
+    A marker that stands still or moves slowly has nearly straight tracks too, if its coordinates have coarse steps. The
+    first and last row may belong to the measured samples.
+    """
+    for first, stop in ((0, len(values)), (1, len(values)), (0, len(values) - 1), (1, len(values) - 1)):
+        some = values[first:stop]
+        share = np.linspace(0.0, 1.0, len(some))[:, None]
+        off = np.abs(some - (some[0] * (1 - share) + some[-1] * share))
+        rises = np.max(np.abs(some[-1] - some[0]) / rounding) >= len(some) - 1
+        if rises and bool(np.all(off <= _OFF_LINE * rounding)):
+            return True
+    return False
 
 
 def _is_noisy(rows: IntArray, steps: FloatArray, bends: FloatArray, rounding: FloatArray) -> bool:
