@@ -74,18 +74,19 @@ def find_held(values: FloatArray, rate: float) -> tuple[BoolArray, BoolArray]:
         straight[1:-1] = np.all(np.abs(bends) <= 2.1 * rounding, axis=1)
     least = max(_LEAST_ROWS, int(np.ceil(_LEAST_S * rate)))
     held = _keep_impossible(same, least, steps, rounding)
-    straight = _keep_impossible(straight & ~held, least, steps, rounding)
-    for run in find_runs(straight):
-        straight[run] = _is_rounded_line(values[run.start - 1 : run.stop + 1], rounding)
+    straight = _keep_impossible(straight & ~held, least, steps, rounding, values)
     if (held | straight).sum() > _MOST * np.isfinite(values).all(axis=1).sum():
         return none, none
     return held, straight
 
 
-def _keep_impossible(alike: BoolArray, least: int, steps: FloatArray, rounding: FloatArray) -> BoolArray:
+def _keep_impossible(
+    alike: BoolArray, least: int, steps: FloatArray, rounding: FloatArray, lines: FloatArray | None = None
+) -> BoolArray:
     """Return which rows (K,) are in runs of ``least`` or more rows ``alike`` that no sensor can have measured.
 
-    ``steps`` (K, n) are the differences from the row before, and ``rounding`` (n,) is the smallest difference.
+    ``steps`` (K, n) are the differences from the row before, and ``rounding`` (n,) is the smallest difference. If the
+    values ``lines`` (K, n) are given, each run must be on a line.
     """
     bends = np.full(steps.shape, np.nan)
     bends[:-1] = np.diff(steps, axis=0)
@@ -108,40 +109,45 @@ def _keep_impossible(alike: BoolArray, least: int, steps: FloatArray, rounding: 
         usual = np.maximum(np.median(np.abs(bends[around]), axis=0), rounding)
         ends = [row for row in (run.start - 2, run.start - 1, run.stop - 1, run.stop) if 0 <= row < len(bends)]
         kink = np.nan_to_num(np.abs(bends[ends]) / usual).max()
-        found[run] = kink > _KINK or all(_is_noisy(rows, steps, bends, rounding) for rows in sides)
+        noise = min(_measure_noise(rows, steps, bends, rounding) for rows in sides)
+        found[run] = kink > _KINK or noise > 0.0
+        if lines is not None and found[run.start]:
+            found[run] = _is_rounded_line(lines[run.start - 1 : run.stop + 1], rounding, noise < _ABOVE_ROUNDING)
     return found
 
 
-def _is_rounded_line(values: FloatArray, rounding: FloatArray) -> bool:
-    """Return whether rows (k, n) are the rounded values of a line that rises by a rounding step or more for each row.
+def _is_rounded_line(values: FloatArray, rounding: FloatArray, rises: bool) -> bool:
+    """Return whether rows (k, n) are the rounded values of a line.
 
-    A marker that stands still or moves slowly has nearly straight tracks too, if its coordinates have coarse steps. The
-    first and last row may belong to the measured samples.
+    If ``rises``, some channel must change by a rounding step or more for each row: without much noise, a marker that
+    stands still or moves slowly also has a straight track if its coordinates have coarse steps. The first and the last
+    row may belong to the measured samples.
     """
     for first, stop in ((0, len(values)), (1, len(values)), (0, len(values) - 1), (1, len(values) - 1)):
         some = values[first:stop]
         share = np.linspace(0.0, 1.0, len(some))[:, None]
         off = np.abs(some - (some[0] * (1 - share) + some[-1] * share))
-        rises = np.max(np.abs(some[-1] - some[0]) / rounding) >= len(some) - 1
-        if rises and bool(np.all(off <= _OFF_LINE * rounding)):
+        steep = np.max(np.abs(some[-1] - some[0]) / rounding) >= len(some) - 1
+        if (steep or not rises) and bool(np.all(off <= _OFF_LINE * rounding)):
             return True
     return False
 
 
-def _is_noisy(rows: IntArray, steps: FloatArray, bends: FloatArray, rounding: FloatArray) -> bool:
-    """Return whether a channel has noise in these rows.
+def _measure_noise(rows: IntArray, steps: FloatArray, bends: FloatArray, rounding: FloatArray) -> float:
+    """Return the largest noise of a channel in these rows, relative to its rounding; 0 if no channel shows noise.
 
     Noise makes successive steps go to and fro, which the rounding of a smooth motion never does. During a fast motion,
     noise that is larger than the rounding makes the third differences larger than the second differences.
     """
     pairs = rows[:-1][np.diff(rows) == 1]
     if len(pairs) < _FEWEST // 2:
-        return False
+        return 0.0
     first, second = steps[pairs], steps[pairs + 1]
     forth = np.sum(first * second, axis=0) < -_TO_AND_FRO * np.sum(first**2, axis=0)
     third = np.median(np.abs(bends[pairs + 1] - bends[pairs]), axis=0)
     rough = third > _ROUGH * np.median(np.abs(bends[rows]), axis=0)
-    return bool(np.any(forth | (rough & (third > 3.0 * _ABOVE_ROUNDING * rounding))))
+    size = third / (0.6745 * np.sqrt(20.0) * rounding)
+    return float(np.max(np.where(forth | (rough & (size > _ABOVE_ROUNDING)), size, 0.0)))
 
 
 def list_held(sensor: str, time: FloatArray, held: BoolArray, straight: BoolArray) -> tuple[HeldSamples, ...]:
