@@ -138,12 +138,13 @@ def _smooth(
         from mocap_id.stages.ukf_smooth.inertial import check_method, describe_sensors, read_sensors  # noqa: PLC0415
 
         check_method(settings.method, settings.engine)
+        signals = read_sensors(names, worn)
         states, results = inertial_smoothing.smooth_with_sensors(
-            observed, view.time, *geometry, sensors=read_sensors(names, worn), settings=settings
+            observed, view.time, *geometry, sensors=signals, settings=settings
         )
         used = [0, *(s for s, each in results.items() if each.used is not None)]
         has_sensor = np.isin(np.arange(len(names)), used)
-        outcome = _SensorOutcome(has_sensor[1:] & has_sensor[:-1], *describe_sensors(names, worn, results))
+        outcome = _SensorOutcome(has_sensor[1:] & has_sensor[:-1], *describe_sensors(names, worn, signals, results))
     else:
         states = smooth(observed, view.rate, *geometry, settings=settings, overwrite=True)
     observed[~states.used] = np.nan
