@@ -151,9 +151,10 @@ def _choose_motion(
     if first is not None:
         # a gap that follows the angle of its joint, as far as skin does not explain it
         of_fit = np.nan_to_num(np.einsum("jkk->j", read_skeleton(context).covariance) / 2)
+        shifts = np.zeros((len(centre_sd), 2)) if first.poses.shift is None else first.poses.shift
         for joint in first.gap:
             hidden = float(estimate_hidden_gaps(first.poses, [joint])[joint])
-            bend = float(np.linalg.norm(first.poses.shift[joint]))
+            bend = float(np.linalg.norm(shifts[joint]))
             moved = _BENT * bend if bend >= BENDS_M else 0.0  # the chain's hip is not corrected for a bending trunk
             centre_sd[joint] = np.hypot(np.sqrt(max(hidden - of_fit[joint], 0.0)), moved)
     gap = {} if first is None else describe_gaps(first, read_joint_names(context))
