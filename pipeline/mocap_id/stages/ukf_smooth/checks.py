@@ -149,9 +149,9 @@ def report_bend(shift: HipShift) -> tuple[Reason, ...]:
     """Return a caution about a trunk that bends while pelvis and trunk are one segment."""
     message = (
         f"the trunk bends: the markers of the pelvis move by {1e3 * shift.slide:.0f} mm along the trunk as the hip "
-        f"turns, and the hip is {1e3 * abs(shift.place):.0f} mm beside the place that a rigid trunk gives. The intervals "
-        "of angles and torques contain this error. The angle of the hip is that of the trunk, not of the pelvis. Put "
-        "three or more markers on the pelvis and on the chest, at different places seen from the side, to make them two "
-        "segments."
+        f"turns, and the hip is {1e3 * abs(shift.place):.0f} mm beside the place that a rigid trunk gives. The "
+        "intervals of angles and torques contain this error. The angle of the hip is that of the trunk, not of the "
+        "pelvis. Put three or more markers on the pelvis and on the chest, at different places seen from the side, to "
+        "make them two segments."
     )
     return (Reason("trunk-bends", message, float(abs(shift.place)), BENDS_M),)
