@@ -74,7 +74,7 @@ def ukf_smooth(context: Context) -> Outputs:
     spectrum = compute_residual_spectrum(ChainResiduals(states, observed, view.rate))
     poses, shift = measure_poses(view, chain, skeleton, observed=observed, angles=states.mean[:, :, 0])
     bend = None
-    if abs(shift.place) >= BENDS_M:
+    if shift.across is not None and abs(shift.place) >= BENDS_M:
         hip = skeleton.joints.index("hip")
         bend = (hip, shift.across / float(np.linalg.norm(chain.centres[hip])))
     states, sd_holds = _add_sd(states, observed, skin, camera, bend, spectrum=spectrum, settings=settings)
