@@ -190,6 +190,7 @@ def _measure_bones(body: FloatArray) -> FloatArray:
     first, second = np.triu_indices(body.shape[1], 1)
     with np.errstate(invalid="ignore", divide="ignore"):
         lengths = np.log(np.linalg.norm(body[:, first] - body[:, second], axis=2))
+        lengths = lengths[:, np.isfinite(lengths).any(axis=0)]  # some joints are never seen together
         scatter = np.nanmedian(np.abs(lengths - np.nanmedian(lengths, axis=0)), axis=0)
     return np.asarray(lengths[:, np.argsort(scatter)[: 2 * body.shape[1]]])
 
