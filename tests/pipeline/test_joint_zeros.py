@@ -106,6 +106,12 @@ def test_a_static_trial_of_the_same_markers_is_zero_wherever_it_looks(tmp_path: 
         start(tmp_path, static={"trial": "still.yaml"})
 
 
+def test_states_without_standard_deviations_have_a_zero_without_one(tmp_path: Path) -> None:
+    done = start(tmp_path, **{"ukf-smooth": {"method": "butterworth"}})
+    assert {(source, sd) for source, _, sd in zeros(done).values()} == {("standing", None)}
+    assert all("no standard deviations" in one["why"] for one in done.summary()["joints"])
+
+
 @pytest.mark.parametrize(
     ("static", "message"),
     [

@@ -26,7 +26,7 @@ class Zero:
 
     source: Literal["static", "standing", "segment line"] = "segment line"
     value: float = 0.0
-    sd: float = 0.0
+    sd: float | None = 0.0  # None if the states have no standard deviations
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class ReportData(ArtefactSet):
         found = self.facts("phases.parquet").get("zeros")
         if not found:
             return (Zero(),) * joints
-        return tuple(Zero(each["source"], float(each["zero"]), float(each["sd"])) for each in found)
+        return tuple(Zero(each["source"], float(each["zero"]), to_number(each["sd"])) for each in found)
 
     @cached_property
     def shown_motion(self) -> JointStates | None:

@@ -40,6 +40,7 @@ from mocap_id.store import Facts, Table
 from mocap_id.store.views import IdentifiedDynamics
 
 _NO_PLANE = "yaw_deg, origin_m: a trial in space has no plane of motion"
+_NO_STATE_SD = "zero_sd_deg: the joint states have no standard deviations"
 _NO_MOVEMENT_HELPS = "none of those tried"
 _WIDE = 2.0  # times the median standard deviation; above it, a torque is not reported as the largest
 
@@ -160,7 +161,7 @@ def _summarise_joints(data: ReportData) -> list[JointEntry] | None:
         return None
     return [
         JointEntry.explain(
-            NOT_FINITE,
+            NOT_FINITE if data.zeros[j].sd is not None else _NO_STATE_SD,
             name=name,
             parent=int(skeleton.parents[j]),
             centre_m=to_numbers(skeleton.centres[j]),
@@ -168,7 +169,7 @@ def _summarise_joints(data: ReportData) -> list[JointEntry] | None:
             arc_deg=to_number(np.degrees(skeleton.arc[j])),
             zero=data.zeros[j].source,
             zero_deg=float(np.degrees(data.zeros[j].value)),
-            zero_sd_deg=to_number(np.degrees(data.zeros[j].sd)),
+            zero_sd_deg=scale(data.zeros[j].sd, 180 / np.pi),
         )
         for j, name in enumerate(skeleton.joints)
     ]

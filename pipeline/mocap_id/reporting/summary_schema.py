@@ -109,7 +109,7 @@ class JointEntry(Entry):
     arc_deg: float | None
     zero: Literal["static", "standing", "segment line", ""] = ""
     zero_deg: float = 0.0
-    zero_sd_deg: float = 0.0
+    zero_sd_deg: float | None = 0.0
     known: bool = True
     evidence: dict[str, float] = Field({})
     why: str | None
