@@ -77,8 +77,8 @@ def plate(load: np.ndarray) -> PlateSignals:
     """Return a plate at the origin, y towards -y and z down, with the load (F, 3) of the ground on the body."""
     corners = np.array([[0.3, -0.3, 0], [-0.3, -0.3, 0], [-0.3, 0.3, 0], [0.3, 0.3, 0]])
     below = -0.02
-    channels = np.zeros((len(load), 6))
-    channels[:, 0], channels[:, 2], channels[:, 4] = load[:, 0], -load[:, 1], -load[:, 2] + below * load[:, 0]
+    channels = np.random.default_rng(5).normal(scale=1e-3, size=(len(load), 6))  # a channel of zeros counts as dead
+    channels[:, [0, 2, 4]] += np.column_stack([load[:, 0], -load[:, 1], -load[:, 2] + below * load[:, 0]])
     return PlateSignals(2, np.repeat(channels, 10, axis=0), np.array([0.0, 0.0, below]), corners, 10 * RATE)
 
 
