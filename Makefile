@@ -17,12 +17,13 @@ TRIALS = $(wildcard sample_trials/*/trial.yaml)
 RULES := $(VENV)/trials.mk
 OPENSIM := .venv-opensim
 
-.PHONY: help demo test test-slow fuzz trials docs docs-site release-check lock opensim clean
+.PHONY: help demo test test-slow proof fuzz trials docs docs-site release-check lock opensim clean
 
 help:
 	@echo 'make demo    install, run the pipeline on a sample trial and print the path of the report'
 	@echo 'make test    install the development tools, check and test everything, one process per core (WORKERS=1: one process)'
 	@echo 'make test-slow   run the sweeps and other long tests, which make test leaves out; CI runs both'
+	@echo 'make proof   compare every number and text of a corpus with those of a commit (BASE=HEAD PART=whole JOBS=1)'
 	@echo 'make fuzz    try damaged files (NUMBER=10000 SEED=1 JOBS=1); the same call continues where it stopped'
 	@echo 'make trials  run every trial under sample_trials/; -j runs several at a time'
 	@echo 'make docs    write the generated pages (commands, settings, examples of configurations)'
@@ -51,9 +52,15 @@ test: $(VENV)/installed-dev
 test-slow: $(VENV)/installed-dev
 	$(PYTEST) -m slow
 
+BASE := HEAD
+PART := whole
+JOBS := 1
+
+proof: $(VENV)/installed-dev
+	$(BIN)/python tests/proof/proof.py --base $(BASE) --part $(PART) --jobs $(JOBS)
+
 NUMBER := 10000
 SEED := 1
-JOBS := 1
 
 fuzz: $(VENV)/installed-dev
 	$(BIN)/python tests/hostile/fuzz.py --number $(NUMBER) --seed $(SEED) --jobs $(JOBS) --state .fuzz
@@ -108,5 +115,5 @@ require-python:
 	@test -n '$(PYTHON)' || { echo 'No Python 3.11 or later with venv was found: make … PYTHON=/path/to/python' >&2; exit 1; }
 
 clean:
-	rm -rf $(VENV) $(OPENSIM) build dist sample_trials/*/runs .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .fuzz
+	rm -rf $(VENV) $(OPENSIM) build dist sample_trials/*/runs .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .fuzz .proof
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

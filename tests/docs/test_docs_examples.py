@@ -175,6 +175,7 @@ def named(shown: dict[str, Any]) -> set[tuple[str, str]]:
 @by_name
 def test_settings_in_the_text_exist(page: Path, tmp_path: Path) -> None:
     fields = {key: field.annotation for key, field in build_trial_model().model_fields.items()}
+    (tmp_path / "static.yaml").write_text("trial: static\nrecording: static.c3d\n")
     for code, shown in settings_in_text(page):
         for stage, key in named(shown):
             model: Any = fields[stage.replace("-", "_")]

@@ -51,7 +51,7 @@ def two_links() -> tuple[tuple[str, ...], np.ndarray, PlateSignals]:
     base = np.array([[0.2, 0.1, 0.0], [-0.2, 0.1, 0.02], [0.2, -0.1, 0.05], [-0.2, -0.1, 0.0]])
     points = [np.broadcast_to(base, (len(time), 4, 3))]
     pivot, angle = np.tile([0.0, 0.3], (len(time), 1)), np.zeros(len(time))
-    load = np.zeros((len(time), 2))
+    load = np.zeros((len(time), 3))  # Fx, Fz, My of the ground about the origin
     for k, length in enumerate((0.4, 0.35)):
         angle = angle + q[:, k]
         along = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
@@ -62,7 +62,8 @@ def two_links() -> tuple[tuple[str, ...], np.ndarray, PlateSignals]:
         points.append(np.stack([at[..., 0], depth, at[..., 1]], axis=-1))
         middle = pivot + along * length / 2
         acceleration = np.gradient(np.gradient(middle, 1 / RATE, axis=0), 1 / RATE, axis=0)
-        load += 4.0 * (acceleration + np.array([0.0, G]))
+        force = 4.0 * (acceleration + np.array([0.0, G]))
+        load += np.column_stack([force, middle[:, 1] * force[:, 0] - middle[:, 0] * force[:, 1]])
         pivot = pivot + along * length
     markers = np.concatenate(points, axis=1)
     markers = markers + rng.normal(scale=3e-4, size=markers.shape)
@@ -73,11 +74,12 @@ def two_links() -> tuple[tuple[str, ...], np.ndarray, PlateSignals]:
 
 
 def plate(load: np.ndarray) -> PlateSignals:
-    """Return a plate with a load (F, 2), N, at its centre."""
+    """Return a plate at the origin, y towards -y and z down, with the load (F, 3) of the ground on the body."""
     corners = np.array([[0.3, -0.3, 0], [-0.3, -0.3, 0], [-0.3, 0.3, 0], [0.3, 0.3, 0]])
-    channels = np.zeros((len(load), 6))
-    channels[:, 0], channels[:, 2] = -load[:, 0], -load[:, 1]
-    return PlateSignals(2, np.repeat(channels, 10, axis=0), np.array([0.0, 0.0, -0.02]), corners, 10 * RATE)
+    below = -0.02
+    channels = np.random.default_rng(5).normal(scale=1e-3, size=(len(load), 6))  # a channel of zeros counts as dead
+    channels[:, [0, 2, 4]] += np.column_stack([load[:, 0], -load[:, 1], -load[:, 2] + below * load[:, 0]])
+    return PlateSignals(2, np.repeat(channels, 10, axis=0), np.array([0.0, 0.0, below]), corners, 10 * RATE)
 
 
 @pytest.fixture(scope="session")

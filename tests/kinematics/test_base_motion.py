@@ -32,7 +32,7 @@ def person(shift: FloatArray, turn: float, noise: float = 5e-4) -> tuple[FloatAr
 
 
 def found(positions: FloatArray) -> BaseMotion:
-    motion = find_base_motion(positions, TIME, RATE)
+    motion = find_base_motion(positions, TIME[: len(positions)], RATE)
     assert motion is not None
     return motion
 
@@ -79,6 +79,37 @@ def test_feet_that_move_one_by_one_are_not_one_base() -> None:
     assert not motion.rigid
     assert motion.stretches[1].turn == 0
     assert motion.stretches[1].misfit == pytest.approx(0.025, abs=3e-3)
+
+
+@pytest.mark.parametrize("seconds", [4.0, 8.0, 20.0])
+@pytest.mark.parametrize("slide", [0.015, 0.03])
+def test_feet_that_slide_slowly_are_followed(slide: float, seconds: float) -> None:
+    """A millimetre per second looks like standing still in every step, and adds up."""
+    _, stays = person(np.zeros(2), 0.0)
+    course = slide * np.clip((TIME - 10.0) / seconds + 0.5, 0, 1)
+    moved = stays + np.column_stack([course, 0 * TIME, 0 * TIME])[:, None] * np.repeat([0, 1], [3, 12])[:, None]
+    motion = found(moved)
+    assert motion.rigid
+    off = motion.undo_positions(moved, TIME) - stays
+    assert np.abs(off - np.median(off, axis=0))[:, 3:].max() < 0.005
+
+
+@pytest.mark.parametrize("course", [CHANGE, TIME / TIME[-1]])
+def test_one_foot_that_slides_alone_is_not_one_base(course: FloatArray) -> None:
+    moved, _ = person(np.zeros(2), 0.0)
+    moved[:, 3:5, 0] += 0.015 * course[:, None]
+    assert not found(moved).rigid
+
+
+def test_skin_that_returns_with_every_repetition_is_no_slide() -> None:
+    _, stays = person(np.zeros(2), 0.0)
+    stays[:, 3, 0] += 0.006 * np.sin(2 * np.pi * TIME / 8) ** 2
+    assert find_base_motion(stays, TIME, RATE) is None
+
+
+def test_feet_that_slide_while_the_body_moves_for_a_short_time_are_found() -> None:
+    moved, _ = person(np.array([0.02, 0.0]), 0.0)
+    assert found(moved[600:1300]).rigid
 
 
 def test_a_rest_and_a_walk_have_no_base_that_moves() -> None:

@@ -81,6 +81,26 @@ def test_an_ankle_that_does_not_turn_at_all_stays_too() -> None:
     assert abs(place.foot - start) < 1e-4
 
 
+@pytest.mark.parametrize("slide", [0.01 + 0.0j, 0.02j, -0.02 + 0.01j])
+def test_skin_that_slides_on_a_foot_at_rest_does_not_move_the_ankle(slide: complex) -> None:
+    """Heel markers that slide with the shank turn and move the measured foot; the shank shows an ankle at rest."""
+    (_, still), shank = frames(0.0, noise=3e-4)
+    share = np.sin(np.linspace(0, 10 * np.pi, 2000)) ** 2
+    turned = still + np.angle(0.25 + share * slide)
+    foot = share * slide / 2 + TOE - np.exp(1j * turned) * TOE, turned
+    place = locate_ankle(foot, shank, ANKLE)
+    assert place is not None
+    assert abs(place.foot - ANKLE) < 0.001
+
+
+def test_the_turn_of_the_foot_limits_how_far_the_ankle_is_moved() -> None:
+    """A heel that rises by 5 mm does not justify a place of the ankle that is 15 mm away."""
+    foot, shank = frames(0.005 / 0.25)
+    place = locate_ankle(foot, shank, ANKLE + 0.015)
+    assert place is not None
+    assert 0.001 < abs(place.foot - ANKLE - 0.015) < 0.0051
+
+
 def test_too_few_frames_place_nothing() -> None:
     foot, shank = frames(np.radians(3))
     unseen = np.full_like(shank[1], np.nan)

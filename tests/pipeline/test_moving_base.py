@@ -79,3 +79,24 @@ def test_a_foot_that_lifts_far_becomes_a_segment(tmp_path: Path) -> None:
 def test_a_heel_that_lifts_a_little_is_named(tmp_path: Path) -> None:
     summary, *_ = analysed(tmp_path / "t", seed=7, people=read_people("heel_lift_mm=20"))
     assert "heel-lifts" in notes(summary) | notes(summary, "reasons")
+
+
+@pytest.mark.parametrize(
+    ("seed", "lumbar"),
+    [(14, 10.0), pytest.param(42, 15.0, marks=pytest.mark.slow), pytest.param(15, 20.0, marks=pytest.mark.slow)],
+)
+def test_a_trunk_that_bends_is_said_and_the_intervals_of_the_angles_hold(
+    tmp_path: Path, seed: int, lumbar: float
+) -> None:
+    summary, _, true, out = analysed(tmp_path / "t", seed=seed, people=read_people(f"lumbar_deg={lumbar}"))
+    assert "trunk-bends" in notes(summary, "reasons")
+    states = pd.read_parquet(out / "states.parquet")
+    for joint in range(3):
+        off = states[f"theta_{joint + 1}"].to_numpy() - true["q"][:, joint]
+        inside = np.abs(off - np.nanmean(off)) < 1.96 * states[f"sd_theta_{joint + 1}"].to_numpy()
+        assert np.mean(inside) >= 0.88
+
+
+def test_skin_on_a_straight_trunk_is_no_bend(tmp_path: Path) -> None:
+    summary, *_ = analysed(tmp_path / "t", seed=12, soft_tissue=2.0)
+    assert "trunk-bends" not in notes(summary, "reasons")

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from mocap_id.config import load
@@ -55,6 +56,29 @@ def test_a_sit_to_stand_with_sensors(tmp_path: Path) -> None:
     file.write_text(file.read_text("utf-8").replace("shank: imu", "shin: imu"), "utf-8")
     with pytest.raises(ConfigError, match="foot, shank, thigh, torso"):
         run(load(file))
+
+
+@pytest.mark.slow
+def test_repeated_rows_of_a_sensor_change_no_acceleration(tmp_path: Path) -> None:
+    found = []
+    for lost in (False, True):
+        folder = tmp_path / str(lost)
+        file = simulate("sit-to-stand", folder, Options(seed=2, repetitions=2, analog_rate=100, imus=True))
+        for log in folder.glob("imu_*.csv"):
+            rows = log.read_text("utf-8").splitlines()
+            for first in (300, 700) if lost else ():
+                for k in range(first, first + 50):
+                    rows[k] = ",".join([rows[k].split(",")[0], *rows[first - 1].split(",")[1:]])
+            log.write_text("\n".join(rows) + "\n", "utf-8")
+        trial = load(file)
+        run(trial)
+        found.append(pq.read_table(trial.out / "states.parquet").to_pandas())
+    summary = json.loads((trial.out / "summary.json").read_text("utf-8"))
+    assert [r["code"] for r in summary["verdict"]["reasons"]].count("samples-held") == 3
+    good, held = found
+    for name in [column for column in good if column.startswith("ddtheta")]:
+        off = good[name] - held[name]
+        assert np.sqrt(np.nanmean(off**2)) < 0.3, name  # rad/s²; 6 with the repeated rows
 
 
 def test_sensors_need_markers(tmp_path: Path) -> None:

@@ -121,6 +121,18 @@ def test_coordinates_agree_with_another_library(recordings: Path, name: str) -> 
         assert np.isnan(one[~seen]).any(axis=1).all() or np.all(one[~seen] == 0)
 
 
+def test_no_recording_has_samples_that_software_repeated_or_filled(recordings: Path) -> None:
+    files = [path for kind in ("*.c3d", "*.C3D", "*.trc") for path in recordings.rglob(kind)]
+    assert files
+    for path in files:
+        forces = path.with_name(f"{path.stem}_grf.mot")
+        try:
+            found = recording.read(path, forces if forces.exists() else None, unit_required=False)
+        except RecordingError:
+            continue
+        assert not found.held, path.name
+
+
 @pytest.mark.parametrize("name", ["evart.c3d", "kyowadengyo.c3d", "type1.C3D"])
 def test_files_that_a_library_misreads_move_smoothly(recordings: Path, name: str) -> None:
     """With a wrong stride, markers would jump by metres between frames."""

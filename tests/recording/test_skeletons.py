@@ -162,3 +162,104 @@ def test_a_joint_that_occurs_twice_is_refused(tmp_path: Path) -> None:
     (tmp_path / "s.trc").write_text((tmp_path / "s.trc").read_text().replace("\tB", "\tA"))
     with pytest.raises(RecordingError, match="`A` occurs twice"):
         read_skeleton(tmp_path / "s.trc")
+
+
+JOINTS = ("SpineBase", "SpineMid", "Neck", "Head", "HipLeft", "HipRight", "ShoulderLeft", "ShoulderRight")
+JOINTS += ("ElbowLeft", "ElbowRight", "WristLeft", "WristRight")
+
+
+def person(seed: int = 0, size: float = 1.0, at: float = 0.0, count: int = 400) -> np.ndarray:
+    """Return the joints (F, 12, 3) of a person who sways and moves the arms, m: x to the side, y up, z the distance."""
+    rng, time = np.random.default_rng(seed), np.arange(count) / 30
+    x = np.array([0, 0, 0, 0, -0.09, 0.09, -0.18, 0.18, -0.2, 0.2, -0.22, 0.22])
+    y = np.array([0, 0.25, 0.5, 0.65, -0.02, -0.02, 0.45, 0.45, 0.18, 0.18, -0.05, -0.05])
+    z = np.array([0, -0.02, 0, 0.02, 0, 0, 0.03, 0.03, 0, 0, -0.1, -0.1])
+    joints = size * np.stack([x, y, z], axis=1) * np.ones((count, 1, 1))
+    for elbow, wrist in ((8, 10), (9, 11)):
+        joints[:, elbow, 2] -= 0.1 * (1 - np.cos(2 * time))
+        joints[:, wrist, 2] -= 0.3 * (1 - np.cos(2 * time))
+    sway = 0.02 * np.stack([np.sin(time), 0 * time, np.cos(0.7 * time)], axis=1)
+    return joints + sway[:, None] + rng.normal(0, 0.006, joints.shape) + [at, 1.0, 2.5]
+
+
+def write_person(path: Path, joints: np.ndarray, short: tuple[int, ...] = ()) -> Path:
+    rows = np.column_stack([np.arange(len(joints)) / 30, joints.reshape(len(joints), -1)])
+    cells = [[f"{value:.9f}" for value in row] for row in rows]
+    for k in short:
+        del cells[k][4:7]
+    head = ["time_s", *(f"{name}_{axis}" for name in JOINTS for axis in "xyz")]
+    path.write_text("\n".join(map(",".join, [head, *cells])) + "\n")
+    return path
+
+
+def test_a_good_skeleton_has_no_reasons(tmp_path: Path) -> None:
+    found = read_skeleton(write_person(tmp_path / "a.csv", person()))
+    assert not found.reasons
+    assert np.isfinite(found.recording.positions).all()
+
+
+@pytest.mark.parametrize("depth", ["zero", "constant", "each joint's own", "a thousandth"])
+def test_a_skeleton_without_depth_is_refused(tmp_path: Path, depth: str) -> None:
+    joints = person()
+    values = {"zero": 0.0, "constant": 2.1, "each joint's own": joints[:1, :, 2], "a thousandth": joints[..., 2] / 1e3}
+    joints[..., 2] = values[depth]
+    with pytest.raises(RecordingError, match=r"the z of its joints does not change.*no depth"):
+        read_skeleton(write_person(tmp_path / "a.csv", joints))
+
+
+def test_joints_without_depth_for_some_time_are_missing(tmp_path: Path) -> None:
+    joints = person()
+    joints[100:150, 3:, 2] = 0.0
+    found = read_skeleton(write_person(tmp_path / "a.csv", joints)).recording
+    assert np.isnan(found.positions[100:150, 3:]).all()
+    assert np.isfinite(found.positions[:100]).all()
+    assert any("450 positions of joints have no depth" in note for note in found.oddities)
+
+
+def test_exchanged_sides_are_exchanged_back(tmp_path: Path) -> None:
+    good = person()
+    order = [JOINTS.index(name.replace("Left", "@").replace("Right", "Left").replace("@", "Right")) for name in JOINTS]
+    bad = good.copy()
+    for stretch in (slice(60, 150), slice(300, 315)):
+        bad[stretch] = good[stretch][:, order]
+    expected = read_skeleton(write_person(tmp_path / "a.csv", good)).recording.positions
+    found = read_skeleton(write_person(tmp_path / "b.csv", bad))
+    assert np.array_equal(found.recording.positions, expected)
+    (reason,) = found.reasons
+    assert reason.code == "skeleton-exchanged"
+    assert "from 2.00 to 4.97 s, 10.00 to 10.47 s" in reason.message
+
+
+@pytest.mark.parametrize(
+    ("size", "at", "first", "stop"),
+    [
+        *((size, at, 100, 190) for size, at in ((0.9, 0.25), (0.85, 0.0), (1.12, 0.0), (1.0, 0.4))),
+        *((size, at, 240, 400) for size, at in ((0.9, 0.25), (0.85, 0.0), (1.12, 0.0))),
+    ],
+)
+def test_another_person_is_left_out(tmp_path: Path, size: float, at: float, first: int, stop: int) -> None:
+    joints = person()
+    joints[first:stop] = person(1, size, at)[first:stop]
+    found = read_skeleton(write_person(tmp_path / "a.csv", joints))
+    missing = np.isnan(found.recording.positions).all(axis=(1, 2))
+    assert np.flatnonzero(missing).tolist() == list(range(first, stop))
+    assert [reason.code for reason in found.reasons] == ["skeleton-other-person"]
+
+
+def test_rows_with_fewer_cells_are_left_out_and_never_shifted(tmp_path: Path) -> None:
+    short = tuple(range(3, 400, 7))
+    found = read_skeleton(write_person(tmp_path / "a.csv", person(), short))
+    missing = np.isnan(found.recording.positions).any(axis=(1, 2))
+    assert np.flatnonzero(missing).tolist() == list(short)
+    assert [(reason.code, reason.level) for reason in found.reasons] == [("skeleton-short-rows", "caution")]
+    with pytest.raises(RecordingError, match="expected a cell for every column"):
+        read_skeleton(write_person(tmp_path / "b.csv", person(), tuple(range(250))))
+
+
+def test_short_rows_in_the_text_of_a_kinect_are_left_out(tmp_path: Path) -> None:
+    path, lines = tmp_path / "k.txt", kinect_rows(60)
+    lines[20] = " ".join(lines[20].split()[3:])
+    path.write_text("\n".join(lines) + "\n")
+    found = read_skeleton(path)
+    assert np.flatnonzero(np.isnan(found.recording.positions).any(axis=(1, 2))).tolist() == [20]
+    assert "1 of 60 rows have fewer cells" in found.reasons[0].message

@@ -28,8 +28,23 @@ def skeleton(path: Path, *sides: str) -> None:
 
 
 def markers(path: Path, *labels: str) -> None:
+    """A C3D file in which the thorax stays, elbow and wrist reach, and other markers rise and sink."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_c3d(path, labels, np.random.default_rng(1).random((40, len(labels), 3)), 100.0)
+    time, random = np.arange(400) / 100, np.random.default_rng(1)
+    places = {"IJ": (0.1, 0, 1.4), "PX": (0.12, 0, 1.2), "C7": (0, 0, 1.5), "T8": (-0.05, 0, 1.25)}
+    far = {"EL": 0.3, "EM": 0.3, "UPA1": 0.15, "FOR1": 0.45, "US": 0.55, "RS": 0.55}
+    angle = np.radians(60) * (1 - np.cos(2 * np.pi * 0.5 * time)) / 2
+    points = random.normal(scale=5e-4, size=(len(time), len(labels), 3))
+    for k, label in enumerate(labels):
+        name = label.split(":")[-1].removeprefix("L")
+        if name in places:
+            points[:, k] += places[name]
+        elif name in far:
+            swing = far[name] * np.column_stack([np.sin(angle), 0 * angle, -np.cos(angle)])
+            points[:, k] += swing + np.array([0.0, 0.2 + 0.02 * (k % 2), 1.4])
+        else:
+            points[:, k] += np.column_stack([0 * time, 0 * time, 0.3 + 0.2 * k + 0.1 * angle * k])
+    write_c3d(path, labels, points, 100.0)
 
 
 def test_camera_logs_become_a_study_of_reaches(tmp_path: Path) -> None:

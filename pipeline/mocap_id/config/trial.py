@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, Field, WithJsonSchema, create_model
+from pydantic import BaseModel, Discriminator, Field, Tag, WithJsonSchema, create_model
 
 from mocap_id import plain_files
 from mocap_id.config.parsing import build_json_schema, parse, raise_mistakes
@@ -17,7 +17,7 @@ from mocap_id.config.source import Location, Source, read
 from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Settings
-from mocap_id.stages.trial_keys import Calibration, Files, TrialKeys
+from mocap_id.stages.trial_keys import Calibration, Files, StaticTrial, TrialKeys
 
 _LONGEST = 100  # largest number of characters of a file name in a run folder
 
@@ -59,10 +59,21 @@ class _RecordingSchema:
 
 _Recording = Annotated[Files | None, _RecordingSchema()]
 _Calibration = Annotated[Calibration, WithJsonSchema({"type": "string", "description": "YAML file of a trial"})]
+_STATIC = {"type": "string", "description": "YAML file of a still standing trial"}
+_Static = Annotated[
+    Annotated[tuple[float, float], Tag("tuple[float,float]")]
+    | Annotated[
+        StaticTrial,
+        Tag("StaticTrial"),
+        WithJsonSchema({"type": "object", "properties": {"trial": _STATIC}, "required": ["trial"]}),
+    ],
+    Discriminator(lambda value: "StaticTrial" if isinstance(value, dict) else "tuple[float,float]"),
+]  # mistakes are told about the form that was given
 
 
 class _TopLevel(TrialKeys):
     recording: _Recording = Field(description=TrialKeys.model_fields["recording"].description)
+    static: _Static | None = Field(None, description=TrialKeys.model_fields["static"].description)
     calibration: _Calibration | None = Field(None, description=TrialKeys.model_fields["calibration"].description)
     out: Path | None = Field(None, description="folder of the results; default: runs/<trial> beside this file")
 
@@ -159,6 +170,8 @@ def _expand_short_forms(data: dict[str, Any], stages: Sequence[Stage], source: S
         data["recording"] = None
     if isinstance(data.get("calibration"), str):
         data["calibration"] = _find_calibration(source, data["calibration"], stages, alone=alone)
+    if isinstance(data.get("static"), dict | str):
+        data["static"] = _find_static_trial(source, data["static"], stages)
     curl = data.get("curl")
     if isinstance(curl, dict) and isinstance(curl.get("device"), str):
         data["curl"] = curl | {"device": _read_device(source, curl["device"], curl.get("condition"))}
@@ -201,6 +214,33 @@ def _find_calibration(source: Source, given: str, stages: Sequence[Stage], *, al
     if trial.keys.space != "3d":
         raise ConfigError(f"{where}: calibration: {file} is a trial in the plane; expected `space: 3d`")
     return files
+
+
+def _find_static_trial(source: Source, given: dict[str, Any] | str, stages: Sequence[Stage]) -> dict[str, Any]:
+    """Return the recording of the static trial, and how to read it. That trial itself is never run."""
+    where = source.where(("static",))
+    if not isinstance(given, dict) or set(given) != {"trial"} or not isinstance(given["trial"], str):
+        raise ConfigError(
+            f"{where}: static: expected the first and last time of a still pose, [0.0, 2.0], or "
+            "{trial: static.yaml}, the YAML file of a still standing trial"
+        )
+    file = _find_file(source, ("static", "trial"), given["trial"], "a trial")
+    if file == source.file:
+        raise ConfigError(f"{where}: static: {file} is this trial; give the times of its still pose, [0.0, 2.0]")
+    other = read(file)
+    if isinstance(other.data, dict) and isinstance(other.data.get("static"), dict):
+        raise ConfigError(f"{where}: static: {file} itself has a static trial; name that trial here")
+    trial = compose(other, stages)
+    if trial.keys.recording is None or trial.keys.recording.markers is None:
+        raise ConfigError(f"{where}: static: {file} has no markers; expected a trial with the markers of this one")
+    planarise: Any = trial.settings["planarise"]
+    return {
+        "trial": str(file),
+        "recording": str(trial.keys.recording.markers.absolute()),
+        "window": None if trial.keys.window is None else list(trial.keys.window),
+        "units": planarise.units,
+        "vertical": planarise.vertical,
+    }
 
 
 def _find_file(source: Source, location: Location, given: str, kind: str) -> Path:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -12,8 +14,7 @@ _BLOCK_S = 0.1  # positions are averaged over blocks of this length
 _STEP_S = 0.5  # a marker stands still if it moves less than _STILL_M in this time
 _STILL_M = 0.004
 _BODY_M = 0.03  # the body moves if a quarter of the markers move farther than this in _STEP_S
-_STANDING = 0.9  # least fraction of the body's moving time in which a base marker stands still
-_LOW_M = 0.2  # markers of the feet are at most this much higher than the lowest marker that stands still
+_STANDING = 0.8  # least fraction of the body's moving time in which a base marker stands still
 _STRETCH_S = 1.5  # shortest interval in which the base stands still
 _MARGIN_S = 0.3  # a change of position may begin this long before, and end this long after, the visible motion
 _SAME_M = 0.003  # smaller displacements of the base are motion of the skin
@@ -22,6 +23,9 @@ _STEP_M = 0.6  # markers on the other foot are at most this far away
 _AS_HIGH_M = 0.002  # markers on a plate are lower than foot markers by more than this
 _RIGID_M = 0.005  # largest rms distance from a rigid motion of both feet
 _SPREAD_M = 0.05  # markers closer together than this do not determine a rotation
+
+LOW_M = 0.2
+"""Markers of the feet are at most this much higher, m, than the lowest marker that stands still."""
 
 MOVED_M = 0.008
 """Least displacement of the base, m; standing feet roll by less."""
@@ -46,6 +50,7 @@ class BaseMotion:
     feet: tuple[int, ...]  # columns of the markers that move with the base
     fixed: BoolArray  # (M,) markers that keep their positions, on the floor or on a plate
     centre: FloatArray  # (2,) centre of the feet in the first interval, lab, m
+    alone: bool  # a foot keeps its place while the other one moves
     knots: FloatArray  # (K,) times at which the pose of the base was determined, s
     poses: FloatArray  # (K, 3) shift, m, and rotation about ``centre``, rad
 
@@ -71,7 +76,7 @@ class BaseMotion:
     @property
     def rigid(self) -> bool:
         """Whether one rigid motion describes both feet."""
-        return all(each.misfit <= _RIGID_M for each in self.stretches)
+        return not self.alone and all(each.misfit <= _RIGID_M for each in self.stretches)
 
     def _interpolate_pose(self, time: FloatArray) -> FloatArray:
         """Return shift, m, and rotation, rad, of the base (F, 3) at the times (F,), s."""
@@ -102,16 +107,22 @@ def find_base_motion(positions: FloatArray, time: FloatArray, rate: float) -> Ba
     fixed[standing] = _measure_range(blocks[:, standing, :2]) < _FIXED_M
     if (standing & ~fixed).sum() < 2:
         return None
-    fixed &= ~_find_other_foot(np.nan_to_num(np.nanmean(blocks[:, standing], axis=0)), fixed[standing], standing)
+    other = _find_other_foot(np.nan_to_num(np.nanmean(blocks[:, standing], axis=0)), fixed[standing], standing)
+    fixed &= ~other
     feet = np.flatnonzero(standing & ~fixed)
     still = _find_still_blocks(blocks[:, feet], max(1, round(_STEP_S * rate / size)))
     least, margin = _STRETCH_S * rate / size, round(_MARGIN_S * rate / size)
-    runs = [(run.start, run.stop) for run in find_runs(still) if run.stop - run.start >= least]
+    runs = [
+        section
+        for run in find_runs(still)
+        if run.stop - run.start >= least
+        for section in _divide_slow_slide((run.start, run.stop), blocks[:, feet, :2], math.ceil(least))
+    ]
     runs = _merge_stretches(runs, blocks[:, feet, :2]) if runs else []
     feet = feet[np.isfinite(_median_positions(blocks[:, feet, :2], runs[0])[:, 0])] if runs else feet
     if len(runs) < 2 or len(feet) < 2:
         return None
-    motion = _fit_motion(blocks[:, feet, :2], middle, runs, margin)
+    motion = _fit_motion(blocks[:, feet, :2], middle, runs, margin, alone=bool(other.any()))
     return replace(motion, feet=tuple(int(marker) for marker in feet), fixed=fixed)
 
 
@@ -137,7 +148,7 @@ def find_standing(blocks: FloatArray, block_s: float, least: float = _STANDING) 
         return none
     height = np.full(blocks.shape[1], np.inf)
     height[standing] = np.nanmean(blocks[:, standing, 2], axis=0)
-    return np.asarray(standing & (height < height.min() + _LOW_M))
+    return np.asarray(standing & (height < height.min() + LOW_M))
 
 
 def _measure_range(tracks: FloatArray) -> FloatArray:
@@ -174,6 +185,28 @@ def _find_still_blocks(feet: FloatArray, step: int) -> BoolArray:
     return still
 
 
+def _divide_slow_slide(run: tuple[int, int], feet: FloatArray, least: int) -> list[tuple[int, int]]:
+    """Return sections of ``least`` blocks or more if the feet slide slowly in a still interval, or else the interval.
+
+    Feet that slide by a millimetre per second stand still in every step, but not where they stood before. They are
+    compared in the first and the last third, because the skin returns with every repetition.
+    """
+    start, stop = run
+    count = (stop - start) // least
+    ends = [start + (stop - start) * k // count for k in range(count + 1)]
+    sections = list(pairwise(ends))
+    places = [_median_positions(feet, section) for section in sections]
+    within = any(_measure_distance(places[0], place) >= MOVED_M for place in places[1:])
+    return sections if within and (_slides(feet[start:stop]) or _slides(feet)) else [run]
+
+
+def _slides(feet: FloatArray) -> bool:
+    """Return whether feet (K, N, 2) are at another place in the last third than in the first third."""
+    third = len(feet) // 3
+    before, after = (_median_positions(feet, part) for part in ((0, third), (len(feet) - third, len(feet))))
+    return _measure_distance(before, after) >= MOVED_M
+
+
 def _merge_stretches(runs: list[tuple[int, int]], feet: FloatArray) -> list[tuple[int, int]]:
     """Return the intervals, joined where the foot markers (K, N, 2) have the same positions in successive intervals.
 
@@ -206,33 +239,47 @@ def _measure_distance(here: FloatArray, there: FloatArray) -> float:
     return float(np.nanmax(away, initial=0.0))
 
 
-def _fit_motion(tracks: FloatArray, time: FloatArray, runs: list[tuple[int, int]], margin: int) -> BaseMotion:
+def _fit_motion(
+    tracks: FloatArray, time: FloatArray, runs: list[tuple[int, int]], margin: int, *, alone: bool
+) -> BaseMotion:
     """Fit the motion of the base to tracks (K, N, 2) of foot markers that are visible in the first interval.
 
-    ``runs`` are the still intervals, (first block, stop); ``margin`` blocks at their inner ends count as motion. The
-    fields ``feet`` and ``fixed`` of the result are empty.
+    ``runs`` are the still intervals, (first block, stop); ``margin`` blocks at their inner ends count as motion.
+    ``alone`` tells that markers on a foot keep their places. The fields ``feet`` and ``fixed`` of the result are empty.
     """
     first = _median_positions(tracks, runs[0])
     centre = first.mean(axis=0)
     fits = [_fit_rigid_motion(first - centre, _median_positions(tracks, run) - centre) for run in runs]
-    turning = all(misfit <= _RIGID_M for _, misfit in fits)
+    turning = all(misfit <= (_SAME_M if alone else _RIGID_M) for _, misfit in fits)
+    alone &= not turning  # feet may also rotate about a marker that keeps its place
     if not turning:
         fits = [
             _fit_rigid_motion(first - centre, _median_positions(tracks, run) - centre, turning=False) for run in runs
         ]
-    last = len(runs) - 1
+    last, step = len(runs) - 1, max(2, round(_STRETCH_S / float(time[1] - time[0])))
     stretches, knots = [], dict[float, FloatArray]()
     for k, ((start, stop), (pose, misfit)) in enumerate(zip(runs, fits, strict=True)):
         begin, end = start + margin * (k > 0), max(stop - 1 - margin * (k < last), start + margin + 1)
         stretches.append(BaseStretch(float(time[begin]), float(time[end]), pose[:2], float(pose[2]), misfit))
-        knots |= {float(time[begin]): pose, float(time[end]): pose}
-        between = range(end + 1, runs[k + 1][0] + margin) if k < last else range(0)
+        if (k > 0 and runs[k - 1][1] == start) or (k < last and runs[k + 1][0] == stop):  # a slow slide is followed
+            parts = [(a, min(a + step, stop)) for a in range(start, stop - step // 2, step)]
+            knots |= {
+                float(time[(a + b - 1) // 2]): _fit_rigid_motion(
+                    first - centre, _median_positions(tracks, (a, b)) - centre, turning=turning
+                )[0]
+                for a, b in parts
+            }
+        else:
+            knots |= {float(time[begin]): pose, float(time[end]): pose}
+        between = range(end + 1, runs[k + 1][0] + margin) if k < last and runs[k + 1][0] > stop else range(0)
         seen = [block for block in between if np.isfinite(tracks[block, :, 0]).sum() >= 2]
         knots |= {
             float(time[b]): _fit_rigid_motion(first - centre, tracks[b] - centre, turning=turning)[0] for b in seen
         }
+    knots = dict(sorted(knots.items()))
     nothing = np.zeros(0, np.bool_)
-    return BaseMotion(tuple(stretches), (), nothing, centre, np.array(list(knots)), np.array(list(knots.values())))
+    places = np.array(list(knots)), np.array(list(knots.values()))
+    return BaseMotion(tuple(stretches), (), nothing, centre, alone, *places)
 
 
 def _fit_rigid_motion(before: FloatArray, after: FloatArray, *, turning: bool = True) -> tuple[FloatArray, float]:

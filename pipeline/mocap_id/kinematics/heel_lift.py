@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, as_complex
-from mocap_id.kinematics.base_motion import block_means, find_standing
+from mocap_id.kinematics.base_motion import LOW_M, block_means, find_standing
 from mocap_id.kinematics.rigid_body import count_positions
 
 _BLOCK_S = 0.1
@@ -71,6 +71,8 @@ def find_moving_markers(points: FloatArray, rate: float) -> BoolArray:
     if not moving.any():
         return moving
     usual = np.nanmedian(blocks[:, moving], axis=0)
+    low = usual[:, 1] < usual[:, 1].min() + LOW_M  # a table or a chair that is touched is not a foot
+    moving[moving], usual = low, usual[low]
     away = np.linalg.norm(blocks[:, moving] - usual, axis=2)
     moves = np.nanquantile(away, _MOSTLY, axis=0) > _STILL_M
     moving[moving] = moves & (count_positions(as_complex(usual[moves])) >= _LEAST_POSITIONS)

@@ -6,13 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.geometry import planar
 
 _LOW, _HIGH = 0.3, 0.7  # hysteresis of the upright state, shares of the rise
 
 STANDING = 0.9
 """Height above which the person stands, as a share of the rise."""
+
+QUIET = 0.1
+"""Share of the largest speed below which a person who is upright stands quietly."""
 
 _HIP = 0.5
 """The hip is the first joint from the ground that rises by this share of the largest rise of any joint.
@@ -67,6 +70,23 @@ def measure_standing_angles(q: FloatArray, posture: Posture) -> FloatArray | Non
     high = posture.height > STANDING if posture.moves else np.ones(len(q), dtype=bool)
     known = high & np.isfinite(q).all(axis=1)
     return np.median(np.cumsum(q[known], axis=1), axis=0) if known.any() else None
+
+
+def find_standing_phases(posture: Posture) -> list[slice]:
+    """Return the part of each upright phase in which the person stands quietly; empty if nobody gets up.
+
+    In a movement without a pause, it is the short time in which the hip is high and slow.
+    """
+    if not posture.moves:
+        return []
+    with np.errstate(invalid="ignore"):
+        quiet = posture.upright & (posture.height > STANDING) & (posture.speed < QUIET * np.nanmax(posture.speed))
+    phases = []
+    for upright in find_runs(posture.upright):
+        parts = [run for run in find_runs(quiet) if upright.start <= run.start < upright.stop]
+        if parts:
+            phases.append(max(parts, key=lambda part: part.stop - part.start))
+    return phases
 
 
 def _apply_hysteresis(height: FloatArray) -> BoolArray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_runs
-from mocap_id.protocols.posture import STANDING, Posture
+from mocap_id.protocols.posture import QUIET, STANDING, Posture
 
 NAN = float("nan")
 _STILL = 0.08  # share of the peak speed in the rise; the speed is lower in a pause, and above 0.15 without a pause
@@ -18,7 +18,6 @@ SUPPORT_LIMIT = 0.05
 """Smallest unexplained force that counts as support, as a share of the standing weight; model errors are smaller."""
 
 _NO_SEAT = 0.25  # share of the rise above which chairs carry nothing: release below 0.04 in simulations, once at 0.16
-_QUIET = 0.1  # share of the maximum speed; below it, a person stands quietly
 _LEAST = 5  # smallest number of samples of a rise
 
 
@@ -155,7 +154,7 @@ def measure_support(
         Whether the chair force is measured and excluded from ``missing``.
     """
     with np.errstate(invalid="ignore"):
-        quiet = (posture.height > STANDING) & (posture.speed < _QUIET * np.nanmax(posture.speed))
+        quiet = (posture.height > STANDING) & (posture.speed < QUIET * np.nanmax(posture.speed))
         rise = (time >= repetition.start) & (time <= repetition.stand)
         if not seat_measured:
             rise &= (posture.height > _NO_SEAT) & (posture.height < STANDING)

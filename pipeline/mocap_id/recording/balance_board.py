@@ -10,6 +10,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.recording.clock import SENSOR_HZ, check_times
+from mocap_id.recording.held_samples import HeldSamples, find_held, list_held
 from mocap_id.recording.text_tables import read_csv
 
 TIME, CELLS = "time_s", ("tl_kg", "tr_kg", "bl_kg", "br_kg")
@@ -30,6 +31,7 @@ _MOVED_KG, _DEAD_SHARE = 5.0, 0.1
 """If the load of a cell varies by more than the first value, kg, each cell varies by at least this fraction of it; in
 good logs by 0.5 or more.
 """
+_UNLOADED_KG = 2.0
 _CELL_KG, _CELL_GAIN = 0.05, 0.02  # standard deviations: of a reading, and of a cell's gain before calibration
 
 
@@ -46,6 +48,7 @@ class BoardLog:
     interval: float  # median time between two different time stamps, s
     gaps: int  # number of gaps that are too long to be bridged
     problem: str = ""  # reason why the loads cannot be used, or empty
+    held: tuple[HeldSamples, ...] = ()  # repeated or interpolated rows, which are left out
 
 
 def read_board(path: Path, loads: Path | None = None) -> BoardLog:
@@ -74,9 +77,15 @@ def read_board(path: Path, loads: Path | None = None) -> BoardLog:
     if loads is not None:
         gain, zero = calibrate_cells(_read_columns(loads, LOAD))
         cells = (cells - zero) * gain
-    newtons = cells * _GRAVITY
-    log = _resample(time, np.column_stack([newtons.sum(axis=1), newtons @ _ACROSS, newtons @ _ALONG]))
-    return replace(log, problem=_find_dead_cells(cells))
+    rate = (len(time) - 1) / float(np.ptp(time))
+    rows = [each & (np.abs(cells).sum(axis=1) > _UNLOADED_KG) for each in find_held(cells, rate)]
+    kept = ~rows[0] & ~rows[1]
+    newtons = cells[kept] * _GRAVITY
+    log = _resample(time[kept], np.column_stack([newtons.sum(axis=1), newtons @ _ACROSS, newtons @ _ALONG]))
+    held = list_held(f"the balance board ({path.name})", time, *rows)
+    stretches = [np.searchsorted(time[kept], first) for each in held for first, _ in each.stretches]
+    long = sum(time[kept][k] - time[kept][k - 1] > _LONGEST_GAP_S for k in stretches if 0 < k < kept.sum())
+    return replace(log, held=held, gaps=log.gaps - int(long), problem=_find_dead_cells(cells))
 
 
 def _find_dead_cells(cells: FloatArray) -> str:

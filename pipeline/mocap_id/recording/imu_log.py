@@ -11,6 +11,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.recording.clock import SENSOR_HZ, check_rate, check_times
+from mocap_id.recording.held_samples import HeldSamples, find_held, list_held
 from mocap_id.recording.text_tables import TextTable, check_end, check_unique, read_text, split_lines
 
 _OWN = ("time_s", "gyro_x", "gyro_y", "gyro_z", "acc_x", "acc_y", "acc_z")
@@ -42,6 +43,7 @@ class ImuLog:
     time: FloatArray  # (K,) increasing times, s
     gyro: FloatArray  # (K, 3) angular velocity in the sensor's axes, rad/s
     acc: FloatArray  # (K, 3) specific force in the sensor's axes, m/s²
+    held: tuple[HeldSamples, ...] = ()  # repeated or interpolated rows, which are left out
 
 
 def read_imu(path: Path, rate: float | None = None) -> ImuLog:
@@ -113,7 +115,12 @@ def read_imu(path: Path, rate: float | None = None) -> ImuLog:
             f"{path}: the gyroscope reaches {np.abs(log.gyro).max():.0f} rad/s; degrees per second must be converted "
             "to rad/s"
         )
-    return log
+    rate = 1.0 / float(np.median(np.diff(log.time)))
+    of_gyro, of_acc = find_held(log.gyro, rate), find_held(log.acc, rate)
+    again, straight = of_gyro[0] | of_acc[0], of_gyro[1] | of_acc[1]
+    kept = ~again & ~straight
+    held = list_held(f"the sensor in {path.name}", log.time, again, straight & ~again)
+    return ImuLog(log.time[kept], log.gyro[kept], log.acc[kept], held)
 
 
 def format_imu_csv(log: ImuLog) -> bytes:

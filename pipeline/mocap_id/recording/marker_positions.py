@@ -86,6 +86,8 @@ def _remove_codes(positions: FloatArray, oddities: list[str]) -> None:
     other samples of one marker, or their three coordinates are the same number.
     """
     flat = positions.reshape(-1, 3)
+    if not len(flat):
+        return
     extremes = [(axis, reduce.reduce(flat, axis=0)) for reduce in (np.fmin, np.fmax) for axis in range(3)]
     while extremes:
         axis, values = extremes.pop()

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.recording.held_samples import HeldSamples
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -163,6 +164,8 @@ class Recording:
         Labels of unlabelled pieces and of objects, which are not among the markers.
     people : tuple of str
         Beginnings of the labels of each person, such as ``subject-1:``, if the recording shows several people.
+    held : tuple of HeldSamples
+        Stretches that software repeated or filled with straight lines; these samples are missing or not ``ok``.
     """
 
     files: tuple[Path, ...]
@@ -179,6 +182,7 @@ class Recording:
     oddities: tuple[str, ...]
     left_out: tuple[str, ...] = ()
     people: tuple[str, ...] = ()
+    held: tuple[HeldSamples, ...] = ()
 
     @property
     def visible(self) -> BoolArray:

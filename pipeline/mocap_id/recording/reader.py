@@ -13,6 +13,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.axes import check_axis
 from mocap_id.recording.c3d_reader import read_c3d
+from mocap_id.recording.held_samples import HeldSamples, find_held, list_held
 from mocap_id.recording.ktk_file import MAGIC, read_ktk
 from mocap_id.recording.marker_table import MarkerTable, ReadingOptions, assemble_recording
 from mocap_id.recording.model import Recording
@@ -27,6 +28,9 @@ _TEXTS = (".tsv", ".csv", ".txt")
 
 
 Parser = Callable[[Path, str, list[str]], MarkerTable]
+
+_WITH_PRESSURE = ("mot", "type 1")  # plates whose moment is not linear in their channels
+_UNLOADED_N = 20.0
 
 _HEAD_BYTES = 4096
 """Number of bytes at the start of a file from which its format is recognised."""
@@ -92,8 +96,29 @@ def read(
                     "file with its own force plates; remove `forces`"
                 )
             read_binary = read_ktk if start.startswith(MAGIC) else read_c3d
-            return read_binary(markers, stream, options)
-    return _read_text_markers(markers, parse, forces, options)
+            return _leave_out_held(read_binary(markers, stream, options))
+    return _leave_out_held(_read_text_markers(markers, parse, forces, options))
+
+
+def _leave_out_held(recording: Recording) -> Recording:
+    """Return the recording without markers on straight lines and without repeated or interpolated plate samples.
+
+    Markers that repeat their position are left to the search for frozen markers and repeated frames, which compares
+    them with the other markers. A plate without load may repeat its samples, because software sets them to zero.
+    """
+    held: list[HeldSamples] = []
+    for number, label in enumerate(recording.labels):
+        straight = find_held(recording.positions[:, number], recording.rate)[1]
+        held += list_held(f"marker {label}", recording.time, np.zeros_like(straight), straight)
+        recording.positions[straight, number] = np.nan
+    plates = []
+    for plate in recording.plates:
+        wrench = plate.force if plate.kind in _WITH_PRESSURE else np.hstack([plate.force, plate.moment])
+        loaded = np.linalg.norm(np.nan_to_num(plate.force), axis=1) > _UNLOADED_N
+        rows = [each & loaded for each in find_held(np.where(plate.ok[:, None], wrench, np.nan), plate.rate)]
+        held += list_held(f"plate {plate.index}", plate.start + np.arange(len(plate.ok)) / plate.rate, *rows)
+        plates.append(replace(plate, ok=plate.ok & ~rows[0] & ~rows[1]))
+    return replace(recording, plates=tuple(plates), held=tuple(held)) if held else recording
 
 
 def is_marker_text(path: Path) -> bool:

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.clock import SENSOR_HZ, check_times
+from mocap_id.recording.held_samples import HeldSamples, find_held, list_held
 from mocap_id.recording.text_tables import read_csv, read_table
 
 TIME, POSITION, VELOCITY, TORQUE = "time_s", "position_rad", "velocity_rad_s", "torque_Nm"
@@ -19,6 +20,7 @@ _MIN_ROWS = 20
 _SPAN = 0.1  # s; over this time the integrated velocity must match the change of position
 _ACCEPTED_RATIO = (0.8, 1.25)  # accepted ratio of the change of position to the integrated velocity
 _MIN_MOVEMENT = 0.05  # rad; a smaller movement is not checked
+_LEAST_HELD, _HELD_MOVES = 5, 2e-3  # rows that repeat the row before; rad by which the joint moved in this time
 DEGREES = 180.0 / np.pi
 _MAX_SHOWN = 120  # characters of the header to show in a message
 _EXPECTED = f"expected {TIME}, {POSITION}, {VELOCITY} and optionally {TORQUE}"
@@ -42,6 +44,7 @@ class EncoderLog:
     position: FloatArray  # (K,) rad
     velocity: FloatArray  # (K,) rad/s
     torque: FloatArray | None  # (K,) N·m, NaN if a cell is empty; None if the file has no such column
+    held: tuple[HeldSamples, ...] = ()  # repeated rows, which are left out
 
     @property
     def rate(self) -> float:
@@ -70,7 +73,10 @@ def read_encoder(path: Path) -> EncoderLog:
             )
     check_times(path, time, f"`{TIME}`", SENSOR_HZ)
     _check_derivative(path, time, position, velocity)
-    return EncoderLog(time, position, velocity, columns.get(TORQUE))
+    rows = _find_held_rows(time, position, velocity)
+    held = list_held(f"the encoder ({path.name})", time, rows, np.zeros_like(rows))
+    torque = columns.get(TORQUE)
+    return EncoderLog(time[~rows], position[~rows], velocity[~rows], None if torque is None else torque[~rows], held)
 
 
 def _read_columns(path: Path) -> dict[str, FloatArray]:
@@ -82,6 +88,20 @@ def _read_columns(path: Path) -> dict[str, FloatArray]:
             "units in these names and remove all other columns"
         )
     return dict(zip(names, table.numbers().T.copy(), strict=True))
+
+
+def _find_held_rows(time: FloatArray, position: FloatArray, velocity: FloatArray) -> BoolArray:
+    """Return which rows (K,) repeat the row before.
+
+    An encoder repeats its angle while the joint rests. It repeats it wrongly if the velocity in these rows is not zero.
+    """
+    values = np.column_stack([position, velocity])
+    same = np.concatenate([[False], np.all(np.diff(values, axis=0) == 0.0, axis=1)])
+    found = np.zeros_like(same)
+    for run in find_runs(same):
+        moved = abs(velocity[run.start]) * float(time[run.stop - 1] - time[run.start - 1])
+        found[run] = run.stop - run.start >= _LEAST_HELD and moved > _HELD_MOVES
+    return found
 
 
 def _check_derivative(path: Path, time: FloatArray, position: FloatArray, velocity: FloatArray) -> None:
@@ -114,6 +134,7 @@ class ForceLog:
     rate: float  # samples per second
     force: FloatArray  # (K, 3) in the axes of the file, N; NaN if a cell is empty
     moment: FloatArray  # (K, 3) about the point of application, N·m; zeros if the file has no moment
+    held: tuple[HeldSamples, ...] = ()  # repeated or interpolated rows, whose force is NaN
 
     @property
     def end(self) -> float:
@@ -139,9 +160,13 @@ def read_force_log(path: Path) -> ForceLog:
         )
     values = table.select(expected)
     time = _space_evenly(path, values[:, 0])
+    loaded = np.any(values[:, 1:4] != 0.0, axis=1)
+    rows = [each & loaded for each in find_held(values[:, 1:], (len(time) - 1) / float(np.ptp(time)))]
+    values[rows[0] | rows[1], 1:] = np.nan
+    held = list_held(f"the sensor in {path.name}", time, *rows)
     resampled = np.column_stack([np.interp(time, values[:, 0], column) for column in values[:, 1:].T])
     moment = resampled[:, 3:] if len(expected) > len(FORCE) + 1 else np.zeros((len(time), 3))
-    return ForceLog(float(time[0]), float((len(time) - 1) / (time[-1] - time[0])), resampled[:, :3], moment)
+    return ForceLog(float(time[0]), float((len(time) - 1) / (time[-1] - time[0])), resampled[:, :3], moment, held)
 
 
 def _space_evenly(path: Path, time: FloatArray) -> FloatArray:

@@ -11,10 +11,13 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.recording.axes import check_axis
 from mocap_id.recording.clock import SKELETON_HZ, check_times
+from mocap_id.recording.held_samples import HeldSamples, describe_held, find_held, list_held
 from mocap_id.recording.marker_positions import clean_positions, resolve_length_unit, rotate_z_up
 from mocap_id.recording.model import Recording
+from mocap_id.recording.skeleton_faults import check_depth, find_other_person, undo_exchanges
 from mocap_id.recording.text_tables import TextTable, check_end, check_unique, read_csv, read_text, split_lines
 from mocap_id.recording.trc_table import parse_trc
+from mocap_id.verdict import Reason
 
 KINECT_V2 = (
     *("SpineBase", "SpineMid", "Neck", "Head", "ShoulderLeft", "ElbowLeft", "WristLeft", "HandLeft"),
@@ -30,6 +33,7 @@ _INFERRED = 1
 _LONGEST_STEP = 1.75  # largest step between two rows, in usual steps, that is interpolated
 _ON_ROW = 0.02  # a time that is closer to a row than this, in usual steps, takes the values of the row
 _LEAST_ROWS = 20
+_FEW_SHORT, _MANY_SHORT = 0.01, 0.5  # shares of rows
 _MANY_REPEATED = 0.1  # share of rows
 
 
@@ -39,6 +43,7 @@ class SkeletonRecording:
 
     recording: Recording  # joint positions in place of markers; NaN if a joint is missing
     inferred: BoolArray  # (F, M) whether the sensor inferred the position because it did not see the joint
+    reasons: tuple[Reason, ...] = ()  # about rows that were left out or corrected
 
 
 @dataclass(frozen=True)
@@ -51,6 +56,7 @@ class _Rows:
     positions: FloatArray  # (K, M, 3) in the file's unit; NaN if missing
     inferred: BoolArray  # (K, M)
     units: str
+    reasons: tuple[Reason, ...] = ()
 
 
 def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None = None) -> SkeletonRecording:
@@ -70,6 +76,14 @@ def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None 
     unit, metres = resolve_length_unit(path, rows.units, units, oddities, required=True)
     rows.positions[:] *= metres
     clean_positions(path, rows.positions, unit, oddities)
+    check_depth(path, rows.positions, oddities)
+    check_times(path, rows.time, "the time", SKELETON_HZ, repeated=True)
+    reasons = (
+        *rows.reasons,
+        *undo_exchanges(rows.labels, rows.time, rows.positions, rows.inferred),
+        *find_other_person(path, rows.time, rows.positions),
+        *_leave_out_held(rows),
+    )
     time, positions, inferred = _interpolate(path, rows, oddities)
     rotate_z_up(positions, axis)
     recording = Recording(
@@ -86,7 +100,18 @@ def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None 
         plates=(),
         oddities=tuple(oddities),
     )
-    return SkeletonRecording(recording, inferred)
+    return SkeletonRecording(recording, inferred, reasons)
+
+
+def _leave_out_held(rows: _Rows) -> tuple[Reason, ...]:
+    """Set positions that software repeated or interpolated to NaN, in place, and return a reason if there are any."""
+    held: list[HeldSamples] = []
+    rate = (len(rows.time) - 1) / float(np.ptp(rows.time))
+    for number, label in enumerate(rows.labels):
+        found = find_held(rows.positions[:, number], rate)
+        held += list_held(f"joint {label}", rows.time, *found)
+        rows.positions[found[0] | found[1], number] = np.nan
+    return describe_held(held)
 
 
 def _read_rows(path: Path, oddities: list[str]) -> _Rows:
@@ -116,13 +141,14 @@ def _read_kinect_rows(path: Path, text: str, oddities: list[str]) -> _Rows:
     table = TextTable(path, names, lines, 1, None)
     check_end(path, table, text)
     values = table.numbers()
+    reasons = _leave_out_short_rows(table, values)
     values = values.reshape(len(values), joints, -1)
     if len(values) < _LEAST_ROWS:
         raise RecordingError(f"{path}: has {len(values)} rows, expected at least {_LEAST_ROWS}")
     oddities.append(f"{path.name} has no times: {_KINECT_RATE:.0f} rows per second are assumed, as a Kinect v2 has")
     time = np.arange(len(values)) / _KINECT_RATE
     inferred = np.zeros(values.shape[:2], dtype=np.bool_)
-    return _Rows("skeleton (Kinect v2 text)", KINECT_V2, time, values[:, :, :3].copy(), inferred, "m")
+    return _Rows("skeleton (Kinect v2 text)", KINECT_V2, time, values[:, :, :3].copy(), inferred, "m", reasons)
 
 
 def _read_csv_rows(path: Path) -> _Rows:
@@ -139,6 +165,8 @@ def _read_csv_rows(path: Path) -> _Rows:
             "for every joint, optionally JOINT_state"
         )
     values = table.numbers()
+    clock = values[:, time].copy()
+    reasons = _leave_out_short_rows(table, values)
     columns = [[names.index(f"{joint}_{axis}") for axis in "xyz"] for joint in joints]
     positions = values[:, np.array(columns)]
     inferred = np.zeros(positions.shape[:2], dtype=np.bool_)
@@ -147,7 +175,30 @@ def _read_csv_rows(path: Path) -> _Rows:
             state = values[:, names.index(f"{joint}_state")]
             inferred[:, k] = state == _INFERRED
             positions[(state < _INFERRED) | ~np.isfinite(state), k] = np.nan
-    return _Rows("skeleton (CSV)", tuple(labels), values[:, time].copy(), positions, inferred, "m")
+    return _Rows("skeleton (CSV)", tuple(labels), clock, positions, inferred, "m", reasons)
+
+
+def _leave_out_short_rows(table: TextTable, values: FloatArray) -> tuple[Reason, ...]:
+    """Set rows with fewer cells than others to NaN, in place: their cells may belong to other columns.
+
+    Raises RecordingError if most rows are like this.
+    """
+    cells = np.array([len(line.split(table.separator)) for line in table.lines if line.strip()], dtype=np.int64)
+    short = cells < len(table.names)
+    if not short.any():
+        return ()
+    share = float(short.mean())
+    found = (
+        f"{int(short.sum())} of {len(short)} rows have fewer cells than the {len(table.names)} columns, down to "
+        f"{int(cells.min())}: it is not clear which joints are missing there"
+    )
+    if share > _MANY_SHORT:
+        raise RecordingError(
+            f"{table.path}: {found}; expected a cell for every column, empty if a joint is missing. Export it again"
+        )
+    values[short] = np.nan
+    message = f"{found}. These rows are left out as missing; write an empty cell for each missing coordinate"
+    return (Reason("skeleton-short-rows", message, share, _FEW_SHORT, "caution" if share > _FEW_SHORT else "ok"),)
 
 
 def _interpolate(path: Path, rows: _Rows, oddities: list[str]) -> tuple[FloatArray, FloatArray, BoolArray]:
@@ -183,8 +234,7 @@ def _interpolate(path: Path, rows: _Rows, oddities: list[str]) -> tuple[FloatArr
 
 
 def _drop_repeated_times(path: Path, rows: _Rows, oddities: list[str]) -> _Rows:
-    """Return the rows without repeated times; RecordingError if they are not the times of a skeleton."""
-    check_times(path, rows.time, "the time", SKELETON_HZ, repeated=True)
+    """Return the rows without repeated times; RecordingError if such rows have other positions."""
     keep = np.diff(rows.time, prepend=-np.inf) > 0
     if keep.all():
         return rows

@@ -225,10 +225,12 @@ def _make_arrows(force: FloatArray, scale: float) -> FloatArray:
 
 
 def _make_curves(data: ReportData) -> tuple[Panel, ...]:
-    motion = data.motion
+    motion = data.shown_motion
     states_known = motion is not None and motion.mean.size
     angles = (
-        [states.draw_panel(motion, 0, states.name_joints(data), LOW)] if motion is not None and states_known else []
+        [states.draw_panel(motion, 0, states.name_joints(data), LOW, states.label_angle(data))]
+        if motion is not None and states_known
+        else []
     )
     forces = [panel for panel in wrench.draw_panels(data, LOW) if any(isinstance(item, Line) for item in panel.items)]
     return (*angles, *forces)

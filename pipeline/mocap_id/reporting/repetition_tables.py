@@ -142,7 +142,7 @@ def list_agreement(data: ReportData) -> Grid:
         text("remark", "why"),
     )
     caption = (
-        "Agreement with the angles of another system. A negative r means the opposite sense; a minus sign before the "
-        "column name in `compare:` corrects it"
+        "Agreement of theta (zero on the segment lines) with the angles of another system. A negative r means the "
+        "opposite sense; a minus sign before the column name in `compare:` corrects it"
     )
     return to_grid(caption, data.facts("phases.parquet").get("compared") or (), columns)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -18,6 +18,15 @@ from mocap_id.store.views import IdentifiedDynamics, JointStates, Skeleton
 from mocap_id.verdict import Level, Reason, overall
 
 _MOST_SEVERE_FIRST: tuple[Level, ...] = ("refused", "caution", "ok")
+
+
+@dataclass(frozen=True)
+class Zero:
+    """Zero of the angle of a joint: what defines it, and the value of ``theta_j`` there, rad."""
+
+    source: Literal["static", "standing", "segment line"] = "segment line"
+    value: float = 0.0
+    sd: float | None = 0.0  # None if the states have no standard deviations
 
 
 @dataclass(frozen=True)
@@ -94,6 +103,26 @@ class ReportData(ArtefactSet):
         """Joint states in the plane; None if they were not estimated or the trial is in space."""
         table = self.table("states.parquet")
         return None if table is None or self.in_space else JointStates.from_table(table)
+
+    @cached_property
+    def zeros(self) -> tuple[Zero, ...]:
+        """Zero of the angle of each joint in the plane; the segment lines if no pose was found; empty in space."""
+        joints = 0 if self.motion is None else self.motion.mean.shape[1]
+        if self.skeleton is not None:
+            joints = max(joints, len(self.skeleton.centres))
+        found = self.facts("phases.parquet").get("zeros")
+        if not found:
+            return (Zero(),) * joints
+        return tuple(Zero(each["source"], float(each["zero"]), to_number(each["sd"])) for each in found)
+
+    @cached_property
+    def shown_motion(self) -> JointStates | None:
+        """Joint states in the plane, with angles that begin at their zeros; None as for :attr:`motion`."""
+        if self.motion is None:
+            return None
+        shift = np.zeros(self.motion.mean.shape[1:])
+        shift[:, 0] = [zero.value for zero in self.zeros[: len(shift)]]
+        return replace(self.motion, mean=self.motion.mean - shift)
 
     @cached_property
     def dynamics(self) -> IdentifiedDynamics | None:

@@ -217,7 +217,7 @@ def _list_provenance(data: ReportData, summary: Summary) -> tuple[Grid, ...]:
     return (
         list_facts("Recording", _remove(planar, {"plane", "bursts"})),  # the verdict gives the number of bursts
         list_facts("Plane of motion", planar.get("plane") or {}),
-        list_facts("Joint fit", data.facts("chain.h5")),
+        list_facts("Joint fit", _remove(data.facts("chain.h5"), {"static"})),
         list_facts("Settings of the trial", data.settings),
         list_facts("Run time of each stage (s)", summary.time_s or {}),
         list_facts("Software version", {"mocap-id": data.product}),

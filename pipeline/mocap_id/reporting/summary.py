@@ -37,16 +37,17 @@ from mocap_id.reporting.summary_schema import (
     VerdictEntry,
 )
 from mocap_id.store import Facts, Table
-from mocap_id.store.views import IdentifiedDynamics, Skeleton
+from mocap_id.store.views import IdentifiedDynamics
 
 _NO_PLANE = "yaw_deg, origin_m: a trial in space has no plane of motion"
+_NO_STATE_SD = "zero_sd_deg: the joint states have no standard deviations"
 _NO_MOVEMENT_HELPS = "none of those tried"
 _WIDE = 2.0  # times the median standard deviation; above it, a torque is not reported as the largest
 
 
 def summarise(data: ReportData) -> Summary:
     """Return the summary of a trial; values of artefacts that are missing are null, with a ``why``."""
-    joints = spatial.summarise_joints(data) if data.in_space else _summarise_joints(data.skeleton)
+    joints = spatial.summarise_joints(data) if data.in_space else _summarise_joints(data)
     lengths = spatial.summarise_lengths(data) if data.in_space else _summarise_lengths(data)
     rises, failed = summarise_repetitions(data), summarise_attempts(data)
     seconds = _summarise_run_times(data)
@@ -154,17 +155,21 @@ def _summarise_hypotheses(facts: Facts) -> list[HypothesisEntry] | None:
     ]
 
 
-def _summarise_joints(skeleton: Skeleton | None) -> list[JointEntry] | None:
+def _summarise_joints(data: ReportData) -> list[JointEntry] | None:
+    skeleton = data.skeleton
     if skeleton is None:
         return None
     return [
         JointEntry.explain(
-            NOT_FINITE,
+            NOT_FINITE if data.zeros[j].sd is not None else _NO_STATE_SD,
             name=name,
             parent=int(skeleton.parents[j]),
             centre_m=to_numbers(skeleton.centres[j]),
             sd_m=to_numbers(skeleton.centre_sd[j]),
             arc_deg=to_number(np.degrees(skeleton.arc[j])),
+            zero=data.zeros[j].source,
+            zero_deg=float(np.degrees(data.zeros[j].value)),
+            zero_sd_deg=scale(data.zeros[j].sd, 180 / np.pi),
         )
         for j, name in enumerate(skeleton.joints)
     ]

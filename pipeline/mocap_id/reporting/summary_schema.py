@@ -90,6 +90,11 @@ class JointEntry(Entry):
     each kind of joint leaves unexplained, as a multiple of the markers' noise. ``glide_m`` is the shift of the centre
     at an elevation of 180°. In the plane every joint is a hinge about z, and
     ``axis_sd_deg``, ``evidence`` and the values of the glide are empty.
+
+    ``zero`` says where the angle of a joint in the plane is zero: in the pose under `static:`, in the standing phases
+    of the protocol, or where the segment lines are parallel, which depends on the markers and is arbitrary.
+    ``zero_deg`` is the value of ``theta_j`` in ``states.parquet`` there. In space ``zero`` is empty: the definition of
+    each angle contains its zero.
     """
 
     name: str
@@ -102,6 +107,9 @@ class JointEntry(Entry):
     glide_m: list[float] = Field([])
     glide_sd_m: list[float] = Field([])
     arc_deg: float | None
+    zero: Literal["static", "standing", "segment line", ""] = ""
+    zero_deg: float = 0.0
+    zero_sd_deg: float | None = 0.0
     known: bool = True
     evidence: dict[str, float] = Field({})
     why: str | None

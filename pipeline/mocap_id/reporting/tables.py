@@ -34,9 +34,18 @@ def list_joints(summary: Summary) -> Grid:
         text("fixed to", lambda joint: names[joint.parent] if 0 <= joint.parent < len(names) else joint.parent),
         *(_make_centre_column(k) for k in range(3 if in_space else 2)),
         number("arc (deg)", "arc_deg", 1),
+        *(
+            []
+            if in_space
+            else [text("angle is zero in", "zero"), with_sd("theta there (deg)", "zero_deg", "zero_sd_deg")]
+        ),
     )
     caption = "Joint centres in the frame of the previous segment, ± one standard deviation"
-    hinges = ". A hinge has a centre only across its axis" if in_space else ""
+    hinges = (
+        ". A hinge has a centre only across its axis"
+        if in_space
+        else ". Last columns: pose in which the angle is zero, and the value of theta (states.parquet) in it"
+    )
     return to_grid(caption + hinges, summary.joints or (), columns)
 
 

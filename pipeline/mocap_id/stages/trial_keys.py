@@ -179,6 +179,16 @@ class Calibration(Settings):
     )
 
 
+class StaticTrial(Settings):
+    """A still standing trial of the same person with the same markers; its joint angles are the zero."""
+
+    trial: Path = Field(description="YAML file of the static trial")
+    recording: Path = Field(description="its recording of markers")
+    window: tuple[float, float] | None = Field(None, description="its `window`, s")
+    units: str | None = Field(None, description="its `planarise: {units}`")
+    vertical: str | None = Field(None, description="its `planarise: {vertical}`")
+
+
 class TrialKeys(Settings):
     """Keys of a trial that several stages read, with absolute paths."""
 
@@ -231,9 +241,11 @@ class TrialKeys(Settings):
         description="in space: distance of each marker of the pointer from its tip, m; default: estimated from the "
         "pointer's motion",
     )
-    static: tuple[float, float] | None = Field(
+    static: tuple[float, float] | StaticTrial | None = Field(
         None,
-        description="in space: first and last time of a still pose with all landmarks, s; default: from the markers",
+        description="first and last time of a still pose, s. In space, it shows all landmarks (default: from the "
+        "markers). In the plane, its joint angles are zero (default: the standing phases); it can also be {trial: "
+        "static.yaml}, a still standing trial of the same person and markers",
     )
     calibration: Calibration | None = Field(
         None,
@@ -320,7 +332,19 @@ class TrialKeys(Settings):
             raise ValueError(f"`protocol: {value}` needs `space: {other}`")
         return value
 
-    @field_validator("side", "landmarks", "pointers", "pointer", "static", "calibration")
+    @field_validator("static")
+    @classmethod
+    def _static_trial_in_plane(
+        cls, value: tuple[float, float] | StaticTrial | None, info: ValidationInfo
+    ) -> tuple[float, float] | StaticTrial | None:
+        if isinstance(value, StaticTrial):
+            if info.data.get("space") == "3d":
+                raise ValueError("in space, expected the first and last time of a still pose, s")
+            if "recording" in info.data and info.data["recording"] is None:
+                raise ValueError("a static trial needs markers in this trial too: name a `recording`, or give times")
+        return value
+
+    @field_validator("side", "landmarks", "pointers", "pointer", "calibration")
     @classmethod
     def _only_in_space(cls, value: Any, info: ValidationInfo) -> Any:
         alone = info.field_name == "calibration" and info.data.get("recording") is None
@@ -337,8 +361,8 @@ class TrialKeys(Settings):
 
     @field_validator("static", "window")
     @classmethod
-    def _window_runs_forwards(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
-        if value is not None and not value[0] < value[1]:
+    def _window_runs_forwards(cls, value: Any) -> Any:
+        if isinstance(value, tuple) and not value[0] < value[1]:
             raise ValueError("the first time must come before the last")
         return value
 

@@ -62,7 +62,7 @@ def describe_recording(recording: Recording) -> dict[str, Any]:
         "analog_rate_hz": recording.analog_rate,
         "plates": [_describe_plate(plate) for plate in recording.plates],
         "mass_kg": total / GRAVITY if loaded else None,
-        "oddities": list(recording.oddities),
+        "oddities": [*recording.oddities, *(f"{each}: they were left out" for each in recording.held)],
     }
 
 

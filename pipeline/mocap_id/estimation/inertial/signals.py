@@ -9,6 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.verdict import Reason
 
 GRAVITY = 9.81  # gravity, m/s²; in the trial's axes, it acts along -y
 
@@ -46,6 +47,7 @@ class SensorSignals:
     time: FloatArray  # (K,) increasing times, s
     gyro: FloatArray  # (K, 3) angular velocity in the sensor's axes, rad/s
     acc: FloatArray  # (K, 3) specific force in the sensor's axes, m/s²
+    reasons: tuple[Reason, ...] = ()  # about samples that the reader left out
 
     @cached_property
     def rate(self) -> float:

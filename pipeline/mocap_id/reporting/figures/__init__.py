@@ -135,6 +135,8 @@ def draw_figures(data: ReportData) -> Drawings:
 
 def _complete_caption(entry: FigureEntry, data: ReportData) -> str:
     """Return the caption of a figure; figures of the dynamics also say how the masses move."""
+    if entry.name in ("states", "repetitions") and data.zeros:
+        return f"{entry.caption} {_describe_zeros(data)}"
     if entry.name not in _OF_POSES or data.facts("dynamics.h5").get("motion") is None:
         return entry.caption
     sentences = [entry.caption]
@@ -147,6 +149,24 @@ def _complete_caption(entry: FigureEntry, data: ReportData) -> str:
     else:
         sentences += ["The masses move with the pinned chain.", _OF_CHAIN.get(entry.name, "")]
     return " ".join(sentence for sentence in sentences if sentence)
+
+
+def _describe_zeros(data: ReportData) -> str:
+    """Return sentences that say where the joint angles are zero."""
+    names = data.skeleton.joint_names if data.skeleton is not None else ()
+    texts = {
+        "static": "is zero in the static pose that the configuration gives",
+        "standing": "is zero in the mean of the standing phases",
+        "segment line": "is zero where the lines of its two segments are parallel. The markers define these lines, so "
+        "this zero is arbitrary: compare changes of the angle only, or give a standing pose in `static:`",
+    }
+    sentences = []
+    for source, text in texts.items():
+        own = [name for name, zero in zip(names, data.zeros, strict=False) if zero.source == source]
+        if own:
+            whose = "every joint" if len(own) == len(data.zeros) else ", ".join(own)
+            sentences.append(f"The angle of {whose} {text}.")
+    return " ".join(sentences)
 
 
 def _describe_missing_torques(data: ReportData) -> list[str]:

@@ -7,7 +7,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Band, Dash, Figure, Item, Line, Panel, Rule, arrange_in_lines
-from mocap_id.reporting.figures.states import draw_shades
+from mocap_id.reporting.figures.states import draw_shades, label_angle
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store import Table
 from mocap_id.store.views import JointStates
@@ -26,7 +26,7 @@ _GRID = np.linspace(0.0, 1.0, 101)
 
 def draw(data: ReportData) -> Figure | str:
     """Return a panel for each joint: repetitions (thin), mean (thick) and one standard deviation (band)."""
-    motion, events = data.motion, data.table("events.parquet")
+    motion, events = data.shown_motion, data.table("events.parquet")
     bounds = np.zeros((0, 2)) if events is None else find_whole_repetitions(events)
     if motion is None or events is None or not motion.mean.size or not len(bounds):
         why = "none were found" if events is not None else data.why_missing("events.parquet")
@@ -41,7 +41,7 @@ def draw(data: ReportData) -> Figure | str:
             *_draw_seat_off(events),
         ]
         name = style.clean(names[j], 20) if j < len(names) else f"joint {j + 1}"
-        panels.append(Panel(tuple(items), name, _SPAN, "angle (deg)", x_range=(0, 100), linked=True, height=2.4))
+        panels.append(Panel(tuple(items), name, _SPAN, label_angle(data), x_range=(0, 100), linked=True, height=2.4))
     return Figure(arrange_in_lines(tuple(panels), _COLUMNS))
 
 

@@ -11,17 +11,17 @@ from mocap_id.reporting.figure import Band, Bars, Figure, Item, Line, Panel, Spa
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store.views import JointStates
 
-_QUANTITIES = ("angle (deg)", "velocity (deg/s)", "acceleration (deg/s²)")
+_RATES = ("velocity (deg/s)", "acceleration (deg/s²)")
 _STRIP = 0.16  # inches per joint in the panel of gaps
 
 
 def draw(data: ReportData) -> Figure | str:
     """Return angle, velocity and acceleration of all joints, and the intervals in which each joint is bridged."""
-    motion = data.motion
+    motion = data.shown_motion
     if motion is None or not motion.mean.size:
         return f"No joint states: {data.why_missing('states.parquet')}."
     names = name_joints(data)
-    curves = [draw_panel(motion, order, names, height=1.9) for order in range(3)]
+    curves = [draw_panel(motion, order, names, height=1.9, label=label_angle(data)) for order in range(3)]
     return Figure(tuple((one,) for one in (*curves, _draw_strips(motion, names))))
 
 
@@ -32,10 +32,24 @@ def name_joints(data: ReportData) -> tuple[str, ...]:
     return tuple(style.clean(names[j], 20) if j < len(names) else f"joint {j + 1}" for j in range(count))
 
 
-def draw_panel(motion: JointStates, order: int, names: tuple[str, ...], height: float) -> Panel:
+def label_angle(data: ReportData) -> str:
+    """Return the label of an axis with joint angles, which says where they are zero."""
+    sources = {zero.source for zero in data.zeros}
+    where = {
+        frozenset({"static"}): " from the static pose",
+        frozenset({"standing"}): " from standing",
+        frozenset({"segment line"}): " from the segment lines",
+    }
+    return f"angle{where.get(frozenset(sources), '')} (deg)"
+
+
+def draw_panel(
+    motion: JointStates, order: int, names: tuple[str, ...], height: float, label: str = "angle (deg)"
+) -> Panel:
     """Return a panel with the derivative ``order`` (0 to 2) of all joint angles, in degrees, with 95 % bands.
 
-    Bridged intervals are shaded; their bands do not affect the range of the axis.
+    ``label`` is the label of the axis of angles. Bridged intervals are shaded; their bands do not affect the range of
+    the axis.
     """
     bands, lines, framed = [], [], []
     for j, name in enumerate(names):
@@ -48,9 +62,8 @@ def draw_panel(motion: JointStates, order: int, names: tuple[str, ...], height: 
     gaps = draw_shades(motion.time, motion.observed.sum(axis=1) < motion.observed.shape[1])
     items: tuple[Item, ...] = (*gaps, *bands, *lines)
     ends = _find_ends(motion)
-    return Panel(
-        items, y=_QUANTITIES[order], x_range=ends, y_range=style.find_range(framed), linked=True, height=height
-    )
+    quantity = (label, *_RATES)[order]
+    return Panel(items, y=quantity, x_range=ends, y_range=style.find_range(framed), linked=True, height=height)
 
 
 def draw_shades(time: FloatArray, mask: BoolArray) -> tuple[Spans, ...]:

@@ -80,7 +80,9 @@ def fit_anatomical_frames(
     tracks = view.read_positions(np.array(list(markers.values()), dtype=np.int64))
     points = view.read_positions(columns)
     static = context.trial.static
-    start = None if static is None else (static[0] - float(view.time[0]), static[1] - float(view.time[0]))
+    start = (
+        None if not isinstance(static, tuple) else (static[0] - float(view.time[0]), static[1] - float(view.time[0]))
+    )
     still = find_still_pose(points, view.rate, start)
     chosen, at_rest = _choose_frames(still.frames, len(points))
     moving = dict(zip(markers, np.moveaxis(tracks[chosen], 1, 0), strict=True))

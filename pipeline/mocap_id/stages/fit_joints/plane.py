@@ -8,23 +8,29 @@ from typing import Any
 
 import numpy as np
 
+from mocap_id import recording
+from mocap_id.anatomy.still_pose import find_still_pose
 from mocap_id.arrays import BoolArray, ComplexArray, IntArray, as_xy
 from mocap_id.dynamics.allometry import look_up_table
-from mocap_id.errors import ConfigError, Refused
+from mocap_id.errors import ConfigError, RecordingError, Refused
 from mocap_id.kinematics import ChainFit, fit_chain, fit_links, frames_along_motion, orient_frames
 from mocap_id.kinematics.chain_equations import ChainState
 from mocap_id.kinematics.links import chain_angles
 from mocap_id.kinematics.rigid_body import count_positions
+from mocap_id.kinematics.static_pose import fit_static_pose
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.calibration_trial import get_calibration, has_no_markers, read_chain
 from mocap_id.stages.fit_joints import FitJointsSettings
-from mocap_id.stages.trial_keys import Subject
+from mocap_id.stages.trial_keys import StaticTrial, Subject
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
 _MARKED_SD = 0.005  # m; limit for a joint with a marker at it, and for the first joint if its segment has few
+_OTHER_PERSON = 0.03  # m; rms distance of the static pose's markers from the chain; the same person: below 0.015
+_FEWEST_MARKERS = 4  # smallest number of markers of a static pose
+_FEW_FRAMES = 10  # smallest number of frames of a static pose
 _OFF = 0.25  # largest relative difference of a length from that of the person's height or of the other segment
 _LEG = (0.2, 0.62)  # m; shank and thigh of a child of three years, and of the tallest people
 _ANKLE, _ANKLE_M = 0.2, 0.2  # largest height of the ankle above the floor, as share of the body's height (a knee is at
@@ -87,15 +93,80 @@ def fit_joints(context: Context) -> Outputs:
         "reprojection_rms_m": float(np.sqrt(np.mean(fit.residual[segment > 0] ** 2))),
         "single_markers": links is not None,
     }
+    pose, unclear = _fit_static_trial(context.trial.static, view, labels, segment, fit)
+    facts |= pose
     critical = set(() if links is None else marked)
     if count_positions(fit.local[fit.segment == 1]) < _FEW_POSITIONS:
         critical |= set(joint_names[:1])
     reasons = (
+        *unclear,
         *explain_estimator(settings),
         *_explain_joint_markers(marked, settings),
         *_explain_weak_joints(fit, joint_names, settings, critical),
     )
     return (Tree(CHAIN, data, facts, reasons),)
+
+
+def _fit_static_trial(
+    static: tuple[float, float] | StaticTrial | None,
+    view: Trajectories,
+    labels: list[str],
+    segment: IntArray,
+    fit: ChainFit,
+) -> tuple[dict[str, Any], tuple[Reason, ...]]:
+    """Return the fact ``static``, the joint angles of the chain in the static trial, if there is one, and cautions."""
+    if not isinstance(static, StaticTrial):
+        return {}, ()
+    file, source = static.recording, recording.read(static.recording, units=static.units, vertical=static.vertical)
+    both = [k for k, label in enumerate(labels) if label in source.labels]
+    points = source.positions[:, [source.labels.index(labels[k]) for k in both]]
+    if static.window is not None:
+        inside = (source.time >= static.window[0]) & (source.time <= static.window[1])
+        points = points[inside]
+        if np.count_nonzero(inside) < _FEW_FRAMES:
+            raise RecordingError(
+                f"{file}: the static trial has fewer than {_FEW_FRAMES} frames from {static.window[0]:g} to "
+                f"{static.window[1]:g} s; it runs from {source.time[0]:g} to {source.time[-1]:g} s"
+            )
+    hidden = [label for label in labels if label not in source.labels]
+    if len(both) < _FEWEST_MARKERS or not np.isfinite(points).any():
+        raise RecordingError(
+            f"{file}: the static trial shows {len(both)} of the {len(labels)} markers on the segments; missing: "
+            f"{', '.join(hidden[:6])}. Give a static trial with the same markers and labels"
+        )
+    try:
+        pose = find_still_pose(points, source.rate)
+    except RecordingError as error:
+        raise RecordingError(f"{file}: {error}") from error
+    still = points[pose.frames]
+    seen = np.asarray(np.isfinite(still).all(axis=2))
+    mean = np.where(seen[..., None], still, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)[:, None]
+    known = np.asarray(seen.any(axis=0))
+    used = np.array(both)[known]
+    track = view.read_positions(_columns(view, [labels[k] for k in used]), axes="z")[..., 0]
+    found = fit_static_pose(
+        mean[known], np.nanmean(track, axis=0), segment[used], as_xy(fit.local[used]), as_xy(fit.centres)
+    )
+    if found.residual > _OTHER_PERSON:
+        raise RecordingError(
+            f"{file}: in the static pose, the markers are {1e3 * found.residual:.0f} mm rms from the chain of this "
+            f"trial, expected at most {1e3 * _OTHER_PERSON:.0f} mm; give a static trial of the same person with the "
+            "same markers, unmoved, or leave out `static:`"
+        )
+    reasons: tuple[Reason, ...] = ()
+    if pose.reasons:
+        text = (
+            f"the markers move at {1e3 * pose.speed:.0f} mm/s in the stillest part of {file.name}, so the zero of the "
+            "joint angles is uncertain; record a person who stands still for two seconds."
+        )
+        reasons = (Reason("static-moves", text, pose.speed, pose.reasons[0].limit),)
+    fact = {
+        "trial": static.trial.name,
+        "theta": [float(angle) if np.isfinite(angle) else None for angle in found.theta],
+        "sd_theta": [float(sd) for sd in found.sd],
+        "residual_m": found.residual,
+    }
+    return {"static": fact}, reasons
 
 
 def _use_calibration(context: Context) -> Tree:

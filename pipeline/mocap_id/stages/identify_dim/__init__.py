@@ -127,7 +127,7 @@ STAGE = Stage(
         "angles.parquet",
     ),
     outputs=("events.parquet", "dynamics.parquet", "dynamics.h5", "phases.parquet"),
-    uses=("trial", "space", "protocol", "subject", "compare", "encoder", "curl"),
+    uses=("trial", "space", "protocol", "subject", "compare", "encoder", "static", "curl"),
     settings=IdentifyDimSettings,
     function=_function,
     help=STAGE_HELP["identify-dim"],

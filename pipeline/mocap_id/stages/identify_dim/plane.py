@@ -28,6 +28,7 @@ from mocap_id.stages.identify_dim import dynamics_artefacts as artefacts
 from mocap_id.stages.identify_dim.board_position import explain_board
 from mocap_id.stages.identify_dim.few_markers import check_torques, choose_foot_sd, choose_plate_sd, explain_foot_prior
 from mocap_id.stages.identify_dim.identifiability import MASS_CONTRADICTS, NotIdentifiable, judge_mass
+from mocap_id.stages.identify_dim.joint_zeros import find_zeros
 from mocap_id.stages.identify_dim.motion_comparison import compare_motions, compare_torque, explain_motion
 from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, build_reference_bodies
 from mocap_id.stages.identify_dim.repetition_averages import average_signals
@@ -75,7 +76,7 @@ def identify_dim(context: Context) -> Outputs:
         table, tree, prepared = _identify(context, inputs, prepared)
     events = _make_events(context, inputs, prepared, table, tree)
     table = _mark_contact(context, inputs, prepared, (events, table, tree))
-    return events, table, tree, average_signals(context, events, table)
+    return events, table, tree, average_signals(context, events, table, *find_zeros(context, inputs.movement.posture))
 
 
 def identify_trial(context: Context) -> tuple[PreparedTrial, Movement, Identification] | NotIdentifiable:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,14 +24,23 @@ from mocap_id.stages.identify_dim.trial_data import read_skeleton
 from mocap_id.store import Table
 from mocap_id.store.schemas import PHASES
 from mocap_id.store.views import joint_count
+from mocap_id.verdict import Reason
 
 SPANS = {"repetition": ("start", "end"), "rise": ("start", "stand")}
 _WRENCH = {"Fx": "N", "Fy": "N", "tauz": "N*m", "cop_x": "m"}
 _SOURCES = ("", "_model", "_reference")
 
 
-def average_signals(context: Context, events: Table, dynamics: Table) -> Table:
+def average_signals(
+    context: Context,
+    events: Table,
+    dynamics: Table,
+    zeros: Sequence[Mapping[str, Any]] = (),
+    reasons: tuple[Reason, ...] = (),
+) -> Table:
     """Return phases.parquet: the average of every signal over the repetitions, at 0, 1 … 100 % of a repetition.
+
+    ``zeros`` and ``reasons`` are the results of :func:`mocap_id.stages.identify_dim.joint_zeros.find_zeros`.
 
     Raises
     ------
@@ -40,7 +49,7 @@ def average_signals(context: Context, events: Table, dynamics: Table) -> Table:
     RecordingError
         The file under ``compare:`` cannot be used or does not overlap with the recording.
     """
-    signals, compared = list(_list_signals(context.table("states.parquet"), dynamics)), []
+    signals, compared = list(_list_signals(context.table("states.parquet"), dynamics, zeros)), []
     for name, unit, time, values, facts in _read_other_system(context):
         signals.append((name, unit, time, values))
         compared.append(facts)
@@ -53,7 +62,8 @@ def average_signals(context: Context, events: Table, dynamics: Table) -> Table:
         for name, unit, time, values in signals if len(bounds) else ():
             averages.append((span, name, unit, average_repetitions(resample_repetitions(time, values, bounds))))
     why = None if any(counts.values()) else "no repetition has both its beginning and its end in the recording"
-    return Table(PHASES, _make_columns(averages), {"repetitions": counts, "compared": compared, "why": why})
+    facts = {"repetitions": counts, "compared": compared, "why": why, "zeros": list(zeros)}
+    return Table(PHASES, _make_columns(averages), facts, reasons)
 
 
 def _make_columns(averages: Sequence[tuple[str, str, str, Averaged]]) -> dict[str, Any]:
@@ -66,7 +76,9 @@ def _make_columns(averages: Sequence[tuple[str, str, str, Averaged]]) -> dict[st
     return columns
 
 
-def _list_signals(states: Table, dynamics: Table) -> Iterator[tuple[str, str, FloatArray, FloatArray]]:
+def _list_signals(
+    states: Table, dynamics: Table, zeros: Sequence[Mapping[str, Any]]
+) -> Iterator[tuple[str, str, FloatArray, FloatArray]]:
     """Yield name, unit, times (T,), s, and values (T,) of each signal; joint angles are NaN where not observed."""
     for joint in range(1, joint_count(states) + 1):
         yield f"theta_{joint}", "rad", states["time"], _get_angle(states, joint)
@@ -76,6 +88,8 @@ def _list_signals(states: Table, dynamics: Table) -> Iterator[tuple[str, str, Fl
             yield f"{name}{source}", unit, wrench_time, dynamics[f"{name}{source}"]
     for joint in range(1, joint_count(states) + 1):
         yield f"tau_{joint}", "N*m", wrench_time, dynamics[f"tau_{joint}"]
+    for joint, zero in enumerate(zeros, start=1):
+        yield f"angle_{joint}", "rad", states["time"], _get_angle(states, joint) - zero["zero"]
 
 
 def _read_other_system(context: Context) -> Iterator[tuple[str, str, FloatArray, FloatArray, dict[str, Any]]]:

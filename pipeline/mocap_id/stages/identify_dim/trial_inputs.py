@@ -14,6 +14,7 @@ from mocap_id.dynamics.cutoffs import score_left_out
 from mocap_id.dynamics.measured_motion import USUAL
 from mocap_id.dynamics.point_grid import PointGrid, build_grid
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData, prepare
+from mocap_id.kinematics.joint_corrections import BENDS_M
 from mocap_id.protocols.movement import Movement, find_movement
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import IdentifyDimSettings
@@ -34,6 +35,8 @@ from mocap_id.stages.identify_dim.trial_data import make_fit_settings, read_join
 from mocap_id.stages.identify_dim.wrench_checks import check_chair
 from mocap_id.store.views import Skeleton
 from mocap_id.verdict import Reason
+
+_BENT = 1.4  # error of the chain's hip in one direction, relative to its shift by a bending trunk; half is corrected
 
 
 @dataclass(frozen=True)
@@ -148,9 +151,12 @@ def _choose_motion(
     if first is not None:
         # a gap that follows the angle of its joint, as far as skin does not explain it
         of_fit = np.nan_to_num(np.einsum("jkk->j", read_skeleton(context).covariance) / 2)
+        shifts = np.zeros((len(centre_sd), 2)) if first.poses.shift is None else first.poses.shift
         for joint in first.gap:
             hidden = float(estimate_hidden_gaps(first.poses, [joint])[joint])
-            centre_sd[joint] = np.sqrt(max(hidden - of_fit[joint], 0.0))
+            bend = float(np.linalg.norm(shifts[joint]))
+            moved = _BENT * bend if bend >= BENDS_M else 0.0  # the chain's hip is not corrected for a bending trunk
+            centre_sd[joint] = np.hypot(np.sqrt(max(hidden - of_fit[joint], 0.0)), moved)
     gap = {} if first is None else describe_gaps(first, read_joint_names(context))
     if requested == "chain":
         sets = () if first is None or not first.loose else (first, *body_sets)

@@ -66,7 +66,7 @@ def read_board_plate(board: Path | BalanceBoard | None, source: Recording) -> tu
     ok = log.ok if not log.problem else np.zeros_like(log.ok)
     force[~ok] = np.nan
     plate = Plate(1, "balance board", None, force, np.zeros_like(force), ok, log.rate, start, log.problem)
-    return log, replace(source, plates=(plate,), analog_rate=log.rate)
+    return log, replace(source, plates=(plate,), analog_rate=log.rate, held=source.held + log.held)
 
 
 def place_board(

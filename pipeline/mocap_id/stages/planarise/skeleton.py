@@ -68,7 +68,7 @@ def read_upright(trial: TrialKeys, settings: PlanariseSettings) -> UprightSkelet
         source = _rotate_upright(source, roles, notes)
     source, mirrored = _undo_mirroring(source, roles, side)
     reasons = tuple(Reason("recording-oddity", f"{note}.", level="ok") for note in notes)
-    return UprightSkeleton(source, side, read.inferred, reasons + mirrored)
+    return UprightSkeleton(source, side, read.inferred, read.reasons + reasons + mirrored)
 
 
 def _find_moving_side(source: Recording) -> Side:

@@ -14,6 +14,7 @@ from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.kinematics import find_bursts, find_swaps, propose_window, undo_swaps
 from mocap_id.recording import Recording, ThinnedFrames
+from mocap_id.recording.held_samples import describe_held
 from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.planarise import PlanariseSettings
 from mocap_id.stages.trial_keys import BalanceBoard, Files
@@ -58,9 +59,10 @@ class UsedPart:
         }
 
     def list_oddities(self, doubted: Sequence[str]) -> list[Reason]:
-        """Return notes about the file, without the oddities in ``doubted``, about which there are already cautions."""
+        """Return reasons about the file, without the oddities in ``doubted``, for which there are already cautions."""
         oddities = [oddity for oddity in self.source.oddities if oddity not in doubted]
-        return [Reason("recording-oddity", f"{oddity}.", level="ok") for oddity in oddities]
+        notes = [Reason("recording-oddity", f"{oddity}.", level="ok") for oddity in oddities]
+        return [*notes, *describe_held(self.source.held, float(self.time[0]), float(self.time[-1]))]
 
 
 def read_recording(files: Files, settings: PlanariseSettings) -> Recording:

@@ -15,6 +15,7 @@ from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.kinematics.base_motion import BaseMotion
 from mocap_id.plates import PlateChoice, ZeroRule, find_contradictions, measure_empty_chair
 from mocap_id.recording import Plate, PlateSamples, Recording, ThinnedFrames
+from mocap_id.recording.held_samples import describe_held
 from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.trial_keys import ExternalForce
 from mocap_id.verdict import Reason
@@ -156,10 +157,11 @@ def _measure_sensor(number: int, sensor: ExternalForce, used: UsedFrames, source
         "known_fraction": float(find_complete_rows(wrench).mean()),
         "measures": sensor.measures,
     }
+    held = describe_held(log.held, used.time[0] - sensor.clock_offset_s, used.time[-1] - sensor.clock_offset_s)
     if sensor.measures == "beyond":  # not a force of the surroundings
-        return ExternalWrenches(_name_columns(wrench, f"external_{number}"), (fact,))
+        return ExternalWrenches(_name_columns(wrench, f"external_{number}"), (fact,), held)
     vertical = recording.decimate(plate, used.thinned.time, used.thinned.rate).force[:, 2]
-    return ExternalWrenches(_name_columns(wrench, f"external_{number}"), (fact,), (), vertical)
+    return ExternalWrenches(_name_columns(wrench, f"external_{number}"), (fact,), held, vertical)
 
 
 def _find_point(sensor: ExternalForce, used: UsedFrames, source: Recording) -> FloatArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mocap_id import __version__
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.trial_keys import BalanceBoard, TrialKeys, list_sensors
+from mocap_id.stages.trial_keys import BalanceBoard, StaticTrial, TrialKeys, list_sensors
 from mocap_id.verdict import Reason
 
 
@@ -52,7 +52,9 @@ def _describe_trial(trial: TrialKeys) -> dict[str, str]:
         "side": trial.side or "",
         "landmarks": ", ".join(f"{name} {label}" for name, label in trial.landmarks.items()),
         "pointers": ", ".join(f"{name} {file.name}" for name, file in trial.pointers.items()),
-        "static": "" if trial.static is None else f"{trial.static[0]:g} to {trial.static[1]:g} s",
+        "static": trial.static.trial.name
+        if isinstance(trial.static, StaticTrial)
+        else "".join(f"{first:g} to {last:g} s" for first, last in filter(None, [trial.static])),
         "calibration": "" if trial.calibration is None else trial.calibration.trial.name,
         "subject": ", ".join(f"{key} {value}" for key, value in subject.items()),
         "window": "" if trial.window is None else f"{trial.window[0]:g} to {trial.window[1]:g} s",

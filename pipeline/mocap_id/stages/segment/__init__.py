@@ -17,11 +17,15 @@ class SegmentSettings(Settings):
     """Limits and hints for the segmentation."""
 
     plane_only: ClassVar[Only] = dict.fromkeys(
-        ("joint_markers", "still_limit_m", "planarity_caution", "planarity_limit", "asymmetry_deg"), ()
+        ("count_alone", "joint_markers", "still_limit_m", "planarity_caution", "planarity_limit", "asymmetry_deg"), ()
     )
 
     count: int | None = Field(
         None, ge=2, le=9, description="number of segments including the base; default: from the motion"
+    )
+    count_alone: int | None = Field(
+        None,
+        description="number that the trial has alone, if `mocap-id study` chose `count` from all of a person's trials",
     )
     names: tuple[str, ...] | None = Field(None, description="names of the segments, base first")
     together: tuple[_Markers, ...] = Field(

@@ -61,7 +61,8 @@ def segment(context: Context) -> Outputs:
     usual, joint_names = name_bodies(trial.protocol, found.count, foot_turns=foot)
     names = usual if settings.names is None else check_names(settings.names, found.count)
     doubts = _explain_doubts(found, joint_names)
-    given = settings.count is not None or settings.names is not None or settings.together or settings.apart
+    counted = settings.count is not None and settings.count_alone is None  # by the user, not by a study
+    given = counted or settings.names is not None or settings.together or settings.apart
     if found.confidence.value < _WRONG and not given:
         text = f"{doubts[0].message} With a confidence of {found.confidence.value:.1g}, nothing is computed from them."
         raise Refused("segments-unsure", text, found.confidence.value, _WRONG)
@@ -92,6 +93,7 @@ def segment(context: Context) -> Outputs:
         *_explain_asymmetry(asymmetries, names, settings.asymmetry_deg),
         *check_marker_names(labels, found.segment, usual, found.confidence.value),
         *_check_height(points, found.segment),
+        *_explain_count(settings),
     )
     why = [
         "left out by `segment: ignore`"
@@ -288,6 +290,17 @@ def _describe_hypothesis(hypothesis: Hypothesis, best: Hypothesis, labels: tuple
         "markers": [[labels[m] for m in body.markers] for body in hypothesis.chain],
         "left_out": [[labels[m] for m in body.markers] for body in hypothesis.left_out],
     }
+
+
+def _explain_count(settings: SegmentSettings) -> tuple[Reason, ...]:
+    """Return a note if the number of segments is not that of this trial alone."""
+    if settings.count_alone is None or settings.count_alone == settings.count:
+        return ()
+    text = (
+        f"the number of segments, {settings.count}, was chosen by `mocap-id study` from all trials of the person; this "
+        f"trial alone has {settings.count_alone}."
+    )
+    return (Reason("segments-together", text, float(settings.count_alone), level="ok"),)
 
 
 def _check_height(points: FloatArray, segment: IntArray) -> tuple[Reason, ...]:

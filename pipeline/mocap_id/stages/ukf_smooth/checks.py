@@ -11,6 +11,7 @@ from mocap_id.errors import RecordingError
 from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE
 from mocap_id.estimation.dropouts import find_stretches
 from mocap_id.estimation.residual_spectrum import Oscillation
+from mocap_id.kinematics.joint_corrections import BENDS_M, HipShift
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
@@ -169,3 +170,15 @@ def report_oscillations(oscillations: Sequence[Oscillation], segments: Sequence[
         "plates on firmly."
     )
     return (Reason("markers-oscillate", message, max(each.size for each in oscillations)),)
+
+
+def report_bend(shift: HipShift) -> tuple[Reason, ...]:
+    """Return a caution about a trunk that bends while pelvis and trunk are one segment."""
+    message = (
+        f"the trunk bends: the markers of the pelvis move by {1e3 * shift.slide:.0f} mm along the trunk as the hip "
+        f"turns, and the hip is {1e3 * abs(shift.place):.0f} mm beside the place that a rigid trunk gives. The "
+        "intervals of angles and torques contain this error. The angle of the hip is that of the trunk, not of the "
+        "pelvis. Put three or more markers on the pelvis and on the chest, at different places seen from the side, to "
+        "make them two segments."
+    )
+    return (Reason("trunk-bends", message, float(abs(shift.place)), BENDS_M),)

@@ -15,6 +15,7 @@ from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.estimation import States
 from mocap_id.estimation.encoder_clock import EncoderMatch, match_encoder
 from mocap_id.estimation.encoder_smoothing import EncoderNoise, estimate_noise, smooth_encoder
+from mocap_id.recording.held_samples import describe_held
 from mocap_id.recording.sensor_logs import DEGREES, EncoderLog
 from mocap_id.store import Table
 from mocap_id.store.schemas import ENCODER
@@ -71,7 +72,7 @@ def read_encoder_states(file: Path | None, states: States, time: FloatArray, set
         )
     columns = _interpolate_states(log, noise, match, time)
     facts = _facts(log, noise, match) | {"camera": _compare_states(states.mean[:, 0], columns)}
-    return Table(ENCODER, columns, facts, _check_match(file, match, limit))
+    return Table(ENCODER, columns, facts, (*describe_held(log.held), *_check_match(file, match, limit)))
 
 
 def use_encoder(states: States, encoder: Table) -> States:

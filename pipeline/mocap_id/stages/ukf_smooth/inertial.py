@@ -10,6 +10,7 @@ import numpy as np
 from mocap_id.errors import ConfigError
 from mocap_id.estimation.inertial import SensorResult, SensorSignals
 from mocap_id.estimation.inertial.clock import OBSERVABLE_SD
+from mocap_id.recording.held_samples import describe_held
 from mocap_id.recording.imu_log import read_imu
 from mocap_id.stages.trial_keys import InertialSensor
 from mocap_id.verdict import Reason
@@ -48,17 +49,21 @@ def read_sensors(
 
 
 def describe_sensors(
-    names: Sequence[str], sensors: Mapping[str, InertialSensor], results: Mapping[int, SensorResult]
+    names: Sequence[str],
+    sensors: Mapping[str, InertialSensor],
+    signals: Mapping[int, SensorSignals],
+    results: Mapping[int, SensorResult],
 ) -> tuple[dict[str, dict[str, Any]], tuple[Reason, ...]]:
     """Return the facts of all sensors for the summary, by segment, and the reasons for the verdict.
 
-    ``names`` are the segments, ``sensors`` the logs by segment, and ``results`` the results by index of the segment.
+    ``names`` are the segments, ``sensors`` the logs by segment, ``signals`` and ``results`` the signals and results of
+    the sensors by index of the segment.
     """
     facts = {names[s]: describe_sensor(result) for s, result in results.items()}
     reasons = [
         reason for s, result in results.items() for reason in _reasons(names, s, sensors[names[s]].file.name, result)
     ]
-    return facts, tuple(reasons)
+    return facts, (*(reason for each in signals.values() for reason in each.reasons), *reasons)
 
 
 def read_sensor(sensor: InertialSensor, mirrored: bool = False) -> SensorSignals:
@@ -68,9 +73,11 @@ def read_sensor(sensor: InertialSensor, mirrored: bool = False) -> SensorSignals
     and y are reversed.
     """
     log = read_imu(sensor.file, sensor.rate_hz)
+    reasons = describe_held(log.held)
     if not mirrored:
-        return SensorSignals(log.time, log.gyro, log.acc)
-    return SensorSignals(log.time, log.gyro * np.array([-1.0, -1.0, 1.0]), log.acc * np.array([1.0, 1.0, -1.0]))
+        return SensorSignals(log.time, log.gyro, log.acc, reasons)
+    gyro, acc = log.gyro * np.array([-1.0, -1.0, 1.0]), log.acc * np.array([1.0, 1.0, -1.0])
+    return SensorSignals(log.time, gyro, acc, reasons)
 
 
 def describe_sensor(result: SensorResult) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from mocap_id.arrays import ComplexArray, FloatArray, IntArray, as_complex
 from mocap_id.estimation.inverse_kinematics import MarkerChain
 from mocap_id.kinematics.cluster_poses import ClusterPose, measure_cluster
 from mocap_id.kinematics.heel_lift import find_moving_markers
-from mocap_id.kinematics.joint_corrections import AnklePosition, estimate_hip_shift, locate_ankle
+from mocap_id.kinematics.joint_corrections import AnklePosition, HipShift, estimate_hip_shift, locate_ankle
 from mocap_id.store import Table
 from mocap_id.store.schemas import POSES
 from mocap_id.store.views import Skeleton, Trajectories
@@ -24,8 +24,8 @@ _ONE_BODY = ("pelvis", "trunk")  # each has few markers, so the pose of both as 
 
 def measure_poses(
     view: Trajectories, chain: MarkerChain, skeleton: Skeleton, *, observed: FloatArray, angles: FloatArray
-) -> Table:
-    """Return poses.parquet: the measured poses of all bodies of the dynamics.
+) -> tuple[Table, HipShift]:
+    """Return poses.parquet, the measured poses of all bodies of the dynamics, and the effect of a trunk that bends.
 
     A body whose markers do not determine a pose has no columns. The facts list the bodies in the order of the columns.
     Pelvis and trunk are included separately and as one body, the torso. ``chain`` includes the markers of the base.
@@ -64,25 +64,24 @@ def measure_poses(
     ankle = _estimate_ankle(chain, bodies) if feet_move else None
     for fact in facts:
         if above in fact["segments"]:
-            fact["joint_shift_m"] = [shift.real, shift.imag]
+            fact["joint_shift_m"] = [shift.place.real, shift.place.imag]
         if ankle is not None and fact["segments"] == [1]:
             fact["joint_m"] = [[place.real, place.imag] for place in (ankle.foot, ankle.shank)]
             fact["joint_sd_m"] = ankle.sd
-    return Table(POSES, _columns(view, [pose for *_, pose in found]), {"bodies": facts})
+    return Table(POSES, _columns(view, [pose for *_, pose in found]), {"bodies": facts}), shift
 
 
 def _estimate_hip_shift(
     skeleton: Skeleton, bodies: Sequence[tuple[list[int], ClusterPose]], seen: Sequence[ComplexArray]
-) -> tuple[int, complex]:
-    """Return the segment above the hip, and the displacement of the hip due to the bending of the trunk, m.
+) -> tuple[int, HipShift]:
+    """Return the segment above the hip, and the displacement of the hip due to the bending of the trunk.
 
-    The displacement is x + 1j y in the thigh's frame, and zero if the poses are missing. ``seen`` are the positions (F,
-    m) of each body's markers, m.
+    It is zero if the poses are missing. ``seen`` are the positions (F, m) of each body's markers, m.
     """
     hip = skeleton.joints.index(_BENT) if _BENT in skeleton.joints else len(skeleton.segments)
     single = {numbers[0]: k for k, (numbers, _) in enumerate(bodies) if len(numbers) == 1}
     if hip not in single or hip + 1 not in single:
-        return hip + 1, 0j
+        return hip + 1, HipShift()
     k = single[hip + 1]
     trunk, points = bodies[k][1], seen[k]
     far = np.abs(trunk.local)

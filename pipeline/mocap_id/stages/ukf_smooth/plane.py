@@ -17,6 +17,7 @@ from mocap_id.estimation.inverse_kinematics import MarkerChain
 from mocap_id.estimation.lasting_errors import add_lasting_errors, estimate_camera_sd
 from mocap_id.estimation.residual_spectrum import ResidualSpectrum, compute_residual_spectrum
 from mocap_id.kinematics import SkinModel
+from mocap_id.kinematics.joint_corrections import BENDS_M
 from mocap_id.kinematics.rigid_body import count_positions
 from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context, Outputs
@@ -27,6 +28,7 @@ from mocap_id.stages.ukf_smooth.checks import (
     bridge_repeated,
     check_uniform_times,
     find_repeated_frames,
+    report_bend,
     report_filter,
     report_gaps,
     report_oscillations,
@@ -73,10 +75,14 @@ def ukf_smooth(context: Context) -> Outputs:
     camera = estimate_camera_sd(observed, states, settings.marker_sd_floor)
     skin = estimate_skin(states, observed, camera) if tree.facts.get("estimator") == "bundle" else None
     spectrum = compute_residual_spectrum(ChainResiduals(states, observed, view.rate))
-    states, sd_holds = _add_sd(states, observed, skin, camera, spectrum=spectrum, settings=settings)
+    poses, shift = measure_poses(view, chain, skeleton, observed=observed, angles=states.mean[:, :, 0])
+    bend = None
+    if shift.across is not None and abs(shift.place) >= BENDS_M:
+        hip = skeleton.joints.index("hip")
+        bend = (hip, shift.across / float(np.linalg.norm(chain.centres[hip])))
+    states, sd_holds = _add_sd(states, observed, skin, camera, bend, spectrum=spectrum, settings=settings)
     if sensors.joints is not None:
         states.sd[:, sensors.joints, 2] *= _ACCELERATION_SHARE
-    poses = measure_poses(view, chain, skeleton, observed=observed, angles=states.mean[:, :, 0])
     del observed
     skin_tree = _make_skin_tree(tree, skeleton, states, skin, camera)
     rejected = find_rejected_segments(moving.segment - 1, len(moving.centres), visible, states.used)
@@ -93,6 +99,7 @@ def ukf_smooth(context: Context) -> Outputs:
         + report_repeated_frames(repeated)
         + report_filter(spectrum.cut_off)
         + report_oscillations(spectrum.oscillations, skeleton.segments)
+        + (report_bend(shift) if bend else ())
         + sensors.reasons
     )
     facts = _facts(states, markers, moves, settings) | {"sd_holds": sd_holds, "cut_off_hz": spectrum.cut_off}
@@ -131,12 +138,13 @@ def _smooth(
         from mocap_id.stages.ukf_smooth.inertial import check_method, describe_sensors, read_sensors  # noqa: PLC0415
 
         check_method(settings.method, settings.engine)
+        signals = read_sensors(names, worn)
         states, results = inertial_smoothing.smooth_with_sensors(
-            observed, view.time, *geometry, sensors=read_sensors(names, worn), settings=settings
+            observed, view.time, *geometry, sensors=signals, settings=settings
         )
         used = [0, *(s for s, each in results.items() if each.used is not None)]
         has_sensor = np.isin(np.arange(len(names)), used)
-        outcome = _SensorOutcome(has_sensor[1:] & has_sensor[:-1], *describe_sensors(names, worn, results))
+        outcome = _SensorOutcome(has_sensor[1:] & has_sensor[:-1], *describe_sensors(names, worn, signals, results))
     else:
         states = smooth(observed, view.rate, *geometry, settings=settings, overwrite=True)
     observed[~states.used] = np.nan
@@ -163,13 +171,15 @@ def _add_sd(
     observed: FloatArray,
     skin: SkinModel | None,
     camera: float,
+    bend: tuple[int, FloatArray] | None,
     *,
     spectrum: ResidualSpectrum,
     settings: UkfSmoothSettings,
 ) -> tuple[States, str]:
     """Return the states with standard deviations that include skin motion if ``skin`` is given, and what they contain.
 
-    The second result is ``UNKNOWN``, ``NOISE`` or ``SKIN`` of :mod:`mocap_id.stages.ukf_smooth.state_errors`.
+    ``bend`` is as for :func:`estimate_lasting_errors`. The second result is ``UNKNOWN``, ``NOISE`` or ``SKIN`` of
+    :mod:`mocap_id.stages.ukf_smooth.state_errors`.
     """
     if settings.method in FRAMEWISE:  # the errors of these methods are unknown
         return states, UNKNOWN
@@ -177,7 +187,7 @@ def _add_sd(
         return replace(states, sd=np.full_like(states.sd, np.nan)), UNKNOWN
     if skin is None or settings.method == "two-filter":
         return states, NOISE
-    errors = estimate_lasting_errors(states, observed, skin, camera, spectrum)
+    errors = estimate_lasting_errors(states, observed, skin, camera, spectrum, bend=bend)
     return replace(states, sd=add_lasting_errors(states, spectrum.rate, errors)), SKIN
 
 

@@ -181,7 +181,7 @@ def _reasons(
         reasons += _check_lean(tracked, k, segment) + _check_heading(tracked, k, segment)
         if tracked.reckoning.shift_sd[k] > OBSERVABLE_SD:
             reasons.append(report_clock(segment, float(tracked.reckoning.shift_sd[k])))
-        reasons += report_saturation(segment, float(np.mean(signals[k].saturated)))
+        reasons += [*report_saturation(segment, float(np.mean(signals[k].saturated))), *signals[k].reasons]
     return tuple(reasons)
 
 

@@ -79,7 +79,7 @@ def smooth_rotations(context: Context) -> Outputs:
         names, worn = list(skeleton.segments), list_sensors(context.trial.imus)
         sensors = read_sensors(names, worn, mirrored=view.planar.facts.get("side") == "left")
         states, results = smooth_with_sensors(points, view.time, skeleton.chain, sensors, given)
-        imus, sensor_reasons = describe_sensors(names, worn, results)
+        imus, sensor_reasons = describe_sensors(names, worn, sensors, results)
         missed = {skeleton.segments.index(s): abs(each["skin_share"]) for s, each in imus.items() if each["used"]}
         states = add_axial_rotation_errors(states, skeleton.chain, common=_COMMON_WITH_IMUS, missed=missed)
     else:

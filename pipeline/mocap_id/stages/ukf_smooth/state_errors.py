@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, as_complex, interpolate_gaps
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, as_complex, interpolate_gaps
 from mocap_id.estimation import States
 from mocap_id.estimation.chain_residuals import ChainResiduals
 from mocap_id.estimation.coloured_errors import estimate_coloured_variance
@@ -13,6 +13,7 @@ from mocap_id.estimation.missing_markers import compute_variance_growth
 from mocap_id.estimation.residual_spectrum import ResidualSpectrum
 from mocap_id.kinematics import ChainState, SkinModel, angle_errors, fit_skin, skin_from_residuals
 
+_BENT = (0.6, 2.2, 0.5)  # errors of shank, thigh and trunk, relative to the turn of a thigh that follows the hip
 _LEAST = 50  # least number of frames with all joint angles for an estimate of skin motion
 
 UNKNOWN = "not known"
@@ -47,18 +48,48 @@ def assume_skin(states: States, residual: FloatArray, centre_covariance: FloatAr
 
 
 def estimate_lasting_errors(
-    states: States, used_markers: FloatArray, skin: SkinModel, camera: float, spectrum: ResidualSpectrum
+    states: States,
+    used_markers: FloatArray,
+    skin: SkinModel,
+    camera: float,
+    spectrum: ResidualSpectrum,
+    *,
+    bend: tuple[int, FloatArray] | None = None,
 ) -> LastingErrors:
     """Return the variances of errors of the states that average out slowly or not at all.
 
-    ``used_markers`` and ``camera`` are as for :func:`estimate_skin`.
+    ``used_markers`` and ``camera`` are as for :func:`estimate_skin`. ``bend`` is the hip, a joint from 0, and the turn
+    (F,) of the thigh if it followed the hip of a trunk that bends, rad; None if the trunk is rigid.
     """
     angles, rate = interpolate_gaps(states.mean[..., 0]), spectrum.rate
     frames, variance = angle_errors(skin, angles, rate)
     variance *= compute_variance_growth(states, used_markers, angles, frames, rate=rate, camera=camera)[..., None]
     coloured = estimate_coloured_variance(ChainResiduals(states, used_markers, rate), angles, frames, camera)
     variance = np.maximum(variance, coloured) + spectrum.oscillating_variance(frames)
+    if bend is not None:
+        variance += _compute_bend_variance(*bend, angles, frames, rate)
     return LastingErrors(camera, frames, variance)
+
+
+def _compute_bend_variance(hip: int, turn: FloatArray, angles: FloatArray, frames: IntArray, rate: float) -> FloatArray:
+    """Return the variance (T, n, 4) of joint angles and their derivatives due to a trunk that bends.
+
+    The turn (F,) of the thigh, rad, has noise. A smooth function of the posture replaces it, which has derivatives.
+    """
+    posture = np.column_stack([angles[:, hip], angles.sum(axis=1)])
+    posture -= posture.mean(axis=0)
+    shapes = np.column_stack([np.ones(len(angles)), posture, posture**2, posture.prod(axis=1)])
+    known = np.isfinite(turn)
+    course = (shapes @ np.linalg.lstsq(shapes[known], turn[known])[0])[frames]
+    course -= course.mean()
+    variance = np.zeros((len(frames), angles.shape[1], 4))
+    segment = np.zeros(angles.shape[1] + 1)
+    segment[hip - 1 : hip + 2] = _BENT
+    joint = segment[:-1] ** 2 + segment[1:] ** 2
+    for order in range(4):
+        variance[:, :, order] = np.outer((course**2 + np.mean(course**2)) / 2, joint)
+        course = np.gradient(course, (frames[1] - frames[0]) / rate) if len(course) > 1 else np.zeros_like(course)
+    return variance
 
 
 def _chain_state(states: States, markers: BoolArray) -> ChainState:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from mocap_id import __version__
+from mocap_id.config import Trial
 from mocap_id.config.study import Study, StudyTrial, load_study
 from mocap_id.reporting.results.columns import ResultTable
 from mocap_id.reporting.results.result import Result
@@ -20,6 +21,7 @@ from mocap_id.stages.trial_keys import list_sensors
 from mocap_id.store import Folder, dumps, hash_bytes, hash_file
 from mocap_id.store.ownership import Owner, check_owner, hash_texts, store_owner
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trials
+from mocap_id.workflows.study.segment_numbers import run_with_counts
 from mocap_id.workflows.study.tables import make_tables
 from mocap_id.workflows.study.trial_results import read_trial_result
 from mocap_id.workflows.trial_outcome import TrialOutcome
@@ -86,13 +88,28 @@ def run_study(
     with Folder(study.folder).locked():
         check_owner(study.folder, owner, DOCUMENT)
         begin(len(study.trials))
-        runs = run_trials([one.trial for one in study.trials], LocalBackend(jobs), tell)
+        told: set[str] = set()
+
+        def tell_once(done: TrialRun) -> None:
+            if done.trial not in told:
+                told.add(done.trial)
+                tell(done)
+
+        def run(trials: list[Trial]) -> tuple[TrialRun, ...]:
+            return run_trials(trials, LocalBackend(jobs), tell_once)
+
+        counts: Mapping[str, Any] = {}
+        remarks: Sequence[str] = ()
+        if study.curl or study.reach:  # the segments of an arm have names
+            runs = run([one.trial for one in study.trials])
+        else:
+            runs, counts, remarks = run_with_counts(study.trials, _read_counts(study.folder), run)
         key = _hash_content(study, runs)
         document = _read_if_current(study.folder, key)
         store_owner(study.folder, owner, DOCUMENT)
         if document is not None:
             return StudyResult(study, runs, document, reused=True)
-        result = _make_result(study, runs, key)
+        result = _make_result(study, runs, key, counts, remarks)
         result.write(study.folder)
     return StudyResult(study, runs, result.document, reused=False)
 
@@ -188,11 +205,13 @@ def _choose_kind(study: Study) -> StudyKind:
     return StudyKind(("strategy",), read_trial_result, make_tables, lambda data, _: render_cohort_page(data))
 
 
-def _make_result(study: Study, runs: Sequence[TrialRun], key: str) -> Result:
+def _make_result(
+    study: Study, runs: Sequence[TrialRun], key: str, counts: Mapping[str, Any], notes: Sequence[str]
+) -> Result:
     kind = _choose_kind(study)
     trials = [kind.read(study, one, run) for one, run in zip(study.trials, runs, strict=True)]
     labels = [{name: getattr(trial, name) for name in kind.labels} for trial in trials]
-    remarks = tuple(find_remarks(study, trials))
+    remarks = (*notes, *find_remarks(study, trials))
     tables = kind.tables(trials)
 
     def make_page() -> dict[str, bytes]:
@@ -213,6 +232,7 @@ def _make_result(study: Study, runs: Sequence[TrialRun], key: str) -> Result:
         },
         "trials": [_describe(trial, own) for trial, own in zip(trials, labels, strict=True)],
         "remarks": list(remarks),
+        "segments": counts,
         "tables": {name: table.description for name, table in tables.items()},
         "key": key,
     }
@@ -241,6 +261,14 @@ def _hash_content(study: Study, runs: Sequence[TrialRun]) -> str:
     ]
     people = {name: person.model_dump(mode="json") for name, person in study.subjects.items()}
     return hash_bytes(dumps([_VERSION, __version__, study.name, study.reference, trials, people]).encode())
+
+
+def _read_counts(folder: Path) -> Mapping[str, Any]:
+    """Return the numbers of segments that were chosen together the last time, from study.json; empty without it."""
+    try:
+        return dict(json.loads((folder / DOCUMENT).read_text("utf-8"))["segments"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
 
 
 def _read_if_current(folder: Path, key: str) -> Mapping[str, Any] | None:
