@@ -15,6 +15,7 @@ _MAX_DISTANCE_M = 1000.0  # larger than any laboratory: such coordinates are inv
 _MIN_SPREAD_M, _MAX_SPREAD_M = 0.02, 100.0  # accepted spread of the markers of a trial, to check the unit
 _MILLIMETRE = 1e-3
 _APART_M = 1.0  # least distance of a code for missing samples from all real samples
+_REPEATED = 10  # least number of samples at a code that is near real samples
 _BLOCK = 1000  # number of frames to process at a time, which limits the memory needed
 
 
@@ -83,7 +84,8 @@ def _remove_codes(positions: FloatArray, oddities: list[str]) -> None:
     """Set samples that a number such as 9999 or −16512 marks as missing to NaN, in place.
 
     Such samples are exactly alike, and farther than a metre from all others. They are on several markers, or between
-    other samples of one marker, or their three coordinates are the same number.
+    other samples of one marker, or their three coordinates are the same number. A code may also be near real samples,
+    such as 999.9 mm: its three coordinates are the same number, and at least ten samples of several markers have it.
     """
     flat = positions.reshape(-1, 3)
     if not len(flat):
@@ -113,6 +115,20 @@ def _remove_codes(positions: FloatArray, oddities: list[str]) -> None:
                 "samples, and they were set to missing"
             )
             extremes = [(axis, reduce.reduce(flat, axis=0)) for reduce in (np.fmin, np.fmax) for axis in range(3)]
+    blocks = [np.abs(positions[at : at + _BLOCK]) for at in range(0, len(positions), _BLOCK)]
+    within = [(part[..., 0] > 0) & (part[..., 0] <= _MAX_DISTANCE_M) for part in blocks]
+    same = [(part == part[..., :1]).all(axis=2) & each for part, each in zip(blocks, within, strict=True)]
+    alike = np.concatenate([*same, np.zeros((0, positions.shape[1]), bool)])
+    numbers, counts = np.unique(positions[alike], axis=0, return_counts=True)
+    for code in numbers[counts >= _REPEATED]:
+        chosen = alike & (positions == code).all(axis=2)
+        if chosen.any(axis=0).sum() > 1:
+            positions[chosen] = np.nan
+            oddities.append(
+                f"{chosen.sum()} marker samples of {chosen.any(axis=0).sum()} markers are exactly at "
+                f"({', '.join(f'{number:.6g}' for number in code)}) m: this number marks missing samples, and they were "
+                "set to missing"
+            )
 
 
 def _mark_missing(positions: FloatArray) -> tuple[int, int, int, int]:
