@@ -126,8 +126,8 @@ def _remove_codes(positions: FloatArray, oddities: list[str]) -> None:
             positions[chosen] = np.nan
             oddities.append(
                 f"{chosen.sum()} marker samples of {chosen.any(axis=0).sum()} markers are exactly at "
-                f"({', '.join(f'{number:.6g}' for number in code)}) m: this number marks missing samples, and they were "
-                "set to missing"
+                f"({', '.join(f'{number:.6g}' for number in code)}) m: this number marks missing samples, and they "
+                "were set to missing"
             )
 
 
