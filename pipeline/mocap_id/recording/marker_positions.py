@@ -115,19 +115,23 @@ def _remove_codes(positions: FloatArray, oddities: list[str]) -> None:
                 "samples, and they were set to missing"
             )
             extremes = [(axis, reduce.reduce(flat, axis=0)) for reduce in (np.fmin, np.fmax) for axis in range(3)]
-    blocks = [np.abs(positions[at : at + _BLOCK]) for at in range(0, len(positions), _BLOCK)]
-    within = [(part[..., 0] > 0) & (part[..., 0] <= _MAX_DISTANCE_M) for part in blocks]
-    same = [(part == part[..., :1]).all(axis=2) & each for part, each in zip(blocks, within, strict=True)]
-    alike = np.concatenate([*same, np.zeros((0, positions.shape[1]), bool)])
-    numbers, counts = np.unique(positions[alike], axis=0, return_counts=True)
-    for code in numbers[counts >= _REPEATED]:
-        chosen = alike & (positions == code).all(axis=2)
-        if chosen.any(axis=0).sum() > 1:
-            positions[chosen] = np.nan
+    found = []
+    for at in range(0, len(positions), _BLOCK):
+        x, y, z = np.moveaxis(np.abs(positions[at : at + _BLOCK]), 2, 0)
+        frame, marker = np.nonzero((x == y) & (x == z) & (x > 0) & (x <= _MAX_DISTANCE_M))
+        found.append(np.column_stack([frame + at, marker]))
+    same = np.concatenate(found)
+    numbers, which, counts = np.unique(
+        positions[same[:, 0], same[:, 1]], axis=0, return_inverse=True, return_counts=True
+    )
+    for k in np.flatnonzero(counts >= _REPEATED):
+        frame, marker = same[which == k].T
+        if len(np.unique(marker)) > 1:
+            positions[frame, marker] = np.nan
+            code = ", ".join(f"{number:.6g}" for number in numbers[k])
             oddities.append(
-                f"{chosen.sum()} marker samples of {chosen.any(axis=0).sum()} markers are exactly at "
-                f"({', '.join(f'{number:.6g}' for number in code)}) m: this number marks missing samples, and they "
-                "were set to missing"
+                f"{len(frame)} samples of {len(np.unique(marker))} markers are exactly at ({code}) m: this number "
+                "marks missing samples, and they were set to missing"
             )
 
 
