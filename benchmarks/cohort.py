@@ -17,8 +17,11 @@ import numpy as np
 import pandas as pd
 from cohort_truth import WINTER, compare_models, compare_repetitions, compare_skeletons, configure, read_done, run
 from harness import (
+    EXACT,
     JOINTS,
     describe_source,
+    format_numbers,
+    format_pairs,
     format_table,
     make_parser,
     publish,
@@ -26,6 +29,7 @@ from harness import (
     run_all,
     temporary_folder,
 )
+from ruamel.yaml import YAML
 
 from mocap_id.simulation import Cohort, Options, simulate_cohort
 
@@ -89,9 +93,9 @@ def measure(study: Path, place: Path, settings: Mapping[str, Any], jobs: int) ->
 
 
 def measure_variants(study: Path, place: Path, jobs: int) -> dict[str, pd.DataFrame]:
-    """Run the cohort with each variant of ``identify-dim`` on the results of the earlier stages."""
+    """Run the cohort with each variant of ``identify-dim``, and without errors of scale, after the earlier stages."""
     found = {}
-    for k, (name, settings) in enumerate(VARIANTS.items()):
+    for k, (name, settings) in enumerate({EXACT: YAML(typ="safe").load(f"{{{EXACT}}}"), **VARIANTS}.items()):
         other = place.with_name(f"variant-{k}")
         shutil.copytree(place, other)
         found[name] = measure(study, other, settings, jobs).models
@@ -166,6 +170,26 @@ def compute_own_and_winter(here: pd.DataFrame, name: str) -> tuple[float, float]
     return tuple(
         float(np.sqrt(np.mean(part[column] ** 2))) for part in (here[here["own"]], here[here["model"] == WINTER])
     )
+
+
+def make_interval_table(found: pd.DataFrame, exact: pd.DataFrame) -> str:
+    """Return errors of the own models' torques, and the share of the samples inside their intervals.
+
+    ``exact`` was identified without errors of scale of plates and cameras.
+    """
+    head = ["strategy", *(f"{joint} torque, N·m" for joint in JOINTS)]
+    head += [f"inside, {kind}: {part}" for kind in ("default", "exact") for part in ("mean", "lowest", "highest")]
+    rows = []
+    for name in (*ACTIONS, "all"):
+        own, other = (
+            each[each["own"] & ((each["action"] == name) | (name == "all"))].filter(regex="true_tau_._(rms|inside)")
+            for each in (found, exact)
+        )
+        rows.append([name, *format_pairs(own.filter(like="rms").to_numpy(), quantiles=(0.5, 1.0))])
+        for each in (own, other):
+            shares = 100 * each.filter(like="inside").to_numpy()
+            rows[-1] += format_numbers((shares.mean(), shares.min(), shares.max()), ".0f")
+    return format_table(head, rows)
 
 
 def make_length_table(found: pd.DataFrame) -> str:
@@ -274,6 +298,7 @@ def main() -> None:
         "cohort": describe_source(__file__, source),
         "cohort-requirements": make_requirement_table(found),
         "cohort-people": make_people_table(first.models),
+        "cohort-intervals": make_interval_table(first.models, varied.pop(EXACT)),
         "cohort-models": make_table_6_3(first.models),
         "cohort-truth": make_torque_table(first.models),
         "cohort-lengths": make_length_table(first.skeletons),

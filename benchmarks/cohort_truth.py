@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from dynamic_truth import TrialWithTruth, read_with_truth, stack_true_series
-from harness import DYNAMIC, SEGMENTS, Run, read_group, rms
+from harness import DYNAMIC, SEGMENTS, Run, compute_share_inside, read_group, rms
 from kinematic_sweep import SCORED
 from ruamel.yaml import YAML
 
@@ -125,11 +125,11 @@ def _summarise_error(name: str, error: Any) -> dict[str, float]:
 def _compare_with_truth(target: Done, of_body: tuple[MovingBodies, FloatArray] | None) -> dict[str, float]:
     """Return errors against the truth off the seat.
 
-    ``of_body`` has moving bodies and their full parameters; None for the trial's own model.
+    ``of_body`` has moving bodies and their full parameters; None for the trial's own model, which also has intervals.
     """
     model, truth = target.model, target.truth
+    columns = ["Fy_model", "tauz_model", "cop_x_model", *(f"tau_{j}" for j in range(1, SEGMENTS))]
     if of_body is None:
-        columns = ["Fy_model", "tauz_model", "cop_x_model", *(f"tau_{j}" for j in range(1, SEGMENTS))]
         series = model.dynamics[columns].to_numpy(dtype=np.float64)
     else:
         bodies, full = of_body
@@ -137,7 +137,11 @@ def _compare_with_truth(target: Done, of_body: tuple[MovingBodies, FloatArray] |
         pressure = centre_of_pressure(predicted, model.cop_threshold)
         series = np.column_stack([predicted[:, 1:], pressure, bodies.torque_regressor @ full])
     off = (series - stack_true_series(truth.true)[:, 1:])[truth.off_seat]
-    parts = (("mean", np.nanmean(off, axis=0)), ("sd", np.nanstd(off, axis=0)), ("rms", rms(off)))
+    parts = [("mean", np.nanmean(off, axis=0)), ("sd", np.nanstd(off, axis=0)), ("rms", rms(off))]
+    if of_body is None:
+        sd = model.dynamics[[f"sd_{name}" for name in columns]].to_numpy(dtype=np.float64)[truth.off_seat]
+        inside = [compute_share_inside(*each) for each in zip(off.T, sd.T, strict=True)]
+        parts.append(("inside", np.array(inside)))
     return {f"true_{name}_{part}": values[k] for part, values in parts for k, name in enumerate(TRUTHS)}
 
 

@@ -170,6 +170,20 @@ def make_confidence_table(results: Sequence[Result]) -> str:
     return harness.format_table(["confidence", "trials", "mean confidence", "share right", "95 % interval"], rows)
 
 
+def make_first(first: int) -> str:
+    """Return the errors of one ordinary and one hard trial, as a test measures them again."""
+    rows = []
+    for row in ("ordinary", "hard"):
+        found = measure((row, first))
+        assert found.error is not None
+        assert found.centre is not None
+        numbers = harness.format_numbers([found.confidence, *found.error, *found.centre], ".3g")
+        rows.append([row, str(found.count), str(found.wrong), *numbers])
+    head = ["trial", "segments", "wrong markers", "confidence", *(f"{k}, %" for k in SCORED)]
+    table = harness.format_table([*head, *(f"{k} centre, mm" for k in harness.JOINTS)], rows)
+    return f"One ordinary and one hard trial, seed {first}:\n\n{table}"
+
+
 def main() -> None:
     """Measure all rows and publish the sections."""
     arguments = harness.make_parser(__doc__, parallel=True, trials=100, first=700_000).parse_args()
@@ -188,6 +202,7 @@ def main() -> None:
         "kinematic-limits": make_limit_table(found),
         "kinematic-clean": f"Largest error in any clean trial: {length:.1g} % of a length, {centre:.1g} mm of a joint "
         "centre.",
+        "kinematic-first": make_first(arguments.first),
         "kinematic-quantiles": make_quantile_table(found),
         "kinematic-degraded": harness.describe_source(__file__, degraded),
         "kinematic-confidence": make_confidence_table(found[DEGRADED]),

@@ -232,6 +232,14 @@ OTHERS: Mapping[str, Callable[[Sequence[int], int | None], str]] = {
 }
 
 
+def make_first(first: int) -> str:
+    """Return the table of one trial on a board, as a test measures it again."""
+    row = TABLES["boards"][0]
+    found = measure_task((row, first))
+    table = harness.make_limit_table(row.limits, [found])
+    return f"One trial, {row.name}, seed {first}; cautions: {harness.count_codes(found.codes)}.\n\n{table}"
+
+
 def main() -> None:
     """Measure all sections, or the sections in ``--only``, and publish them."""
     only = [*TABLES, *OTHERS]
@@ -244,6 +252,8 @@ def main() -> None:
         else:
             text = "\n\n".join(make_table(row, seeds, given.jobs) for row in TABLES[name])
         sections[f"sensors-{name}"] = f"{about}\n\n{text}"
+        if name == "boards":
+            sections["sensors-first"] = make_first(given.first)
     harness.publish(sections, write=given.write)
 
 

@@ -239,10 +239,16 @@ def make_table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
     return f"{about}\n\n{harness.make_limit_table(ROWS[name].limits, right)}"
 
 
+def make_first(first: int) -> str:
+    """Return the tables of an arm and a chain, as a test measures them again."""
+    return "\n\n".join(make_table(row, [measure((row, first, 0))], first) for row in ("arm, default", "two balls, 40°"))
+
+
 def main() -> None:
     """Measure all rows, or the rows in ``--only``, and publish the section."""
     given = harness.make_parser(__doc__, parallel=True, only=ROWS, trials=30, first=210_000).parse_args()
     sections = {"space": harness.measure_rows("space", ROWS, given, measure, make_table)}
+    sections["space-first"] = make_first(given.first)
     harness.publish(sections, write=given.write)
 
 
