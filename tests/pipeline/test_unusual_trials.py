@@ -76,7 +76,7 @@ def test_a_hand_on_a_rail_is_reported(tmp_path: Path) -> None:
     [
         (7401, {}),
         *(pytest.param(seed, options, marks=pytest.mark.slow) for seed, options in (
-            (7403, {"strategy": "stable"}), (882, {"rate": 50.0, "marker_noise": 0.002}), (883, {"soft_tissue": 2.0}),
+            (7403, {"strategy": "stable"}), (882, {"rate": 50.0, "marker_noise": 0.001}), (883, {"soft_tissue": 2.0}),
         )),
     ],
 )  # fmt: skip

@@ -142,11 +142,11 @@ def test_missing_columns_and_times_are_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no column x; it has k"):
         run(Compare(angles=file, columns={"knee": "x"}))
     unitless = tmp_path / "b.csv"
-    unitless.write_text("time_s,knee\n0,1\n1,2\n")
+    unitless.write_text("time_s,knee\n0,1\n0.01,2\n")
     with pytest.raises(RecordingError, match="_deg or _rad"):
         read_angles(unitless, ["knee"])
     unitless.write_text("time_s,knee_deg\n1,1\n0,2\n")
-    with pytest.raises(RecordingError, match="increasing"):
+    with pytest.raises(RecordingError, match="does not increase"):
         read_angles(unitless, ["knee_deg"])
     unitless.write_text("t,knee_deg\n1,1\n2,2\n")
     with pytest.raises(RecordingError, match="time_s"):

@@ -94,6 +94,15 @@ def test_a_number_that_marks_missing_samples(tmp_path: Path, code: float) -> Non
     assert "marks missing samples" in " ".join(found.oddities)
 
 
+def test_a_code_near_real_samples(tmp_path: Path) -> None:
+    points = person()
+    for marker in (0, 5, 9):
+        points[20 * marker : 20 * marker + 15, marker] = 999.9
+    found = read(tmp_path, points, NAMES)
+    assert np.isnan(found.positions).all(axis=2).sum() == 45
+    assert any("this number marks missing samples" in text for text in found.oddities)
+
+
 def test_a_marker_that_rests_far_away_is_no_code(tmp_path: Path) -> None:
     points = np.concatenate([person(), np.full((FRAMES, 1, 3), (4000.0, 0.0, 500.0))], axis=1)
     found = read(tmp_path, points, [*NAMES, "WALL"])

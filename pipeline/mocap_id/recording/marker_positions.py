@@ -15,6 +15,7 @@ _MAX_DISTANCE_M = 1000.0  # larger than any laboratory: such coordinates are inv
 _MIN_SPREAD_M, _MAX_SPREAD_M = 0.02, 100.0  # accepted spread of the markers of a trial, to check the unit
 _MILLIMETRE = 1e-3
 _APART_M = 1.0  # least distance of a code for missing samples from all real samples
+_REPEATED = 10  # least number of samples at a code that is near real samples
 _BLOCK = 1000  # number of frames to process at a time, which limits the memory needed
 
 
@@ -83,7 +84,8 @@ def _remove_codes(positions: FloatArray, oddities: list[str]) -> None:
     """Set samples that a number such as 9999 or −16512 marks as missing to NaN, in place.
 
     Such samples are exactly alike, and farther than a metre from all others. They are on several markers, or between
-    other samples of one marker, or their three coordinates are the same number.
+    other samples of one marker, or their three coordinates are the same number. A code may also be near real samples,
+    such as 999.9 mm: its three coordinates are the same number, and at least ten samples of several markers have it.
     """
     flat = positions.reshape(-1, 3)
     if not len(flat):
@@ -113,6 +115,24 @@ def _remove_codes(positions: FloatArray, oddities: list[str]) -> None:
                 "samples, and they were set to missing"
             )
             extremes = [(axis, reduce.reduce(flat, axis=0)) for reduce in (np.fmin, np.fmax) for axis in range(3)]
+    found = []
+    for at in range(0, len(positions), _BLOCK):
+        x, y, z = np.moveaxis(np.abs(positions[at : at + _BLOCK]), 2, 0)
+        frame, marker = np.nonzero((x == y) & (x == z) & (x > 0) & (x <= _MAX_DISTANCE_M))
+        found.append(np.column_stack([frame + at, marker]))
+    same = np.concatenate(found)
+    numbers, which, counts = np.unique(
+        positions[same[:, 0], same[:, 1]], axis=0, return_inverse=True, return_counts=True
+    )
+    for k in np.flatnonzero(counts >= _REPEATED):
+        frame, marker = same[which == k].T
+        if len(np.unique(marker)) > 1:
+            positions[frame, marker] = np.nan
+            code = ", ".join(f"{number:.6g}" for number in numbers[k])
+            oddities.append(
+                f"{len(frame)} samples of {len(np.unique(marker))} markers are exactly at ({code}) m: this number "
+                "marks missing samples, and they were set to missing"
+            )
 
 
 def _mark_missing(positions: FloatArray) -> tuple[int, int, int, int]:

@@ -89,7 +89,8 @@ def _average(states: Table, q: FloatArray, phases: list[slice]) -> tuple[FloatAr
     The standard deviation contains the difference between the phases, or that within a single phase, and the standard
     deviation of the states, which a mean does not reduce.
     """
-    sd = joint_columns(states, "sd_theta", q.shape[1])
+    known = f"sd_theta_{q.shape[1]}" in states.names
+    sd = joint_columns(states, "sd_theta", q.shape[1]) if known else np.full(q.shape, np.nan)
     mean, own, between = np.full((3, q.shape[1]), np.nan)
     for j, angle in enumerate(q.T):
         seen = [phase for phase in phases if np.isfinite(angle[phase]).any()]

@@ -309,10 +309,12 @@ def _find_cautions(context: Context, result: artefacts.IdentifiedDynamics) -> tu
         standing=standing,
         calibration=read_calibration(context),
     )
-    _refuse_shared_load(reasons)
+    contradictions = check_sensors(result.chain, result.in_chain.fit)
+    if not contradictions:  # a sensor with a wrong sign changes the mass too
+        _refuse_shared_load(reasons)
     implausible = judge_mass(context, standing or get_identified_mass(result.prepared, result.found))
     reasons += () if implausible is None else (implausible,)
-    reasons += check_sensors(result.chain, result.in_chain.fit)
+    reasons += contradictions
     stands = standing is not None and context.trial.protocol == "sit-to-stand"
     reasons += explain_scales(result.found, given, stands=stands)
     if undetermined := artefacts.find_undetermined(result):

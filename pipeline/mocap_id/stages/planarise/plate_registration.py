@@ -57,6 +57,10 @@ class PlateCheck:
     horizontal: bool = True  # whether the horizontal force in the motion plane is measured
 
 
+_FAR_OFF_M = 1.0
+"""Distance of the centre of pressure from the feet above which nothing is identified: a unit or a position is wrong."""
+
+
 def check_registration(
     plates: Sequence[Plate],
     samples: Sequence[PlateSamples],
@@ -117,6 +121,9 @@ def check_registration(
             missing = _describe_pinned(pinned)
             reasons.append(missing)
             unusable = missing.message
+        far = [e for e in reasons if e is not None and e.code == "plate-misplaced" and (e.value or 0.0) > _FAR_OFF_M]
+        if far:
+            unusable = far[0].message
     weak = whole is not None and whole.expected >= _EXPECTED_N and whole.size < _WEAK * whole.expected
     direction = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     along = any(abs(axis @ direction) > _ALONG for plate in plates for _, axis in plate.dead)

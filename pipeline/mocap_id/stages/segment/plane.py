@@ -50,6 +50,8 @@ def segment(context: Context) -> Outputs:
     recorded = Trajectories(context.long("planar.parquet"))
     labels = recorded.labels
     out = list(find_markers(labels, settings.ignore, "segment: ignore"))
+    if trial.protocol == "sit-to-stand":
+        _check_unit(np.delete(recorded.read_positions(axes="y")[..., 0], out, axis=1))
     done, lift = _find_segments(recorded, settings, LONGEST[trial.protocol], out)
     found, view, points = done.found, done.view, done.points
     if trial.protocol == "sit-to-stand":
@@ -150,6 +152,18 @@ def _plane(points: FloatArray, out: list[int]) -> ComplexArray:
     plane = np.asarray(points[..., 0] + 1j * points[..., 1])
     plane[:, out] = np.nan
     return plane
+
+
+def _check_unit(heights: FloatArray) -> None:
+    """Raise Refused if most markers, with heights (F, M), m, are far too close together or too far apart for a person.
+
+    This is done before the search for segments, which takes minutes with lengths in a wrong unit. Single markers
+    elsewhere have no influence.
+    """
+    usual = np.nanmedian(heights[:, np.isfinite(heights).any(axis=0)], axis=0)
+    extent = float(np.ptp(np.percentile(usual, [10, 90]))) if len(usual) else np.nan
+    if extent < 0.25 * _EXTENT[0] or extent > 2.0 * _EXTENT[1]:
+        _check_extent(heights)
 
 
 def _check_extent(heights: FloatArray) -> None:
