@@ -73,7 +73,8 @@ def chair(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., tuple[Path,
     out = tmp_path_factory.mktemp("chair")
 
     def made(name: str, **options: Any) -> tuple[Path, Path]:
-        asked = Options(seed=11, repetitions=1, rate=60.0, analog_rate=240.0, seat_plate=True, **options)
+        options = {"repetitions": 1} | options
+        asked = Options(seed=11, rate=60.0, analog_rate=240.0, seat_plate=True, **options)
         yaml = Path(simulate("sit-to-stand", out / name, asked))
         if name == "chain":
             yaml.write_text(yaml.read_text() + "identify-dim: {motion: chain}\n")
@@ -102,7 +103,7 @@ def test_a_person_on_a_chair_that_is_measured(chair, opensim) -> None:
 
 def test_free_bodies_on_a_chair_that_is_measured(chair, opensim) -> None:
     """The required forces include the chair's force on the thigh, which is not part of the torques."""
-    folder, files = chair("loose", people=PersonOptions(hip_gap_mm=14))
+    folder, files = chair("loose", people=PersonOptions(hip_gap_mm=30))
     answer = opensim(files, folder.name)["free"]
     found, names = answer["dynamics"], tuple(answer["bodies"])
     time, dynamics = np.array(found["time"]), pd.read_parquet(folder / "dynamics.parquet")
@@ -118,7 +119,9 @@ def test_free_bodies_on_a_chair_that_is_measured(chair, opensim) -> None:
     errors = needs.errors(time, dynamics, places)
     assert set(errors) == set(given)
     for name, error in errors.items():
-        assert np.abs(error - given[name])[5:-5].max() < 1e-4, name
+        known = np.isfinite(np.interp(time, dynamics["time"], dynamics[name]))
+        expected = given[name][known] if name.startswith("tau_") else given[name]
+        assert np.abs(error - expected)[5:-5].max() < 1e-4, name
     assert np.abs(given["tau_2"]).max() > 50
 
 

@@ -83,7 +83,7 @@ def test_opensim_needs_our_torques_and_wrench(asked: Asked) -> None:
     errors = asked.errors(tool=False)
     assert {"tau_1", "tau_2", "tau_3", "Fx_model", "Fy_model", "tauz_model"} == set(errors)
     for name, error in errors.items():
-        assert len(error) > 200
+        assert len(error) > 100  # torques are unknown while the chair carries the body
         assert np.abs(error).max() < 1e-5, name
 
 

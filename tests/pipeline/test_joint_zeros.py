@@ -66,7 +66,7 @@ def test_a_free_movement_says_that_its_zero_is_arbitrary(tmp_path: Path) -> None
     done = start(tmp_path, protocol="free")
     assert set(zeros(done).values()) == {("segment line", 0.0, 0.0)}
     page = (done.folder / "report.html").read_text("utf-8")
-    assert "angle from the segment lines (deg)" in page
+    assert "angle, segment line (deg)" in page
     assert "this zero is arbitrary" in page
 
 

@@ -36,9 +36,9 @@ def label_angle(data: ReportData) -> str:
     """Return the label of an axis with joint angles, which says where they are zero."""
     sources = {zero.source for zero in data.zeros}
     where = {
-        frozenset({"static"}): " from the static pose",
+        frozenset({"static"}): ", static pose",
         frozenset({"standing"}): " from standing",
-        frozenset({"segment line"}): " from the segment lines",
+        frozenset({"segment line"}): ", segment line",
     }
     return f"angle{where.get(frozenset(sources), '')} (deg)"
 
