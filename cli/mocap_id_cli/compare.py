@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mocap_id.workflows.run_folder import find_owner
+from mocap_id.workflows.run_folder import find_owner_of_files
 from mocap_id_cli import progress
 from mocap_id_cli.console import AsJson, Quiet, Verbose, align, log_to_stderr, print_result
 
@@ -44,7 +44,7 @@ def compare(
     comparison = workflow.compare(a, b, progress.report_stages(quiet))
     rows = comparison.rows if everything else comparison.changed
     if out is not None:
-        workflow.write(rows, out, find_owner(a, b))
+        workflow.write(rows, out, find_owner_of_files(a, b))
     print_result(as_json, workflow.as_json(comparison, rows), _lines(comparison, rows))
 
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from mocap_id.recording.c3d_package import compare_with_package
-from mocap_id.workflows.recording_summary import describe_recording, read_recording
+from mocap_id.workflows.recording_summary import describe_recording, read_content
 from mocap_id_cli.console import AsJson, print_json
 
 
@@ -42,7 +42,7 @@ def inspect(
     These are markers, rates, gaps, force plates and irregularities of the file.
     """
     found = describe_recording(
-        read_recording(file, forces, units=units, vertical=vertical, force_unit=force_unit, moment_unit=moment_unit)
+        read_content(file, forces, units=units, vertical=vertical, force_unit=force_unit, moment_unit=moment_unit)
     )
     if found["format"].startswith("C3D"):
         found["oddities"] += compare_with_package(file)

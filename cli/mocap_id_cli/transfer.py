@@ -11,7 +11,7 @@ import typer
 
 from mocap_id.dynamics.comparison import Agreement
 from mocap_id.workflows import transfer as workflow
-from mocap_id.workflows.run_folder import find_owner
+from mocap_id.workflows.run_folder import find_owner_of_files
 from mocap_id_cli import progress
 from mocap_id_cli.console import AsJson, Quiet, Verbose, align, log_to_stderr, print_result
 
@@ -58,7 +58,7 @@ def transfer(
         workflow.check_format(out)
     result = workflow.transfer(model, trials, progress.report_stages(quiet))
     if out is not None:
-        workflow.write(result, out, find_owner(model, *trials))
+        workflow.write(result, out, find_owner_of_files(model, *trials))
     print_result(as_json, workflow.as_json(result), _lines(result))
 
 

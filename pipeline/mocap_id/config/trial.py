@@ -68,7 +68,7 @@ _Static = Annotated[
         WithJsonSchema({"type": "object", "properties": {"trial": _STATIC}, "required": ["trial"]}),
     ],
     Discriminator(lambda value: "StaticTrial" if isinstance(value, dict) else "tuple[float,float]"),
-]  # mistakes are told about the form that was given
+]  # a message lists the mistakes of the form that was given
 
 
 class _TopLevel(TrialKeys):

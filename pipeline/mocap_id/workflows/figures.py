@@ -14,7 +14,7 @@ from mocap_id.reporting.figure import Drawings
 from mocap_id.reporting.study.page_data import PAGE_FILE as COHORT
 from mocap_id.store.atomic import write_files
 from mocap_id.store.ownership import check_owner, store_owner
-from mocap_id.workflows.run_folder import find_owner
+from mocap_id.workflows.run_folder import find_owner_of_files
 
 _PAGES = (PAGE_FILE, COHORT, "robot.html", "sensitivity.html")
 """Names of the pages with figures."""
@@ -45,7 +45,7 @@ def write_figures(source: Path, out: Path | None = None, pdf_fonts: PdfFonts = "
     page = _find_page(source)
     with _explain_unreadable(page):
         files = paper_figures.make_figure_files(_read_drawings(page), pdf_fonts)
-    folder, owner = page.parent if out is None else out, find_owner(page.parent)
+    folder, owner = page.parent if out is None else out, find_owner_of_files(page.parent)
     if out is not None:
         check_owner(folder, owner, "figures")
     write_files(folder, files)

@@ -18,7 +18,7 @@ from mocap_id.workflows.study.discovery import find_forces
 _TEXTS = (".csv", ".txt", ".tsv")  # endings of files that may be skeletons
 
 
-def read_recording(file: Path, forces: Path | None = None, **options: Any) -> Recording:
+def read_content(file: Path, forces: Path | None = None, **options: Any) -> Recording:
     """Read the files that `mocap-id run` would use: also the MOT file beside a text file, and skeletons.
 
     ``options`` are those of :func:`mocap_id.recording.read` and :func:`mocap_id.recording.skeleton_log.read_skeleton`.

@@ -192,7 +192,7 @@ def check_provenance(folder: Folder, files: Iterable[str]) -> dict[str, Provenan
     return provenance
 
 
-def find_owner(*sources: Path) -> Owner:
+def find_owner_of_files(*sources: Path) -> Owner:
     """Return the owner of results that are made from run folders, folders of studies, trials' files, or other files."""
     names: list[str] = []
     contents: list[str] = []
@@ -209,7 +209,7 @@ def describe_sources(out: Path, *sources: Path) -> dict[str, list[str]]:
 
     Results of the same sources have a hash in common: of their content, or of the path of the first.
     """
-    owner = find_owner(*sources)
+    owner = find_owner_of_files(*sources)
     return {"names": owner.name.split(", "), "hashes": [*owner.contents, hash_path(owner.file, out)]}
 
 

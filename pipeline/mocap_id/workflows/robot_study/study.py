@@ -25,7 +25,7 @@ from mocap_id.workflows.robot_study.figure_data import average_wrench, collect_r
 from mocap_id.workflows.robot_study.methods import CAMERAS, run_all_methods
 from mocap_id.workflows.robot_study.tables import TABLES, make_tables
 from mocap_id.workflows.robot_study.trial_results import RobotTrialResult, read_trial_result
-from mocap_id.workflows.run_folder import find_owner
+from mocap_id.workflows.run_folder import find_owner_of_files
 
 PAGE, DOCUMENT, MARKDOWN = "robot.html", "validation.json", "robot.md"
 _BEGIN, _END = "<!-- tables: written by `mocap-id validate robot` -->", "<!-- end of tables -->"
@@ -92,7 +92,7 @@ def validate_robot(
     text = None if page is None else _read_page(page)
     files = tuple(files) or (_simulate(out, generated or RobotSet()),)
     study = load_robot_study(files)
-    owner = find_owner(*files)
+    owner = find_owner_of_files(*files)
     configs = [replace(one, trial=replace(one.trial, out=out / "runs" / one.trial.name)) for one in study.trials]
     with converting_errors(out):
         out.mkdir(parents=True, exist_ok=True)

@@ -19,7 +19,7 @@ from mocap_id.stages.calibration_trial import has_no_markers
 from mocap_id.store import Folder
 from mocap_id.store.ownership import check_owner, store_owner
 from mocap_id.store.views import Skeleton
-from mocap_id.workflows.run_folder import find_owner
+from mocap_id.workflows.run_folder import find_owner_of_files
 from mocap_id.workflows.sensitivity.kinds import KINDS
 from mocap_id.workflows.sensitivity.plan import KindSelection, SensitivityOptions, plan
 from mocap_id.workflows.sensitivity.responses import Estimates, Parameter, read_estimates
@@ -111,7 +111,7 @@ def sensitivity(
     perturbations = plan(selections, trial.joints, options.seed)
     numbers = count(1)
     with Folder(folder).locked():
-        owner = find_owner(source.folder)
+        owner = find_owner_of_files(source.folder)
         check_owner(folder, owner, DOCUMENT)
         runs = run_perturbations(source, perturbations, jobs, lambda run: tell(run, next(numbers), len(perturbations)))
         notes = "; ".join(filter(None, (note, describe_failures(runs))))
