@@ -11,11 +11,13 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.plates.direction import ForceDirection, compare_directions
 from mocap_id.plates.placement import (
+    LoadShare,
     PlatePlacement,
     compare_with_feet,
     find_foot_beside,
     find_pinned_pressure,
     measure_lean,
+    measure_load_share,
 )
 from mocap_id.recording import Plate, PlateSamples
 from mocap_id.verdict import Reason
@@ -46,6 +48,14 @@ _ALONG = 0.2
 _SUNK_M, _HOVERING_M = 0.008, 0.12
 """The lowest marker of a foot must not be below the surface, nor higher above it than an ankle."""
 
+_UNEVEN = 0.25
+"""Share of the load on one foot below which the load of two feet is uneven. Healthy people have 0.4 to 0.5."""
+
+_BODY_M, _BODY_SHARE = 0.035, 0.12
+"""Largest accepted distance of the centre of pressure from the middle of the body, along the line from foot to foot: a
+length, and a fraction of the distance of the feet. In good recordings it is up to 0.013 m and 0.04.
+"""
+
 
 @dataclass(frozen=True)
 class PlateCheck:
@@ -56,6 +66,9 @@ class PlateCheck:
     unusable: str | None = None  # reason why the moments are missing, so that no parameter can be identified
     horizontal: bool = True  # whether the horizontal force in the motion plane is measured
 
+
+_EXPLAIN = ("plate-misplaced", "plate-moments-missing")
+"""Faults that move the centre of pressure, so that it cannot be compared with the body."""
 
 _FAR_OFF_M = 1.0
 """Distance of the centre of pressure from the feet above which nothing is identified: a unit or a position is wrong."""
@@ -121,6 +134,12 @@ def check_registration(
             missing = _describe_pinned(pinned)
             reasons.append(missing)
             unusable = missing.message
+        uneven = measure_load_share(plates, samples, positions)
+        if uneven is not None:
+            facts["load_share"] = {"measured": uneven.measured, "expected": uneven.expected}
+            explained = off is not None or any(each is not None and each.code in _EXPLAIN for each in reasons)
+            if not explained:
+                reasons.append(_describe_uneven(plates, _name_markers(uneven.foot, positions, labels), uneven))
         far = [e for e in reasons if e is not None and e.code == "plate-misplaced" and (e.value or 0.0) > _FAR_OFF_M]
         if far:
             unusable = far[0].message
@@ -154,6 +173,45 @@ def _describe_foot_beside(markers: str, beside: float, share: float, others: Seq
         "are used; check the unused plates, and `plates: {feet: …}`, and whether the file contains all plates",
         value=abs(share),
         limit=0.3,
+    )
+
+
+def _describe_uneven(plates: Sequence[Plate], markers: str, load: LoadShare) -> Reason | None:
+    """Return a caution if one foot carries little load or the body is elsewhere; a note if the body confirms this."""
+    measured, expected = load.measured, load.expected
+    away = 0.0 if expected is None else abs(expected - measured)
+    contradicts = away * load.width > _BODY_M and away > _BODY_SHARE
+    if measured >= _UNEVEN and not contradicts:
+        return None
+    loads = " and ".join(f"{load:.0f} N on plate {plate.index}" for plate, load in zip(plates, load.loads, strict=True))
+    found = f"the foot with the markers {markers} carries {100 * measured:.0f} % of the load ({loads})"
+    if contradicts and expected is not None:
+        share = min(max(expected, 0.01), 0.99)
+        factor = measured * (1.0 - share) / (max(share, 0.01) * (1.0 - measured))
+        return Reason(
+            "load-uneven",
+            f"{found}, but the body stands where this foot carries {100 * expected:.0f} %: who unloads a leg moves the "
+            f"body over the other foot. Probably the plate of this foot reads {factor:.2f} times the true force "
+            "compared with the other one: a wrong unit (pounds-force declared as newtons: 0.22) or gain. Then mass, "
+            "wrench, torques and parameters are wrong. It is no fault if the person leans on a support, or holds a "
+            "load on one side. Check units and gains of both plates, and compare the mass with `subject: {mass: …}`",
+            value=measured,
+            limit=expected,
+        )
+    if expected is not None:
+        text = (
+            f"{found}. The body stands over the other foot as well (the middle of its markers gives "
+            f"{100 * expected:.0f} %), so the person unloads this leg"
+        )
+        return Reason("load-uneven", text, value=measured, limit=_UNEVEN, level="ok")
+    return Reason(
+        "load-uneven",
+        f"{found}, expected at least {100 * _UNEVEN:.0f} %. Either the person unloads this leg, as patients do, or a "
+        "plate has a wrong unit or gain; then mass, wrench, torques and parameters are wrong. The markers do not show "
+        "the middle of the body, which would tell the two apart. Check units and gains of both plates, and compare "
+        "the mass with `subject: {mass: …}`",
+        value=measured,
+        limit=_UNEVEN,
     )
 
 
