@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from mocap_id.recording.marker_posture import find_upright
 from mocap_id.simulation import Options
 from mocap_id.simulation.options import FaultOptions
 from mocap_id.simulation.simulated_trial import generate
+from mocap_id.simulation.space_robot import SpaceRobotOptions, generate_space_robot
 from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.stages.planarise.plate_reasons import judge_course
@@ -97,8 +99,9 @@ def write_trial(
     return path
 
 
-def run_planarise(path: Path, plates: PlateUse | None = None) -> Table:
-    keys = TrialKeys(trial="t", recording=Files(markers=path), protocol="sit-to-stand", plates=plates or PlateUse())
+def run_planarise(path: Path, plates: PlateUse | None = None, **more: Any) -> Table:
+    more = {"protocol": "sit-to-stand"} | more
+    keys = TrialKeys(trial="t", recording=Files(markers=path), plates=plates or PlateUse(), **more)
     wrench = STAGE.function(Context(keys, PlanariseSettings(), {}))[1]
     assert isinstance(wrench, Table)
     return wrench
@@ -157,6 +160,57 @@ def test_without_markers_on_both_sides_both_explanations_are_named(tmp_path: Pat
     (reason,) = (each for each in wrench.reasons if each.code == "load-uneven")
     assert "Either the person unloads this leg" in reason.message
     assert wrench.facts["registration"]["load_share"]["expected"] is None
+
+
+@pytest.mark.parametrize(
+    ("second", "code"),
+    [(None, "foot-off-plate"), (0.2248, "load-uneven"), (1.0, None), ("moments", "plate-moments-missing")],
+)
+def test_plates_under_a_person_are_also_checked_in_space(
+    tmp_path: Path, second: float | str | None, code: str | None
+) -> None:
+    plates = [plate_of_foot(31, k, 0.5) for k in (0, 1)]
+    if second == "moments":
+        plates[1] = replace(plates[1], channels=plates[1].channels * [1, 1, 1, 1e-3, 1e-3, 1e-3])
+    elif second is None:
+        del plates[1]
+    else:
+        plates[1] = spoil(plates[1], float(second))
+    path = write_trial(tmp_path / "trial.c3d", 31, plates)
+    assert codes(run_planarise(path, protocol="free", space="3d")) == ([] if code is None else [code])
+    wrench = run_planarise(path, protocol="reach", space="3d", side="right")  # whose results do not need the plates
+    assert codes(wrench) == []
+    assert code is None or code in [reason.code for reason in wrench.reasons]
+
+
+@pytest.mark.parametrize(
+    ("gains", "code"),
+    [
+        ((1, 1, 1, 1, 1, 1), None),
+        ((0, 1, 1, 1, 1, 1), "plate-channel-dead"),
+        ((1, 1, 1, 1e-3, 1e-3, 1e-3), "plate-moments-missing"),
+        ((-1, -1, 1, -1, -1, 1), "plate-turned"),
+    ],
+)
+def test_the_plate_under_a_robot_in_space_is_checked(
+    tmp_path: Path, gains: tuple[float, ...], code: str | None
+) -> None:
+    made = generate_space_robot(SpaceRobotOptions(seed=1, joints=2, duration=12, rate=60, analog_rate=600))
+    plate = replace(made.signals, channels=made.signals.channels * gains)
+    labels = [f"M{k}" for k in range(made.points.shape[1])]
+    recording.write_c3d(tmp_path / "trial.c3d", labels, made.points, 60.0, plates=[plate])
+    wrench = run_planarise(tmp_path / "trial.c3d", protocol="free", space="3d")
+    assert codes(wrench) == ([] if code is None else [code])
+    assert (wrench.facts["unusable"] is None) == (code in (None, "plate-turned"))
+    assert wrench.columns["plate_ok"].any() == (wrench.facts["unusable"] is None)
+
+
+def test_nobody_on_two_feet_leaves_the_plates_of_a_reach_unchecked(tmp_path: Path) -> None:
+    one_foot = ("LHEE", "LTOE", "LANK")
+    path = write_trial(tmp_path / "trial.c3d", 31, [simulated(31)[2]], leave_out=one_foot)
+    wrench = run_planarise(path, protocol="reach", space="3d", side="right")
+    assert codes(wrench) == []
+    assert "plate-unchecked" in [reason.code for reason in wrench.reasons]
 
 
 @pytest.mark.recordings

@@ -81,7 +81,7 @@ def check_registration(
     rate: float,
     *,
     person: bool,
-    yaw: float = 0.0,
+    yaw: float | None = 0.0,
     labels: Sequence[str] = (),
     others: Sequence[str] = (),
     follows: bool = False,
@@ -94,8 +94,8 @@ def check_registration(
         The plates' wrenches at the times of ``positions`` (F, M, 3), lab axes with Z up, m.
     person : bool
         Whether a person moves; a robot has no feet.
-    yaw : float
-        Angle of the plane's x from the lab's X, rad.
+    yaw : float or None
+        Angle of the plane's x from the lab's X, rad; None in space, where every component of the force is needed.
     labels : sequence of str, length M
         Names of the markers, for messages.
     others : sequence of str
@@ -118,22 +118,22 @@ def check_registration(
     reasons = [reason for each in found for reason in (_describe_misplacement(each), _describe_height(each))]
     reasons += [_describe_unchecked(found), _describe_tilt(found, lean), *_describe_rotation(plates, whole, alone)]
     unusable = None
+    pinned = {
+        plate.index: away
+        for plate, each in zip(plates, samples, strict=True)
+        if (person or yaw is None) and (away := find_pinned_pressure(plate, each, positions)) is not None
+    }
+    if pinned:
+        reasons = [each for each in reasons if each is None or each.code != "plate-misplaced"]
+        missing = _describe_pinned(pinned)
+        reasons.append(missing)
+        unusable = missing.message
     if person:
         off = find_foot_beside(plates, samples, positions)
         if off is not None:
             foot, beside, share = off
             facts["foot_beside"] = {"beside_m": beside if np.isfinite(beside) else None, "share": share}
             reasons.append(_describe_foot_beside(_name_markers(foot, positions, labels), beside, share, others))
-        pinned = {
-            plate.index: away
-            for plate, each in zip(plates, samples, strict=True)
-            if (away := find_pinned_pressure(plate, each, positions)) is not None
-        }
-        if pinned:
-            reasons = [each for each in reasons if each is None or each.code != "plate-misplaced"]
-            missing = _describe_pinned(pinned)
-            reasons.append(missing)
-            unusable = missing.message
         uneven = measure_load_share(plates, samples, positions)
         if uneven is not None:
             facts["load_share"] = {"measured": uneven.measured, "expected": uneven.expected}
@@ -144,11 +144,14 @@ def check_registration(
         if far:
             unusable = far[0].message
     weak = whole is not None and whole.expected >= _EXPECTED_N and whole.size < _WEAK * whole.expected
-    direction = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    along = any(abs(axis @ direction) > _ALONG for plate in plates for _, axis in plate.dead)
+    direction = np.zeros(3) if yaw is None else np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    dead = [axis for plate in plates for _, axis in plate.dead]
+    along = any(yaw is None or abs(axis @ direction) > _ALONG for axis in dead)
     weak = bool(follows and weak)
-    if weak or any(plate.dead for plate in plates):
-        reasons.append(_describe_dead(plates, whole if weak else None, along=along))
+    if weak or dead:
+        reasons.append(_describe_dead(plates, whole if weak else None, along=along, space=yaw is None))
+    if yaw is None and (weak or dead) and reasons[-1] is not None:
+        unusable = unusable or reasons[-1].message
     kept = tuple(reason for reason in reasons if reason is not None)
     return PlateCheck(facts, kept, unusable, not (weak or along))
 
@@ -227,7 +230,7 @@ def _describe_pinned(pinned: dict[int, float]) -> Reason:
     )
 
 
-def _describe_dead(plates: Sequence[Plate], weak: ForceDirection | None, *, along: bool) -> Reason:
+def _describe_dead(plates: Sequence[Plate], weak: ForceDirection | None, *, along: bool, space: bool = False) -> Reason:
     """Return a caution about horizontal channels that are dead, or a note if the motion plane does not need them."""
     listed = "; ".join(
         f"plate {plate.index}: {', '.join(name for name, _ in plate.dead)}" for plate in plates if plate.dead
@@ -246,11 +249,16 @@ def _describe_dead(plates: Sequence[Plate], weak: ForceDirection | None, *, alon
     size = ""
     if weak is not None:
         size = f" (it varies by {weak.size:.1f} N, expected about {weak.expected:.0f} N from the movement)"
+    effect = (
+        "A trial in space needs all components of the force, so no parameter can be identified"
+        if space
+        else "Fx is left out, as it is unmeasured. The parameters are fitted to Fy and tauz, and the moment contains "
+        "an error of Fx times the depth of the plate's sensors"
+    )
     return Reason(
         "plate-channel-dead",
-        f"{found}{size}: a channel is dead, not connected or in a wrong unit. Fx is left out, as it is unmeasured. The "
-        "parameters are fitted to Fy and tauz, and the moment contains an error of Fx times the depth of the plate's "
-        "sensors. Check cable, amplifier and `force_unit`",
+        f"{found}{size}: a channel is dead, not connected or in a wrong unit. {effect}. Check cable, amplifier and "
+        "`force_unit`",
     )
 
 
