@@ -195,8 +195,9 @@ def _describe_uneven(plates: Sequence[Plate], markers: str, load: LoadShare) -> 
             "load-uneven",
             f"{found}, but the body stands where this foot carries {100 * expected:.0f} %: who unloads a leg moves the "
             f"body over the other foot. Probably the plate of this foot reads {factor:.2f} times the true force "
-            "compared with the other one: a wrong unit (pounds-force declared as newtons: 0.22) or gain. Then mass, "
-            "wrench, torques and parameters are wrong. It is no fault if the person leans on a support, or holds a "
+            "compared with the other one: a wrong unit (pounds-force declared as newtons: 0.22) or gain; or the "
+            "corners of the two plates are exchanged. Then wrench, torques and parameters are wrong, and with a wrong "
+            "unit also the mass. It is no fault if the person leans on a support, or holds a "
             "load on one side. Check units and gains of both plates, and compare the mass with `subject: {mass: …}`",
             value=measured,
             limit=expected,
