@@ -9,6 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import ezc3d
 import numpy as np
 import pytest
 
@@ -396,6 +397,17 @@ def test_one_of_the_two_plates_of_a_real_trial(recordings: Path, kept: int, tmp_
     wrench = STAGE.function(Context(trial, PlanariseSettings(), {}))[1]
     assert isinstance(wrench, Table)
     assert "foot-off-plate" in codes(wrench)
+
+
+def test_a_channel_of_another_plate_excludes_the_plate(tmp_path: Path) -> None:
+    path = write_trial(tmp_path / "trial.c3d", 31, [plate_of_foot(31, k, 0.5) for k in (0, 1)])
+    content = ezc3d.c3d(str(path))
+    channels = content["parameters"]["FORCE_PLATFORM"]["CHANNEL"]["value"]
+    channels[2, 1] = channels[2, 0]  # Fz of the first plate
+    content.write(str(path))
+    wrench = run_planarise(path)
+    assert "foot-off-plate" in codes(wrench)
+    assert any("names the channels [3] also for plate 1" in reason.message for reason in wrench.reasons)
 
 
 def test_plates_without_load_are_not_judged() -> None:
