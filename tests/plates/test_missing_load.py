@@ -7,22 +7,26 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
+import ezc3d
 import numpy as np
 import pytest
 
 from mocap_id import recording
 from mocap_id.errors import Refused
 from mocap_id.kinematics import fit_plane
+from mocap_id.plates import choose_plates
 from mocap_id.plates.direction import compare_courses
 from mocap_id.plates.feet import find_standing_feet
-from mocap_id.plates.placement import find_foot_beside
+from mocap_id.plates.placement import find_foot_beside, measure_load_share
 from mocap_id.recording import Plate, PlateSamples, PlateSignals, ThinnedFrames
 from mocap_id.recording.lab_plates import compute_centre_of_pressure
 from mocap_id.recording.marker_posture import find_upright
 from mocap_id.simulation import Options
 from mocap_id.simulation.options import FaultOptions
 from mocap_id.simulation.simulated_trial import generate
+from mocap_id.simulation.space_robot import SpaceRobotOptions, generate_space_robot
 from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.stages.planarise.plate_reasons import judge_course
@@ -80,14 +84,25 @@ def plate_of_foot(seed: int, foot: int, share: float) -> PlateSignals:
     return PlateSignals(2, channels, np.zeros(3), corners, whole.rate)
 
 
-def write_trial(path: Path, seed: int, plates: list[PlateSignals]) -> Path:
+def write_trial(
+    path: Path, seed: int, plates: list[PlateSignals], towards: float = 0.0, leave_out: tuple[str, ...] = ()
+) -> Path:
+    """Write a trial; ``towards`` moves the upper body towards the second foot, by this share of the feet's distance."""
     labels, points, _ = simulated(seed)
-    recording.write_c3d(path, list(labels), points, RATE, plates=plates)
+    if towards:
+        points = points.copy()
+        one, other = foot_centres(seed)
+        with np.errstate(invalid="ignore"):
+            upper = np.nanmax(points[..., 2], axis=0) > 0.6
+        points[:, upper] += towards * (other - one) * [1, 1, 0]
+    kept = [k for k, label in enumerate(labels) if not label.startswith(leave_out)] if leave_out else range(len(labels))
+    recording.write_c3d(path, [labels[k] for k in kept], points[:, kept], RATE, plates=plates)
     return path
 
 
-def run_planarise(path: Path, plates: PlateUse | None = None) -> Table:
-    keys = TrialKeys(trial="t", recording=Files(markers=path), protocol="sit-to-stand", plates=plates or PlateUse())
+def run_planarise(path: Path, plates: PlateUse | None = None, **more: Any) -> Table:
+    more = {"protocol": "sit-to-stand"} | more
+    keys = TrialKeys(trial="t", recording=Files(markers=path), plates=plates or PlateUse(), **more)
     wrench = STAGE.function(Context(keys, PlanariseSettings(), {}))[1]
     assert isinstance(wrench, Table)
     return wrench
@@ -101,9 +116,121 @@ def codes(wrench: Table) -> list[str]:
 @pytest.mark.parametrize("share", [0.35, 0.5, 0.65])
 def test_two_feet_on_two_plates_are_no_fault_even_if_one_carries_more(tmp_path: Path, seed: int, share: float) -> None:
     plates = [plate_of_foot(seed, 0, share), plate_of_foot(seed, 1, 1 - share)]
-    wrench = run_planarise(write_trial(tmp_path / "trial.c3d", seed, plates))
+    wrench = run_planarise(write_trial(tmp_path / "trial.c3d", seed, plates, towards=0.5 - share))
     assert codes(wrench) == []
     assert wrench.facts["registration"].get("foot_beside") is None
+
+
+def spoil(plate: PlateSignals, gain: float) -> PlateSignals:
+    return replace(plate, channels=gain * plate.channels)
+
+
+@pytest.mark.parametrize(("foot", "gain"), [(0, 0.2248), (1, 0.5), (0, 2.0), (1, 4.448)])
+def test_a_wrong_gain_of_one_of_two_plates_is_told_from_a_person_who_unloads_a_leg(
+    tmp_path: Path, foot: int, gain: float
+) -> None:
+    """Pounds-force declared as newtons, and the like: the body stays in the middle between the feet."""
+    seed = 31
+    plates = [plate_of_foot(seed, k, 0.5) for k in (0, 1)]
+    plates[foot] = spoil(plates[foot], gain)
+    wrench = run_planarise(write_trial(tmp_path / "trial.c3d", seed, plates))
+    assert codes(wrench) == ["load-uneven"]
+    (reason,) = (each for each in wrench.reasons if each.code == "load-uneven")
+    found = float(reason.message.split(" reads ")[1].split(" times")[0])
+    assert found == pytest.approx(min(gain, 1 / gain), rel=0.2)
+    assert reason.value == pytest.approx(min(gain, 1 / gain) / (1 + min(gain, 1 / gain)), abs=0.03)
+
+
+@pytest.mark.parametrize("foot", [0, 1])
+def test_a_person_who_unloads_a_leg_is_only_noted(tmp_path: Path, foot: int) -> None:
+    seed = 31
+    shares = [0.2, 0.8] if foot == 0 else [0.8, 0.2]
+    plates = [plate_of_foot(seed, k, shares[k]) for k in (0, 1)]
+    wrench = run_planarise(write_trial(tmp_path / "trial.c3d", seed, plates, towards=0.5 - shares[0]))
+    assert codes(wrench) == []
+    (reason,) = (each for each in wrench.reasons if each.code == "load-uneven")
+    assert reason.level == "ok" and reason.value == pytest.approx(0.2, abs=0.03)
+
+
+def test_without_markers_on_both_sides_both_explanations_are_named(tmp_path: Path) -> None:
+    seed = 31
+    plates = [plate_of_foot(seed, 0, 0.5), spoil(plate_of_foot(seed, 1, 0.5), 0.2248)]
+    one_side = ("LFHD", "LBHD", "LSHO", "LUPA", "LELB", "LFRM", "LWR", "LFIN", "LASI", "LPSI", "LTHI", "LKNE")
+    wrench = run_planarise(write_trial(tmp_path / "trial.c3d", seed, plates, leave_out=one_side))
+    assert codes(wrench) == ["load-uneven"]
+    (reason,) = (each for each in wrench.reasons if each.code == "load-uneven")
+    assert "Either the person unloads this leg" in reason.message
+    assert wrench.facts["registration"]["load_share"]["expected"] is None
+
+
+@pytest.mark.parametrize(
+    ("second", "code"),
+    [(None, "foot-off-plate"), (0.2248, "load-uneven"), (1.0, None), ("moments", "plate-moments-missing")],
+)
+def test_plates_under_a_person_are_also_checked_in_space(
+    tmp_path: Path, second: float | str | None, code: str | None
+) -> None:
+    plates = [plate_of_foot(31, k, 0.5) for k in (0, 1)]
+    if second == "moments":
+        plates[1] = replace(plates[1], channels=plates[1].channels * [1, 1, 1, 1e-3, 1e-3, 1e-3])
+    elif second is None:
+        del plates[1]
+    else:
+        plates[1] = spoil(plates[1], float(second))
+    path = write_trial(tmp_path / "trial.c3d", 31, plates)
+    assert codes(run_planarise(path, protocol="free", space="3d")) == ([] if code is None else [code])
+    wrench = run_planarise(path, protocol="reach", space="3d", side="right")  # whose results do not need the plates
+    assert codes(wrench) == []
+    assert code is None or code in [reason.code for reason in wrench.reasons]
+
+
+@pytest.mark.parametrize(
+    ("gains", "code"),
+    [
+        ((1, 1, 1, 1, 1, 1), None),
+        ((0, 1, 1, 1, 1, 1), "plate-channel-dead"),
+        ((1, 1, 1, 1e-3, 1e-3, 1e-3), "plate-moments-missing"),
+        ((-1, -1, 1, -1, -1, 1), "plate-turned"),
+    ],
+)
+def test_the_plate_under_a_robot_in_space_is_checked(
+    tmp_path: Path, gains: tuple[float, ...], code: str | None
+) -> None:
+    made = generate_space_robot(SpaceRobotOptions(seed=1, joints=2, duration=12, rate=60, analog_rate=600))
+    plate = replace(made.signals, channels=made.signals.channels * gains)
+    labels = [f"M{k}" for k in range(made.points.shape[1])]
+    recording.write_c3d(tmp_path / "trial.c3d", labels, made.points, 60.0, plates=[plate])
+    wrench = run_planarise(tmp_path / "trial.c3d", protocol="free", space="3d")
+    assert codes(wrench) == ([] if code is None else [code])
+    assert (wrench.facts["unusable"] is None) == (code in (None, "plate-turned"))
+    assert wrench.columns["plate_ok"].any() == (wrench.facts["unusable"] is None)
+
+
+def test_nobody_on_two_feet_leaves_the_plates_of_a_reach_unchecked(tmp_path: Path) -> None:
+    one_foot = ("LHEE", "LTOE", "LANK")
+    path = write_trial(tmp_path / "trial.c3d", 31, [simulated(31)[2]], leave_out=one_foot)
+    wrench = run_planarise(path, protocol="reach", space="3d", side="right")
+    assert codes(wrench) == []
+    assert "plate-unchecked" in [reason.code for reason in wrench.reasons]
+
+
+@pytest.mark.recordings
+@pytest.mark.parametrize("gain", [(1.0, 1.0), (1.0, 0.2248), (0.5, 1.0)])
+@pytest.mark.parametrize("name", ["STS1", "squats1", "static1"])
+def test_the_two_plates_of_real_trials(recordings: Path, name: str, gain: tuple[float, float]) -> None:
+    folder = recordings / "sit-to-stand"
+    source = recording.read(folder / f"{name}.trc", folder / f"{name}_grf.mot")
+    thinned = ThinnedFrames.of(source.positions, source.time, source.rate, source.plates)
+    feet = choose_plates(source.plates, thinned.samples, thinned.positions).indices("feet")
+    samples = [
+        replace(thinned.samples[k], force=by * thinned.samples[k].force, moment=by * thinned.samples[k].moment)
+        for k, by in zip(feet, gain, strict=True)
+    ]
+    share = measure_load_share([source.plates[k] for k in feet], samples, thinned.positions)
+    assert share is not None and share.expected is not None
+    away = abs(share.expected - share.measured)
+    contradicts = away * share.width > 0.035 and away > 0.12
+    assert contradicts == (gain != (1.0, 1.0))
 
 
 @pytest.mark.parametrize("foot", [0, 1])
@@ -270,6 +397,17 @@ def test_one_of_the_two_plates_of_a_real_trial(recordings: Path, kept: int, tmp_
     wrench = STAGE.function(Context(trial, PlanariseSettings(), {}))[1]
     assert isinstance(wrench, Table)
     assert "foot-off-plate" in codes(wrench)
+
+
+def test_a_channel_of_another_plate_excludes_the_plate(tmp_path: Path) -> None:
+    path = write_trial(tmp_path / "trial.c3d", 31, [plate_of_foot(31, k, 0.5) for k in (0, 1)])
+    content = ezc3d.c3d(str(path))
+    channels = content["parameters"]["FORCE_PLATFORM"]["CHANNEL"]["value"]
+    channels[2, 1] = channels[2, 0]  # Fz of the first plate
+    content.write(str(path))
+    wrench = run_planarise(path)
+    assert "foot-off-plate" in codes(wrench)
+    assert any("names the channels [3] also for plate 1" in reason.message for reason in wrench.reasons)
 
 
 def test_plates_without_load_are_not_judged() -> None:

@@ -71,6 +71,14 @@ _BEHIND = 0.8
 _UNDER_NEARER = 0.3
 """The same fraction, if the other foot is also beside all plates."""
 
+_UPPER_BODY, _MIRRORED_M, _MIRRORED = 0.4, 0.06, 0.8
+"""About the middle of the body, the markers above the first value (a fraction of the height of the highest marker) are
+mirrored: most images are within the second value of a marker. The middle is known if these are at least the third
+value, a fraction of the markers: it is at least 0.93 in good recordings, and at most 0.67 if one side has no markers.
+"""
+
+_MIDDLE_STEP_M = 0.005
+
 _PINNED_M, _PINNED_STILL_M = 0.008, 0.001
 """Largest distance of the centre of pressure from the centre of the plate if the moments are missing: if the body rises
 or lowers, and if it does not. Good recordings of a rise have at least 0.025 m. The horizontal force adds up to 0.005 m.
@@ -214,9 +222,41 @@ def find_foot_beside(
         Distance of the centre of pressure from the other foot, divided by the distance of the feet: 0.5 if both feet
         carry the same load, 0 if only the other foot carries load.
     """
+    surfaces = [plate.centre[2] for plate in plates if plate.centre is not None]
+    load = _measure_load(surfaces, samples, positions)
+    if load is None:
+        return None
+    feet, centres, width, share = load.feet, load.centres, load.width, load.share
+    loaded, share = 0 if share < 0.5 else 1, min(share, 1.0 - share)
+    beside = float("nan")
+    if len(surfaces) == len(plates):
+        beside = min(_measure_beside(centres[1 - loaded], plate) for plate in plates)
+        own = min(_measure_beside(centres[loaded], plate) for plate in plates)
+        if own <= _BESIDE_M < beside and share < _UNDER_NEARER:
+            return feet[1 - loaded], beside, share
+        if len(plates) == 1 and beside <= _BESIDE_M:
+            return None  # both feet are on the plate, so it measures both, even if one carries nearly all the load
+    under = min(_UNDER_M, _UNDER_SHARE * width)
+    return (feet[1 - loaded], beside, share) if abs(share) * width < under else None
+
+
+@dataclass(frozen=True)
+class _LoadOfFeet:
+    """Position of the centre of pressure of all plates between two standing feet."""
+
+    stands: BoolArray  # (F,) samples in which the person stands on the plates
+    feet: list[FloatArray]  # mean positions of the markers on each foot, (K, 3), m
+    centres: list[FloatArray]  # mean (2,) of each, m
+    width: float  # distance of the centres, m
+    share: float  # distance of the centre of pressure from the first foot, divided by the width
+
+
+def _measure_load(
+    surfaces: Sequence[float], samples: Sequence[PlateSamples], positions: FloatArray
+) -> _LoadOfFeet | None:
+    """Return the load of two feet that stand side by side; None if the markers do not show such feet."""
     force = np.sum([each.force for each in samples], axis=0)
     moment = np.sum([each.moment for each in samples], axis=0)
-    surfaces = [plate.centre[2] for plate in plates if plate.centre is not None]
     surface = float(np.mean(surfaces)) if surfaces else 0.0  # without corners, the floor of the lab
     vertical = np.where(np.isfinite(force).all(axis=1), force[:, 2], 0.0)
     stands = find_upright(positions)[0] & (vertical > max(_MIN_FORCE_N, _MIN_SHARE * np.percentile(vertical, 95)))
@@ -236,18 +276,53 @@ def find_foot_beside(
             if abs(along @ apart) > _BEHIND * width:
                 return None  # not side by side: a foot and an object behind it, such as a chair, or a long step
     share = float((pressure - centres[0]) @ apart) / width**2
-    loaded = 0 if share < 0.5 else 1
-    share = min(share, 1.0 - share)
-    beside = float("nan")
-    if len(surfaces) == len(plates):
-        beside = min(_measure_beside(centres[1 - loaded], plate) for plate in plates)
-        own = min(_measure_beside(centres[loaded], plate) for plate in plates)
-        if own <= _BESIDE_M < beside and share < _UNDER_NEARER:
-            return feet[1 - loaded], beside, share
-        if len(plates) == 1 and beside <= _BESIDE_M:
-            return None  # both feet are on the plate, so it measures both, even if one carries nearly all the load
-    under = min(_UNDER_M, _UNDER_SHARE * width)
-    return (feet[1 - loaded], beside, share) if abs(share) * width < under else None
+    return _LoadOfFeet(stands, feet, centres, width, share)
+
+
+@dataclass(frozen=True)
+class LoadShare:
+    """Share of the load on the foot that carries less, while a person stands on two feet."""
+
+    foot: FloatArray  # mean positions of the markers on this foot, (K, 3), m
+    measured: float  # share of the load that the plates measure on this foot: 0.5 if both feet carry the same
+    # share for which the body is above the centre of pressure, as it is on a person who stands still without a support;
+    # None if the markers do not show the middle of the body
+    expected: float | None
+    width: float  # distance of the feet, m
+    loads: tuple[float, ...]  # median vertical force of each plate, N
+
+
+def measure_load_share(
+    plates: Sequence[Plate], samples: Sequence[PlateSamples], positions: FloatArray
+) -> LoadShare | None:
+    """Compare the load of two feet on several plates with the position of the body between the feet.
+
+    A person who unloads one leg moves the body towards the other foot. A wrong gain or unit of one plate changes the
+    centre of pressure of all plates, but not the body. ``plates`` and ``samples`` are those of the plates under the
+    feet. The result is None for fewer than two plates, or if the markers do not show a person who stands on two feet.
+    """
+    load = _measure_load([each.centre[2] for each in plates if each.centre is not None], samples, positions)
+    if load is None or len(plates) < 2 or not shows_standing(positions, load.stands):
+        return None
+    known = np.isfinite(positions[load.stands]).all(axis=2).any(axis=0)
+    middle = np.nanmedian(positions[load.stands][:, known], axis=0)
+    height = middle[:, 2] - min(foot[:, 2].min() for foot in load.feet)
+    x, y = (load.centres[1] - load.centres[0]) / load.width
+    upper = middle[height > _UPPER_BODY * height.max()] - [*load.centres[0], 0.0]
+    upper = upper @ np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]])  # from foot to foot, forwards, up
+    best: tuple[float, float] = (0.0, 0.0)
+    body: float | None = None
+    for centre in np.arange(upper[:, 0].min(), upper[:, 0].max(), _MIDDLE_STEP_M):
+        image = upper * [-1.0, 1.0, 1.0] + [2.0 * centre, 0.0, 0.0]
+        away = np.linalg.norm(image[:, None] - upper[None], axis=-1).min(axis=1)
+        found = float(np.mean(away < _MIRRORED_M)), -float(np.mean(np.minimum(away, _MIRRORED_M)))
+        if found > best or body is None:
+            best, body = found, float(centre) / load.width
+    body = body if best[0] >= _MIRRORED else None
+    loads = tuple(float(np.median(each.force[load.stands, 2])) for each in samples)
+    if load.share < 0.5:  # the centre of pressure is nearer to the first foot
+        return LoadShare(load.feet[1], load.share, body, load.width, loads)
+    return LoadShare(load.feet[0], 1.0 - load.share, None if body is None else 1.0 - body, load.width, loads)
 
 
 def _measure_beside(point: FloatArray, plate: Plate) -> float:

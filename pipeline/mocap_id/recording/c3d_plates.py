@@ -134,6 +134,12 @@ class _PlateReader:
                 )
         if len(set(channels)) < len(channels):
             raise UnusablePlateError(f"FORCE_PLATFORM:CHANNEL names a channel twice: {channels}")
+        for other, kind in enumerate(self.kinds[: self.index - 1]):
+            common = sorted({int(each) for each in channel_map[: CHANNELS.get(kind, 0), other]} & set(channels))
+            if common:
+                raise UnusablePlateError(
+                    f"FORCE_PLATFORM:CHANNEL names the channels {common} also for plate {other + 1}"
+                )
         return [channel - 1 for channel in channels]
 
     def _read_parameter(self, name: str, shape: tuple[int, ...]) -> FloatArray:

@@ -21,6 +21,9 @@ MASS_CONTRADICTS = 0.2
 _THIN, _HEAVY = ((1.1, 1.5), (12.0, 14.0)), 42.0
 """Least body mass index for the heights in the first tuple, and largest one, kg/m²."""
 
+_UNUSUAL, _POUND_KG = 36.0, 0.4536
+"""Body mass index from which the mass is to be confirmed: a thin person's mass in pounds gives such an index too."""
+
 _BESIDE_M, _BESIDE_SHARE = 0.05, 0.2
 """A foot this far beside all plates, m, is certainly not measured if the force is also this near to the other foot, as
 a fraction of the distance of the feet.
@@ -51,6 +54,8 @@ def check_wrench(context: Context, recorded: TrialData) -> NotIdentifiable | Non
         return NotIdentifiable("no-wrench", f"the inertial parameters need the ground's wrench: {why}")
     standing, given = facts.get("mass_kg"), context.trial.subject.mass
     implausible = judge_mass(context, standing)
+    if implausible is not None and implausible.code != "mass-implausible":
+        implausible = None
     absurd = implausible is not None and not _ABSURD[0] <= (implausible.value or 0.0) <= _ABSURD[1]
     beside = (facts.get("registration") or {}).get("foot_beside")
     confirmed = standing is not None and given is not None and abs(standing / given - 1.0) <= MASS_CONTRADICTS
@@ -76,7 +81,9 @@ def check_wrench(context: Context, recorded: TrialData) -> NotIdentifiable | Non
 
 
 def judge_mass(context: Context, mass: float | None) -> Reason | None:
-    """Return a caution if a mass, kg, does not fit the height of the person; its value is the body mass index, kg/m².
+    """Return a caution if a mass, kg, does not fit the height of the person, or must be confirmed.
+
+    The value of the caution is the body mass index, kg/m².
 
     The height is that in the configuration, or else follows from shank and thigh. Without one of these, or if the given
     mass of the person confirms the mass, the result is None.
@@ -95,8 +102,18 @@ def judge_mass(context: Context, mass: float | None) -> Reason | None:
         source = "the lengths of shank and thigh"
     index = mass / height**2
     low = float(np.interp(height, *_THIN))
-    if low <= index <= _HEAVY:
+    if low <= index <= _UNUSUAL:
         return None
+    if _UNUSUAL < index <= _HEAVY:
+        return Reason(
+            "mass-unusual",
+            f"the plates measure {mass:.1f} kg, and the height is {height:.2f} m (from {source}): a body mass index of "
+            f"{index:.1f} kg/m². This is right for a very heavy person, but loads in pounds give the same for a person "
+            f"of {_POUND_KG * mass:.1f} kg, and forces alone cannot tell the two apart. Weigh the person and give "
+            "`subject: {mass: …}`",
+            value=index,
+            limit=_UNUSUAL,
+        )
     unit = "the plates measure only a part of the weight, or have a wrong gain or unit"
     if index > _HEAVY:
         unit = "the loads have a wrong gain or unit (such as pounds), or the plates carry something else"

@@ -100,7 +100,8 @@ def _read_wrench(table: Table) -> FloatArray:
 def _check_wrench(context: Context, inputs: SpatialInputs) -> NotIdentifiable | None:
     if find_complete_rows(inputs.wrench).any():
         return None
-    why = context.table("wrench.parquet").facts.get("why") or "the recording has no usable force plate"
+    facts = context.table("wrench.parquet").facts
+    why = facts.get("unusable") or facts.get("why") or "the recording has no usable force plate"
     return NotIdentifiable("no-wrench", f"the inertial parameters need the ground's wrench: {why}")
 
 

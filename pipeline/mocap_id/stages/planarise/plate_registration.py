@@ -11,11 +11,13 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.plates.direction import ForceDirection, compare_directions
 from mocap_id.plates.placement import (
+    LoadShare,
     PlatePlacement,
     compare_with_feet,
     find_foot_beside,
     find_pinned_pressure,
     measure_lean,
+    measure_load_share,
 )
 from mocap_id.recording import Plate, PlateSamples
 from mocap_id.verdict import Reason
@@ -46,6 +48,14 @@ _ALONG = 0.2
 _SUNK_M, _HOVERING_M = 0.008, 0.12
 """The lowest marker of a foot must not be below the surface, nor higher above it than an ankle."""
 
+_UNEVEN = 0.25
+"""Share of the load on one foot below which the load of two feet is uneven. Healthy people have 0.4 to 0.5."""
+
+_BODY_M, _BODY_SHARE = 0.035, 0.12
+"""Largest accepted distance of the centre of pressure from the middle of the body, along the line from foot to foot: a
+length, and a fraction of the distance of the feet. In good recordings it is up to 0.013 m and 0.04.
+"""
+
 
 @dataclass(frozen=True)
 class PlateCheck:
@@ -56,6 +66,9 @@ class PlateCheck:
     unusable: str | None = None  # reason why the moments are missing, so that no parameter can be identified
     horizontal: bool = True  # whether the horizontal force in the motion plane is measured
 
+
+_EXPLAIN = ("plate-misplaced", "plate-moments-missing")
+"""Faults that move the centre of pressure, so that it cannot be compared with the body."""
 
 _FAR_OFF_M = 1.0
 """Distance of the centre of pressure from the feet above which nothing is identified: a unit or a position is wrong."""
@@ -68,7 +81,7 @@ def check_registration(
     rate: float,
     *,
     person: bool,
-    yaw: float = 0.0,
+    yaw: float | None = 0.0,
     labels: Sequence[str] = (),
     others: Sequence[str] = (),
     follows: bool = False,
@@ -81,8 +94,8 @@ def check_registration(
         The plates' wrenches at the times of ``positions`` (F, M, 3), lab axes with Z up, m.
     person : bool
         Whether a person moves; a robot has no feet.
-    yaw : float
-        Angle of the plane's x from the lab's X, rad.
+    yaw : float or None
+        Angle of the plane's x from the lab's X, rad; None in space, where every component of the force is needed.
     labels : sequence of str, length M
         Names of the markers, for messages.
     others : sequence of str
@@ -105,31 +118,40 @@ def check_registration(
     reasons = [reason for each in found for reason in (_describe_misplacement(each), _describe_height(each))]
     reasons += [_describe_unchecked(found), _describe_tilt(found, lean), *_describe_rotation(plates, whole, alone)]
     unusable = None
+    pinned = {
+        plate.index: away
+        for plate, each in zip(plates, samples, strict=True)
+        if (person or yaw is None) and (away := find_pinned_pressure(plate, each, positions)) is not None
+    }
+    if pinned:
+        reasons = [each for each in reasons if each is None or each.code != "plate-misplaced"]
+        missing = _describe_pinned(pinned)
+        reasons.append(missing)
+        unusable = missing.message
     if person:
         off = find_foot_beside(plates, samples, positions)
         if off is not None:
             foot, beside, share = off
             facts["foot_beside"] = {"beside_m": beside if np.isfinite(beside) else None, "share": share}
             reasons.append(_describe_foot_beside(_name_markers(foot, positions, labels), beside, share, others))
-        pinned = {
-            plate.index: away
-            for plate, each in zip(plates, samples, strict=True)
-            if (away := find_pinned_pressure(plate, each, positions)) is not None
-        }
-        if pinned:
-            reasons = [each for each in reasons if each is None or each.code != "plate-misplaced"]
-            missing = _describe_pinned(pinned)
-            reasons.append(missing)
-            unusable = missing.message
+        uneven = measure_load_share(plates, samples, positions)
+        if uneven is not None:
+            facts["load_share"] = {"measured": uneven.measured, "expected": uneven.expected}
+            explained = off is not None or any(each is not None and each.code in _EXPLAIN for each in reasons)
+            if not explained:
+                reasons.append(_describe_uneven(plates, _name_markers(uneven.foot, positions, labels), uneven))
         far = [e for e in reasons if e is not None and e.code == "plate-misplaced" and (e.value or 0.0) > _FAR_OFF_M]
         if far:
             unusable = far[0].message
     weak = whole is not None and whole.expected >= _EXPECTED_N and whole.size < _WEAK * whole.expected
-    direction = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    along = any(abs(axis @ direction) > _ALONG for plate in plates for _, axis in plate.dead)
+    direction = np.zeros(3) if yaw is None else np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    dead = [axis for plate in plates for _, axis in plate.dead]
+    along = any(yaw is None or abs(axis @ direction) > _ALONG for axis in dead)
     weak = bool(follows and weak)
-    if weak or any(plate.dead for plate in plates):
-        reasons.append(_describe_dead(plates, whole if weak else None, along=along))
+    if weak or dead:
+        reasons.append(_describe_dead(plates, whole if weak else None, along=along, space=yaw is None))
+    if yaw is None and (weak or dead) and reasons[-1] is not None:
+        unusable = unusable or reasons[-1].message
     kept = tuple(reason for reason in reasons if reason is not None)
     return PlateCheck(facts, kept, unusable, not (weak or along))
 
@@ -157,6 +179,46 @@ def _describe_foot_beside(markers: str, beside: float, share: float, others: Seq
     )
 
 
+def _describe_uneven(plates: Sequence[Plate], markers: str, load: LoadShare) -> Reason | None:
+    """Return a caution if one foot carries little load or the body is elsewhere; a note if the body confirms this."""
+    measured, expected = load.measured, load.expected
+    away = 0.0 if expected is None else abs(expected - measured)
+    contradicts = away * load.width > _BODY_M and away > _BODY_SHARE
+    if measured >= _UNEVEN and not contradicts:
+        return None
+    loads = " and ".join(f"{load:.0f} N on plate {plate.index}" for plate, load in zip(plates, load.loads, strict=True))
+    found = f"the foot with the markers {markers} carries {100 * measured:.0f} % of the load ({loads})"
+    if contradicts and expected is not None:
+        share = min(max(expected, 0.01), 0.99)
+        factor = measured * (1.0 - share) / (max(share, 0.01) * (1.0 - measured))
+        return Reason(
+            "load-uneven",
+            f"{found}, but the body stands where this foot carries {100 * expected:.0f} %: who unloads a leg moves the "
+            f"body over the other foot. Probably the plate of this foot reads {factor:.2f} times the true force "
+            "compared with the other one: a wrong unit (pounds-force declared as newtons: 0.22) or gain; or the "
+            "corners of the two plates are exchanged. Then wrench, torques and parameters are wrong, and with a wrong "
+            "unit also the mass. It is no fault if the person leans on a support, or holds a "
+            "load on one side. Check units and gains of both plates, and compare the mass with `subject: {mass: …}`",
+            value=measured,
+            limit=expected,
+        )
+    if expected is not None:
+        text = (
+            f"{found}. The body stands over the other foot as well (the middle of its markers gives "
+            f"{100 * expected:.0f} %), so the person unloads this leg"
+        )
+        return Reason("load-uneven", text, value=measured, limit=_UNEVEN, level="ok")
+    return Reason(
+        "load-uneven",
+        f"{found}, expected at least {100 * _UNEVEN:.0f} %. Either the person unloads this leg, as patients do, or a "
+        "plate has a wrong unit or gain; then mass, wrench, torques and parameters are wrong. The markers do not show "
+        "the middle of the body, which would tell the two apart. Check units and gains of both plates, and compare "
+        "the mass with `subject: {mass: …}`",
+        value=measured,
+        limit=_UNEVEN,
+    )
+
+
 def _describe_pinned(pinned: dict[int, float]) -> Reason:
     numbers = " and ".join(map(str, pinned))
     return Reason(
@@ -169,7 +231,7 @@ def _describe_pinned(pinned: dict[int, float]) -> Reason:
     )
 
 
-def _describe_dead(plates: Sequence[Plate], weak: ForceDirection | None, *, along: bool) -> Reason:
+def _describe_dead(plates: Sequence[Plate], weak: ForceDirection | None, *, along: bool, space: bool = False) -> Reason:
     """Return a caution about horizontal channels that are dead, or a note if the motion plane does not need them."""
     listed = "; ".join(
         f"plate {plate.index}: {', '.join(name for name, _ in plate.dead)}" for plate in plates if plate.dead
@@ -188,11 +250,16 @@ def _describe_dead(plates: Sequence[Plate], weak: ForceDirection | None, *, alon
     size = ""
     if weak is not None:
         size = f" (it varies by {weak.size:.1f} N, expected about {weak.expected:.0f} N from the movement)"
+    effect = (
+        "A trial in space needs all components of the force, so no parameter can be identified"
+        if space
+        else "Fx is left out, as it is unmeasured. The parameters are fitted to Fy and tauz, and the moment contains "
+        "an error of Fx times the depth of the plate's sensors"
+    )
     return Reason(
         "plate-channel-dead",
-        f"{found}{size}: a channel is dead, not connected or in a wrong unit. Fx is left out, as it is unmeasured. The "
-        "parameters are fitted to Fy and tauz, and the moment contains an error of Fx times the depth of the plate's "
-        "sensors. Check cable, amplifier and `force_unit`",
+        f"{found}{size}: a channel is dead, not connected or in a wrong unit. {effect}. Check cable, amplifier and "
+        "`force_unit`",
     )
 
 

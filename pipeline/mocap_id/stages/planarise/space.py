@@ -11,10 +11,13 @@ from mocap_id.anatomy.landmark_names import find_landmarks
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.kinematics import fit_plane
 from mocap_id.plates import choose_plates, find_clock_offset
+from mocap_id.plates.feet import find_standing_feet
 from mocap_id.recording import ThinnedFrames
+from mocap_id.recording.marker_posture import find_upright, shows_standing
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.planarise import PlanariseSettings
-from mocap_id.stages.planarise.plate_reasons import describe_plates, doubt_units
+from mocap_id.stages.planarise.plate_reasons import describe_losses, describe_plates, doubt_units
+from mocap_id.stages.planarise.plate_registration import check_registration
 from mocap_id.stages.planarise.skeleton import read_upright
 from mocap_id.stages.planarise.used_part import express_trajectories, list_bursts, read_recording, select_part
 from mocap_id.stages.planarise.wrenches import ExternalWrenches, compute_ground_wrench_in_space, find_plates_centre
@@ -22,6 +25,13 @@ from mocap_id.stages.trial_keys import get_landmark_labels, get_recording
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
 from mocap_id.verdict import Reason
+
+_UNCHECKED = Reason(
+    "plate-unchecked",
+    "the plates were not compared with the markers, because nobody stands on two feet with markers. Joint angles do "
+    "not need the plates; the mass and the forces in the exports are as in the file",
+    level="ok",
+)
 
 _PLANAR = 0.01  # fraction of the motion out of the best vertical plane up to which a trial in the plane is sufficient
 
@@ -77,8 +87,33 @@ def planarise_in_space(context: Context) -> Outputs:
     columns = compute_ground_wrench_in_space(part.time, samples, choice, frame, threshold, mirrored=left)
     facts["clock"] = clock.facts()
     facts["centre_m"] = find_plates_centre(source.plates, choice, frame, mirrored=left)
-    if not free:  # reaches and curls are recorded without plates
+    feet = [source.plates[index] for index in choice.indices("feet")]
+    upright = find_upright(thinned.positions)[0]
+    person = (
+        shows_standing(thinned.positions, upright) and len(find_standing_feet(thinned.positions, upright, None, 2)) == 2
+    )
+    check = check_registration(
+        feet,
+        [thinned.samples[index] for index in choice.indices("feet")],
+        thinned.positions,
+        thinned.rate,
+        person=person,
+        yaw=None,
+        labels=part.labels,
+        others=[
+            f"plate {plate.index} ({why})"
+            for plate, use, why in zip(source.plates, choice.uses, choice.why, strict=True)
+            if use not in ("feet", "seat")
+        ],
+    )
+    facts |= {"registration": check.facts, "unusable": check.unusable}
+    if check.unusable is not None:
+        columns["plate_ok"] = np.zeros(len(part.time), np.bool_)
+    losses = describe_losses(feet, part.time, np.zeros(len(part.time), np.bool_), clock.offset_s)
+    reasons = (*reasons, *losses, *check.reasons)
+    if not free:  # no result of a reach or curl needs the plates
         reasons = tuple(replace(each, level="ok") for each in reasons)
+        reasons += () if person or not feet else (_UNCHECKED,)
     return planar, Table(WRENCH, columns, facts, (*doubt_units(assumptions), *reasons))
 
 
