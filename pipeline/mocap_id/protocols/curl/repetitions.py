@@ -50,7 +50,6 @@ class Curl:
     why: str = ""  # reason why the curl is not complete, or why an event is unknown; otherwise empty
     unknown: bool = False  # whether it is unknown if the curl is complete, because the arm is not measured there
 
-
     @property
     def timed(self) -> bool:
         """Whether the curl is complete, and its start and end are known."""
@@ -135,7 +134,8 @@ def _describe_curl(
     else:
         why = ""
     hidden = {}
-    for name, turn, value, at in (("start", low, flexion, start), ("top", top, -flexion, middle), ("end", back, flexion, end)):
+    ends = (("start", low, flexion, start), ("top", top, -flexion, middle), ("end", back, flexion, end))
+    for name, turn, value, at in ends:
         rest = _find_samples_near(value, turn, _NEAR * min(rise, max(fall, _NEAR * rise)))
         first, after = time[max(rest[0] - 1, 0)], time[min(rest[-1] + 1, len(time) - 1)]
         if name != "top" and after - first > _REST:  # only the end of a long rest matters

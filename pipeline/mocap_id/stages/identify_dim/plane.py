@@ -172,8 +172,8 @@ def _mark_contact(
     from the ground to the knee are unknown. Unless the setting says so, part of the chair's force may act on the
     pelvis; the standard deviation of the next joint, the hip, includes the moment of the whole missing force with
     :data:`_SEAT_LEVER`. A hand on an unmeasured support is beyond all joints. If the movement gives a smaller mass
-    than standing (`load-shared`), something carries the body at unknown times, so every sample counts as contact. All torques
-    are unknown where markers of a segment are rejected.
+    than standing (`load-shared`), something carries the body at unknown times, so every sample counts as contact. All
+    torques are unknown where markers of a segment are rejected.
 
     Within the reach of the low-pass after contact, the smoothed motion follows a sudden release too late. The standard
     deviations there include the moment of the difference between modelled and measured wrench.

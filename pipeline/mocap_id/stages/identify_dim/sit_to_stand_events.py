@@ -80,7 +80,7 @@ def make_sit_to_stand_events(
     shared = _share_load(plates, recorded, posture, movement, stamped)
     rises = tuple(
         replace(
-            _describe_rise(k, recorded.time, movement, vertical, share, measured, modelled),
+            _describe_rise(k, recorded.time, movement, vertical, share=share, measured=measured, modelled=modelled),
             attempts=_count_attempts_before(k, repetitions, attempts),
             left_seated=float(shared.phases["seated"][k]),
             left_rising=float(shared.phases["rising"][k]),
@@ -136,6 +136,7 @@ def _describe_rise(
     time: FloatArray,
     movement: Movement,
     vertical: FloatArray,
+    *,
     share: float,
     measured: BoolArray,
     modelled: BoolArray,

@@ -97,15 +97,16 @@ def report_rejected(stretches: Sequence[tuple[str, float, float]], time: FloatAr
         spans.setdefault(name.replace("_", " "), []).append(f"{first:.2f}–{last:.2f} s")
     if not spans:
         return ()
-    parts = [
-        f"{name} at {', '.join(own[:_LISTED])}" + (f" and {len(own) - _LISTED} times more" if len(own) > _LISTED else "")
-        for name, own in spans.items()
-    ]
+    parts = []
+    for name, own in spans.items():
+        more = f" and {len(own) - _LISTED} times more" if len(own) > _LISTED else ""
+        parts.append(f"{name} at {', '.join(own[:_LISTED])}{more}")
     seconds = float(np.count_nonzero(frames) * (time[-1] - time[0]) / max(len(time) - 1, 1))
     message = (
         f"over half of the visible markers of a segment do not fit the chain and the movement ({'; '.join(parts)}), so "
         "they are not used. The pose there is bridged and counts as not observed: no range, volume, average or "
-        "event contains it. Check the labels and the markers of these segments at these times, or leave the times out with `window:`"
+        "event contains it. Check the labels and the markers of these segments at these times, or leave the times out "
+        "with `window:`"
     )
     return (Reason("markers-rejected", message, seconds, 0.0),)
 
