@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import FloatArray, find_runs
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.axes import check_axis
 from mocap_id.recording.c3d_reader import read_c3d
@@ -117,7 +117,8 @@ def _leave_out_held(recording: Recording) -> Recording:
     several = (same >= 2) & (2 * same <= seen)
     for number, label in enumerate(recording.labels):
         repeated, straight = find_held(recording.positions[:, number], recording.rate)
-        repeated &= several
+        for run in find_runs(repeated):
+            repeated[run] = 2 * np.count_nonzero(several[run]) > run.stop - run.start
         held += list_held(f"marker {label}", recording.time, repeated, straight)
         recording.positions[repeated | straight, number] = np.nan
     plates = []
