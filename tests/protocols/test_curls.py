@@ -55,6 +55,37 @@ def test_a_failed_attempt_does_not_count_and_ends_the_trial() -> None:
     assert end.time == pytest.approx(15.0, abs=0.1)
 
 
+@pytest.mark.parametrize(
+    ("hole", "event"), [((5.8, 6.2), "top"), ((4.8, 5.1), "start"), ((6.8, 7.1), "end"), ((5.3, 5.6), "")]
+)
+def test_an_event_where_the_arm_is_not_measured_is_unknown(hole: tuple[float, float], event: str) -> None:
+    """The flexion of the second curl is bridged there, by a value that no marker shows."""
+    measured = (hole[0] > TIME) | (hole[1] < TIME)
+    angle = flexion([1.9] * 4)
+    bridged = np.interp(TIME, TIME[measured], angle[measured])
+    curls = find_curls(TIME, bridged, np.full(len(TIME), 1e-4), RULES, measured)
+    assert len(curls) == 4
+    second = {name: getattr(curls[1], name) for name in ("start", "top", "end")}
+    assert [name for name in second if np.isnan(second[name])] == [event][: len(event)]
+    assert np.isnan(curls[1].amplitude) == (event in {"start", "top"})
+    assert (event in curls[1].why) and (f"({hole[0]:.2f}–" in curls[1].why or not event)
+    for k in (0, 3):
+        assert curls[k].amplitude == pytest.approx(1.9, abs=0.01)
+    assert not any(curl.unknown for curl in curls)
+    assert [curl.complete for curl in curls] == [True] * 4
+    assert find_trial_end(TIME, AXIS, curls, RULES).rule == "recording"
+
+
+def test_a_curl_that_may_be_complete_is_no_failed_attempt() -> None:
+    """The elbow is not measured from 34° on; the bridge stays there, and no rule may end the trial."""
+    angle = flexion([1.9] * 4)
+    high = (TIME > 9) & (angle > 1.0)
+    bridged = np.minimum(angle, np.where(high, 1.0, np.inf))
+    curls = find_curls(TIME, bridged, np.full(len(TIME), 1e-4), RULES, ~high)
+    assert [(curl.complete, curl.unknown) for curl in curls] == [(True, False)] * 3 + [(False, True)]
+    assert find_trial_end(TIME, AXIS, curls, RULES).rule == "recording"
+
+
 def test_a_slow_curl_breaks_the_tempo() -> None:
     curls = (*found([1.9] * 3), Curl(9.0, 11.0, 13.0, 1.9, complete=True))
     assert find_trial_end(TIME, AXIS, curls, RULES).rule == "tempo"

@@ -127,7 +127,10 @@ def moving_hand(places: list[np.ndarray], rate: float = 100.0) -> tuple[np.ndarr
     palms = np.concatenate(path)
     arm = ReachArm(np.array([0.0, -0.3, 0.0]), 0.25, np.zeros(3), 0.0)
     shoulder = np.array([-0.03, -0.02, 0.16])
-    whole = RecordedArm(arm, 0.002, 0.002, 0.005, shoulder, np.zeros(3), palms, palms, palms, stature=1.66)
+    everywhere = np.ones(len(palms), dtype=bool)
+    whole = RecordedArm(
+        arm, 0.002, 0.002, 0.005, shoulder, np.zeros(3), palms, palms, palms, measured=everywhere, stature=1.66
+    )
     return np.arange(len(palms)) / rate, whole
 
 
@@ -150,6 +153,21 @@ def test_reaches_are_found_with_their_targets_and_misses() -> None:
     (last,) = find_reaches(time, arm)
     assert last.target == "none" and np.isnan(last.miss) and not last.complete
     assert find_reaches(time, replace(arm, palms=np.full_like(arm.palms, np.nan))) == ()
+
+
+def test_events_of_a_reach_where_the_arm_is_not_measured_are_unknown() -> None:
+    home = np.array([0.25, -0.45, 0.05])
+    _, arm = moving_hand([home, home + 0.1])
+    targets = locate_body_targets(arm)
+    time, arm = moving_hand([home, targets["opposite_shoulder"], home, targets["head"], home])
+    wrong = (time > 1.4) & (time < 2.1)
+    bridged = np.where(wrong[:, None], arm.palms + np.array([0.0, 0.15, 0.0]), arm.palms)
+    first, second = find_reaches(time, replace(arm, palms=bridged, wrists=bridged, measured=~wrong))
+    assert np.isnan(first.top)
+    assert "not measured at its top" in first.why
+    assert (first.target, first.miss) == ("none", pytest.approx(np.nan, nan_ok=True)) or first.miss == 0
+    assert np.isfinite([second.start, second.top, second.end, second.miss]).all()
+    assert not second.why
 
 
 def test_a_chain_that_is_no_arm_has_no_reach() -> None:

@@ -18,9 +18,17 @@ LATE = 0.15  # s, error of the clock
 
 
 def events(
-    shift: float, helped: float, plates: list[dict[str, object]] | None = None, *, clocks: slice = slice(None)
+    shift: float,
+    helped: float,
+    plates: list[dict[str, object]] | None = None,
+    *,
+    clocks: slice = slice(None),
+    wrong: tuple[float, float] = (0.0, 0.0),
 ) -> Table:
-    """Events of three rises with a clock error ``shift`` and external support as a share of the weight."""
+    """Events of three rises with a clock error ``shift`` and external support as a share of the weight.
+
+    Markers of the legs are rejected within ``wrong``, s.
+    """
     recorded, _ = sit_to_stand(3)
     prepared = prepare(recorded, FitSettings())
     movement = find_movement(
@@ -33,6 +41,7 @@ def events(
     expected = np.where(movement.contact.touching, measured + 300.0, measured) + helped * WEIGHT * rising
     shifted = np.interp(recorded.time + shift, recorded.time, measured)
     columns = {"Fy_reference": expected, "Fy": shifted}
+    seen = (recorded.time < wrong[0]) | (recorded.time > wrong[1])
     wrench = pd.DataFrame({"Fy_p1": 0.45 * measured, "Fy_p2": 0.55 * measured})
     return make_sit_to_stand_events(
         Table.from_frame(WRENCH, wrench, {"plates": plates or []}),
@@ -41,6 +50,8 @@ def events(
         compute_missing_force(prepared, columns)[clocks],
         share=0.72,
         seat_measured=False,
+        measured=seen,
+        modelled=seen,
     )
 
 
@@ -73,3 +84,23 @@ def test_left_and_right_are_facts_and_columns() -> None:
 
 def test_without_a_plate_nothing_is_missing() -> None:
     assert compute_missing_force(None, {}) == ()
+
+
+@pytest.mark.parametrize("event", ["start", "seat_off", "stand", "seat_on", "end"])
+def test_an_event_is_unknown_where_markers_are_rejected(event: str) -> None:
+    usual = events(0.0, 0.0)
+    at = usual.frame[event][1]
+    found = events(0.0, 0.0, wrong=(at - 0.1, at + 0.1)).frame
+    names = ["start", "seat_off", "stand", "seat_on", "end"]
+    assert np.isnan(found[event][1])
+    assert f"not used at its {event.replace('_', '-')}" in found["why"][1]
+    assert not found["complete"][1]
+    np.testing.assert_array_equal(found[names].iloc[[0, 2]], usual.frame[names].iloc[[0, 2]])
+
+
+def test_a_rise_whose_stand_is_unknown_still_counts() -> None:
+    usual = events(0.0, 0.0)
+    at = usual.frame["stand"][1]
+    table = events(0.0, 0.0, wrong=(at - 0.3, at + 0.3))
+    assert table.facts["five_times"]["repetitions"] == usual.facts["five_times"]["repetitions"] == 3
+    assert {reason.code for reason in table.reasons} == {reason.code for reason in usual.reasons}

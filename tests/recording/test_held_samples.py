@@ -224,3 +224,17 @@ def test_a_skeleton_that_stands_still_in_the_file_is_missing(tmp_path: Path) -> 
     found = read_skeleton(write_rows(tmp_path / "k.csv", "time_s,A_x,A_y,A_z,B_x,B_y,B_z", rows))
     assert np.isnan(found.recording.positions[101:129]).all()
     assert [reason.code for reason in found.reasons] == ["samples-held"]
+
+
+def test_markers_that_stand_still_together_are_left_out_and_whole_frames_are_not(tmp_path: Path) -> None:
+    """A single marker and whole frames are left to later searches, which compare it, or them, with the others."""
+    points = np.stack([movement(3, noise=5e-4, seed=k) for k in range(8)], axis=1)
+    points[300:350, 2:5] = points[299, 2:5]
+    points[500:550, 6] = points[499, 6]
+    points[700:750] = points[699]
+    write_c3d(tmp_path / "a.c3d", [f"M{k}" for k in range(8)], points, RATE)
+    found = read(tmp_path / "a.c3d")
+    expected = np.ones(points.shape[:2], dtype=bool)
+    expected[300:350, 2:5] = False
+    assert np.array_equal(np.isfinite(found.positions).all(axis=2), expected)
+    assert [(each.sensor, each.how) for each in found.held] == [(f"marker M{k}", "repeated") for k in (2, 3, 4)]

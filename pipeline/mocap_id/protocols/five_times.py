@@ -58,10 +58,11 @@ def compute_five_times(
     counted = [
         k
         for k, (each, rise) in enumerate(zip(repetitions, rises, strict=True))
-        if not np.isnan(each.stand) and not rise.reached < STANDING
+        if (not np.isnan(each.stand) or "stand" in each.unmeasured) and not rise.reached < STANDING
     ]
     stands = np.array([repetitions[k].stand for k in counted])
     cycles = np.diff(stands)
+    cycles = cycles[np.isfinite(cycles)]
     cycle = float(cycles.mean()) if len(cycles) else None
     cycle_sd = float(cycles.std(ddof=1)) if len(cycles) > 1 else None
     if len(counted) < REQUIRED_RISES:
@@ -95,7 +96,7 @@ def compute_five_times(
 def _explain_unknown_time(first: Repetition, fifth: Repetition) -> str | None:
     if np.isnan(first.start):
         return f"the start of the first rise is unknown: {first.why or 'its angles are unknown'}"
-    if np.isnan([fifth.seat_on, fifth.end]).any():
+    if np.isnan([fifth.seat_on, fifth.end]).any() or "stand" in fifth.unmeasured:
         return f"the end of the fifth repetition is unknown: {fifth.why or 'its angles are unknown'}"
     return None
 

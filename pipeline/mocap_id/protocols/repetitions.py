@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,6 +33,22 @@ class Repetition:
     end: float  # time at which the person sits at rest; for a squat, stands again; for a robot, end of the cycle
     complete: bool  # whether every event of the protocol was found
     why: str = ""  # missing events and their causes; empty if the repetition is complete
+    # events that happened while markers of the legs were rejected, and are therefore NaN
+    unmeasured: tuple[str, ...] = ()
+
+    def leave_out(self, time: FloatArray, measured: BoolArray, events: Sequence[str]) -> Repetition:
+        """Return the repetition with NaN for those of the ``events`` that are not ``measured`` (T,), or beside it."""
+        hidden = []
+        for name in events:
+            at = int(np.searchsorted(time, getattr(self, name)))  # the end if NaN
+            if at < len(time) and not measured[max(at - 1, 0) : at + 2].all():
+                hidden.append(name)
+        if not hidden:
+            return self
+        text = f"markers of the legs are not used at its {', '.join(hidden)}".replace("_", "-")
+        why = "; ".join(part for part in (self.why, text) if part)
+        unknown = dict.fromkeys(hidden, NAN)
+        return replace(self, **unknown, complete=False, why=why, unmeasured=(*self.unmeasured, *hidden))
 
 
 @dataclass(frozen=True)
@@ -56,11 +73,19 @@ class RiseDetails:
     left_standing: float = NAN
 
 
-def find_greatest_height(time: FloatArray, posture: Posture, repetition: Repetition) -> float:
-    """Return the greatest height of the hip in a repetition as a share of the trial's rise; NaN if unknown."""
+def find_greatest_height(
+    time: FloatArray, posture: Posture, repetition: Repetition, measured: BoolArray | None = None
+) -> float:
+    """Return the greatest height of the hip in a repetition as a share of the trial's rise; NaN if unknown.
+
+    It is also NaN if the person is not seen standing, but may stand where the height is not ``measured`` (T,).
+    """
     inside = _find_samples_between(time, repetition.start, repetition.end)
-    height = posture.height[inside][np.isfinite(posture.height[inside])]
-    return float(height.max()) if len(height) else NAN
+    known = inside[np.isfinite(posture.height[inside])]
+    seen = known if measured is None else known[measured[known]]
+    highest = float(posture.height[seen].max()) if len(seen) else NAN
+    hidden = len(seen) < len(known) and float(posture.height[known].max()) > highest
+    return NAN if hidden and not highest >= STANDING else highest
 
 
 def measure_paused_time(time: FloatArray, posture: Posture, repetition: Repetition) -> float:

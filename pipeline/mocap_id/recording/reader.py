@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import FloatArray, find_runs
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.axes import check_axis
 from mocap_id.recording.c3d_reader import read_c3d
@@ -101,16 +101,26 @@ def read(
 
 
 def _leave_out_held(recording: Recording) -> Recording:
-    """Return the recording without markers on straight lines and without repeated or interpolated plate samples.
+    """Return the recording without repeated or interpolated samples of markers and plates.
 
-    Markers that repeat their position are left to the search for frozen markers and repeated frames, which compares
-    them with the other markers. A plate without load may repeat its samples, because software sets them to zero.
+    Frames that are repeated as a whole are left to the search for repeated frames, and a single marker that stands
+    still to the search for bad samples, which compares it with the markers beside it. That search is misled by a
+    segment whose markers all stand still. A plate without load may repeat its samples, because software sets them to
+    zero.
     """
     held: list[HeldSamples] = []
+    seen, same = (np.zeros(len(recording.time), dtype=np.int64) for _ in range(2))
+    for points in np.moveaxis(recording.positions, 1, 0):
+        step = np.abs(np.diff(points, axis=0)).max(axis=1)
+        seen[1:] += np.isfinite(step)
+        same[1:] += step == 0.0
+    several = (same >= 2) & (2 * same <= seen)
     for number, label in enumerate(recording.labels):
-        straight = find_held(recording.positions[:, number], recording.rate)[1]
-        held += list_held(f"marker {label}", recording.time, np.zeros_like(straight), straight)
-        recording.positions[straight, number] = np.nan
+        repeated, straight = find_held(recording.positions[:, number], recording.rate)
+        for run in find_runs(repeated):
+            repeated[run] = 2 * np.count_nonzero(several[run]) > run.stop - run.start
+        held += list_held(f"marker {label}", recording.time, repeated, straight)
+        recording.positions[repeated | straight, number] = np.nan
     plates = []
     for plate in recording.plates:
         wrench = plate.force if plate.kind in _WITH_PRESSURE else np.hstack([plate.force, plate.moment])

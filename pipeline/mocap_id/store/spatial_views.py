@@ -15,6 +15,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry.spatial_chain import JointKind, SpatialChain, SpatialJoint
 from mocap_id.store.artefacts import Facts, Table, Tree
+from mocap_id.store.views import Rejected, find_measured
 
 NEAR_GIMBAL = float(1 / np.sin(np.radians(15)))
 """Largest ``isb_condition`` with which plane of elevation and axial rotation of the shoulder have a meaning.
@@ -128,6 +129,7 @@ class SegmentPoses:
     origin: FloatArray  # (T, S, 3)
     quaternion: FloatArray  # (T, S, 4) w, x, y, z
     observed: BoolArray  # (T, S)
+    rejected: Rejected = ()
 
     @classmethod
     def from_table(cls, table: Table) -> SegmentPoses:
@@ -142,7 +144,11 @@ class SegmentPoses:
         origin, quaternion = stacked(("x", "y", "z")), stacked(("qw", "qx", "qy", "qz"))
         seen = [f"{name}_observed" for name in names]
         observed = table.stack(seen).astype(np.bool_) if names else np.zeros((table.length, 0), dtype=np.bool_)
-        return cls(table["time"], names, origin, quaternion, observed)
+        return cls(table["time"], names, origin, quaternion, observed, table.facts.get("rejected", ()))
+
+    def find_measured(self, *segments: str) -> BoolArray:
+        """Return True (T,) except where markers of ``segments`` are rejected; see :func:`~.views.find_measured`."""
+        return find_measured(self.time, self.rejected, segments)
 
     @cached_property
     def rotation(self) -> FloatArray:

@@ -6,10 +6,10 @@ rad.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -157,6 +157,23 @@ def joint_columns(table: Table, name: str, joints: int) -> FloatArray:
 def joint_count(states: Table) -> int:
     """Return the number of joints in ``states.parquet``."""
     return sum(name.startswith("theta_") for name in states.names)
+
+
+Rejected: TypeAlias = Sequence[tuple[str, float, float]]
+"""Fact ``rejected`` of states.parquet and poses.parquet: segment, first and last time, s, of each stretch in which over
+half of the visible markers of the segment are not used (`markers-rejected`)."""
+
+
+def find_measured(time: FloatArray, rejected: Rejected, segments: Collection[str]) -> BoolArray:
+    """Return True (T,) except in the ``rejected`` stretches of ``segments``.
+
+    The motion is bridged in these stretches, and nothing there is an event, a highest point or a peak.
+    """
+    measured = np.ones(len(time), dtype=np.bool_)
+    for segment, first, last in rejected:
+        if segment in segments:
+            measured &= (time < first) | (time > last)
+    return measured
 
 
 @dataclass(frozen=True)

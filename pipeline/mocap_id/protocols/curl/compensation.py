@@ -51,7 +51,7 @@ def measure_compensation(
     angle, sd : (T,) arrays
         Angle and standard deviation of its changes, rad; NaN where unknown.
     """
-    spans = [slice(*np.searchsorted(time, [curl.start, curl.end])) if curl.complete else None for curl in curls]
+    spans = [slice(*np.searchsorted(time, [curl.start, curl.end])) if curl.timed else None for curl in curls]
     used = [span for span in spans if span is not None and np.isfinite(angle[span]).all() and span.stop > span.start]
     if not used:
         return tuple(None for _ in spans)
@@ -112,7 +112,7 @@ def fit_part_in_step(  # noqa: PLR0917
     axis : (2, 2) array or None
         Covariance of the elbow's axis along x and y of the upper arm, rad²; None if unknown.
     """
-    spans = (slice(*np.searchsorted(time, [curl.start, curl.end])) for curl in curls if curl.complete)
+    spans = (slice(*np.searchsorted(time, [curl.start, curl.end])) for curl in curls if curl.timed)
     basis = np.stack([np.cos(flexion), np.sin(flexion)], axis=1)
     known = np.isfinite(angle) & np.isfinite(flexion)
     first = next((span for span in spans if span.stop - span.start > basis.shape[1] and known[span].all()), None)

@@ -8,10 +8,11 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import stdtrit
 
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_runs
 
 _NEAR = 0.02  # share of the amplitude: if the flexion is nearer to a turning point, the elbow rests
 _FAR = 0.1  # share of the amplitude: if the flexion is farther from a turning point, the elbow moves
+_BESIDE = 0.1  # s: within this time of an event at the end of a long rest, the flexion must be measured
 _REST = 0.5  # s: a longer rest does not belong to a curl
 _ONSET = 1.2  # in a minimum-jerk movement (Flash and Hogan 1985), the ratio of the times for 0 to 2 % and 2 to 10 %
 _LARGE = 80.0  # percentile of the rises that represents the large curls of the trial
@@ -46,14 +47,23 @@ class Curl:
     end: float
     amplitude: float  # rise of the flexion from start to top, rad
     complete: bool  # whether the curl rises and returns far enough
-    why: str = ""  # reason why the curl is not complete; empty if it is complete
+    why: str = ""  # reason why the curl is not complete, or why an event is unknown; otherwise empty
+    unknown: bool = False  # whether it is unknown if the curl is complete, because the arm is not measured there
+
+    @property
+    def timed(self) -> bool:
+        """Whether the curl is complete, and its start and end are known."""
+        return self.complete and bool(np.isfinite(self.end - self.start))
 
 
-def find_curls(time: FloatArray, flexion: FloatArray, sd: FloatArray, rules: CurlRules) -> tuple[Curl, ...]:
+def find_curls(
+    time: FloatArray, flexion: FloatArray, sd: FloatArray, rules: CurlRules, measured: BoolArray | None = None
+) -> tuple[Curl, ...]:
     """Find the curls of a trial, in order of time.
 
     In a curl, the flexion rises from a low to a high turning point and returns. The curl is complete if both the rise
-    and the return are at least ``rules.complete`` times the rise in the large curls of the trial.
+    and the return are at least ``rules.complete`` times the rise in the large curls of the trial. An event, and the
+    amplitude to it, are NaN if it may lie where the flexion is not measured.
 
     Parameters
     ----------
@@ -61,7 +71,11 @@ def find_curls(time: FloatArray, flexion: FloatArray, sd: FloatArray, rules: Cur
         Sample times, s.
     flexion, sd : (T,) arrays
         Flexion of the elbow and its standard deviation, rad; NaN where unknown.
+    measured : (T,) bool array, optional
+        Samples in which the flexion is measured; by default, those in which it is known.
     """
+    gaps = find_runs(~np.isfinite(flexion) if measured is None else ~(measured & np.isfinite(flexion)))
+    holes = np.array([(time[gap.start], time[gap.stop - 1]) for gap in gaps]).reshape(-1, 2)
     known = np.flatnonzero(np.isfinite(flexion))
     if len(known) < 2:
         return ()
@@ -77,7 +91,8 @@ def find_curls(time: FloatArray, flexion: FloatArray, sd: FloatArray, rules: Cur
     curls = []
     for low, top in rises:
         after = [turn for turn in turns if turn > top]
-        curls.append(_describe_curl(time, flexion, (low, top, after[0] if after else last), rules.complete * large))
+        turn = (low, top, after[0] if after else last)
+        curls.append(_describe_curl(time, flexion, turn, rules.complete * large, holes))
     return tuple(curls)
 
 
@@ -99,8 +114,13 @@ def _find_turning_points(values: FloatArray, least: float) -> IntArray:
     return np.array(turns, dtype=np.int64)
 
 
-def _describe_curl(time: FloatArray, flexion: FloatArray, turns: tuple[int, int, int], required: float) -> Curl:
-    """Return the curl between three turning points; it is complete if it rises and returns by ``required``, rad."""
+def _describe_curl(
+    time: FloatArray, flexion: FloatArray, turns: tuple[int, int, int], required: float, holes: FloatArray
+) -> Curl:
+    """Return the curl between three turning points; it is complete if it rises and returns by ``required``, rad.
+
+    ``holes`` (H, 2) are the first and last times without a measured flexion, s.
+    """
     low, top, back = turns
     rise, fall = float(flexion[top] - flexion[low]), float(flexion[top] - flexion[back])
     start = -_find_end_of_fall(-time[: top + 1][::-1], flexion[: top + 1][::-1], top - low)
@@ -113,7 +133,21 @@ def _describe_curl(time: FloatArray, flexion: FloatArray, turns: tuple[int, int,
         why, end = "the recording ends before the elbow is back", float("nan")
     else:
         why = ""
-    return Curl(start, middle, end, rise, not why, why)
+    hidden = {}
+    ends = (("start", low, flexion, start), ("top", top, -flexion, middle), ("end", back, flexion, end))
+    for name, turn, value, at in ends:
+        rest = _find_samples_near(value, turn, _NEAR * min(rise, max(fall, _NEAR * rise)))
+        first, after = time[max(rest[0] - 1, 0)], time[min(rest[-1] + 1, len(time) - 1)]
+        if name != "top" and after - first > _REST:  # only the end of a long rest matters
+            first, after = max(first, at - _BESIDE), min(after, at + _BESIDE)
+        inside = holes[(holes[:, 1] >= first) & (holes[:, 0] <= after)]
+        if len(inside) and not (name == "end" and np.isnan(end)):
+            hidden[name] = f"the arm is not measured at its {name} ({inside[0, 0]:.2f}–{inside[-1, 1]:.2f} s)"
+    start, middle, end = (
+        float("nan") if name in hidden else at for name, at in (("start", start), ("top", middle), ("end", end))
+    )
+    amplitude = float("nan") if {"start", "top"} & set(hidden) else rise
+    return Curl(start, middle, end, amplitude, not why, "; ".join(hidden.values()) or why, bool(why and hidden))
 
 
 def _find_end_of_fall(time: FloatArray, flexion: FloatArray, turn: int) -> float:

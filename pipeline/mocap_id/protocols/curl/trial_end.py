@@ -38,7 +38,8 @@ def find_trial_end(time: FloatArray, axis: FloatArray, curls: tuple[Curl, ...], 
         _end_by_tempo(done, rules),
         _end_by_plane(time, axis, done, rules),
     )
-    last = done[-1].end if done else float(time[-1])
+    ends_known = [curl.end for curl in done if np.isfinite(curl.end)]
+    last = ends_known[-1] if ends_known else float(time[-1])
     default = TrialEnd(last, "recording", "no rule ends the trial earlier")
     return min((end for end in ends if end is not None), key=lambda end: end.time, default=default)
 
@@ -46,16 +47,16 @@ def find_trial_end(time: FloatArray, axis: FloatArray, curls: tuple[Curl, ...], 
 def _end_by_failure(curls: tuple[Curl, ...]) -> TrialEnd | None:
     """Return the end at the first failed attempt after the last complete curl; None without a failed attempt."""
     complete = [k for k, curl in enumerate(curls) if curl.complete]
-    rest = curls[complete[-1] + 1 :] if complete else curls
+    rest = [curl for curl in (curls[complete[-1] + 1 :] if complete else curls) if not curl.unknown]
     return TrialEnd(rest[0].start, "stopped", f"the next attempt fails: {rest[0].why}") if rest else None
 
 
 def _end_by_pause(curls: tuple[Curl, ...], rules: CurlRules) -> TrialEnd | None:
     """Return the end at the first pause between curls that is too long; None without such a pause."""
-    durations = [curl.end - curl.start for curl in curls if curl.complete]
-    if not durations:
+    durations = np.array([curl.end - curl.start for curl in curls if curl.complete])
+    if not np.isfinite(durations).any():
         return None
-    longest = rules.pause * (1 / rules.metronome if rules.metronome else float(np.median(durations)))
+    longest = rules.pause * (1 / rules.metronome if rules.metronome else float(np.nanmedian(durations)))
     for curl, following in pairwise(curls):
         pause = following.start - curl.end
         if pause > longest:
@@ -78,6 +79,7 @@ def _end_by_tempo(done: list[Curl], rules: CurlRules) -> TrialEnd | None:
 
 def _end_by_plane(time: FloatArray, axis: FloatArray, done: list[Curl], rules: CurlRules) -> TrialEnd | None:
     """Return the end at the first sustained rotation of the elbow's axis from its first direction; None without it."""
+    done = [curl for curl in done if np.isfinite(curl.end - curl.start)]
     if not done:
         return None
     first = (time >= done[0].start) & (time <= done[0].end)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.protocols.reach.reachable_set import ReachArm
 from mocap_id.store.spatial_views import SegmentPoses, SpatialAngles, SpatialSkeleton
 
@@ -42,6 +42,8 @@ class RecordedArm:
     elbows: FloatArray
     wrists: FloatArray
     palms: FloatArray
+    # (T,) False where markers of a segment are visible but not used; the path is bridged there
+    measured: BoolArray
     stature: float  # stature, given or estimated from the arm's length, m
 
 
@@ -69,7 +71,9 @@ def measure_arm(
     thorax, upper, lower = (poses.segments.index(name) for name in SEGMENTS)
     centres = _express_in_segment(poses, thorax, poses.origin[:, upper])
     elevation = angles.mean[:, angles.names.index("shoulder_elevation"), 0]
-    shoulder, glide, glide_known = _fit_glide(centres, elevation)
+    shoulder, glide, glide_known = _fit_glide(
+        np.where(poses.find_measured(*SEGMENTS[:2])[:, None], centres, np.nan), elevation
+    )
     elbow = _find_median(_express_in_segment(poses, upper, poses.origin[:, lower]), "upper arm and forearm")
     wrist, forearm_sd = _locate_wrist(poses, skeleton)
     along = np.array([0.0, -wrist, 0.0])
@@ -83,7 +87,8 @@ def measure_arm(
     if not np.isfinite(wrists).all(axis=1).any():
         raise UnknownReach("no frame has markers of the whole arm")
     hand = poses.rotation[:, poses.segments.index("hand") if "hand" in poses.segments else lower]
-    hand = np.where(np.isfinite(hand), hand, poses.rotation[:, lower])
+    seen = np.isfinite(hand) & poses.find_measured("hand")[:, None, None]
+    hand = np.where(seen, hand, poses.rotation[:, lower])
     return RecordedArm(
         arm=ReachArm(elbow, wrist, _fit_carrying(poses.rotation[:, upper], poses.rotation[:, lower]), float(glide[1])),
         upper_arm_sd=_length_sd(skeleton, "upper_arm"),
@@ -94,6 +99,7 @@ def measure_arm(
         elbows=elbows,
         wrists=wrists,
         palms=wrists + np.einsum("tij,tjk,k->ti", turn, hand, palm),
+        measured=poses.find_measured(*SEGMENTS),
         stature=stature,
     )
 

@@ -31,6 +31,7 @@ _PLACES = {
 _SKIN = np.array([0.04, 0.015, 0.02])  # statures from the shoulder's centre to its surface in front, above and outside
 _LEVELS = {"waist": -0.21, "mouth": 0.085, "overhead": 0.26}
 """Height above the sternal notch, in statures; an overhead shelf is a hand's length above the head."""
+_ENDS = "the recording ends before the hand leaves the target"
 _TOUCH = 0.05
 """Distance from the middle of a hand to a target that it touches, in statures: half a hand's width and a margin."""
 
@@ -48,12 +49,14 @@ class Reach:
     target: str
     miss: float  # distance by which the hand missed the target, m; 0 if it touched the target, NaN without a target
     complete: bool  # whether the hand came back or moved to another target
+    why: str  # reason why it is not complete, or why an event or the target is unknown; otherwise empty
 
 
 def find_reaches(time: FloatArray, arm: RecordedArm) -> tuple[Reach, ...]:
     """Find the reaches in a recording from the path of the palm; the sample times ``time`` (T,), s, are equidistant."""
     palms = arm.palms
     known = np.isfinite(palms).all(axis=1)
+    measured = arm.measured & known
     if known.sum() < 10:
         return ()
     path = np.stack([np.interp(time, time[known], each) for each in palms[known].T], axis=1)
@@ -71,9 +74,14 @@ def find_reaches(time: FloatArray, arm: RecordedArm) -> tuple[Reach, ...]:
         top = (last + (follows[0] if follows else len(time) - 1)) // 2
         stop = len(time) - 1 if follows is None else follows[1] if back else follows[0]
         target, miss = _find_target(arm, slice(last, (follows[0] if follows else len(time) - 1) + 1), path)
-        reaches.append(
-            Reach(float(time[first]), float(time[top]), float(time[stop]), target, miss, complete=follows is not None)
-        )
+        events = {name: float(time[at]) for name, at in (("start", first), ("top", top), ("end", stop))}
+        why = [] if follows else [_ENDS]
+        for name, at in zip(events, (first, top, stop), strict=True):
+            hidden = np.flatnonzero(~measured[max(at - 1, 0) : at + 2])
+            if len(hidden):
+                events[name] = float("nan")
+                why.append(f"the arm is not measured at its {name} ({time[at]:.2f} s)")
+        reaches.append(Reach(**events, target=target, miss=miss, complete=follows is not None, why="; ".join(why)))
     return tuple(reaches)
 
 
@@ -100,8 +108,10 @@ def _find_target(arm: RecordedArm, held: slice, path: FloatArray) -> tuple[str, 
 
     The second value is 0 if the hand touches the target. Without a near target, the result is "none" and NaN.
     """
-    palm, seen = np.median(path[held], axis=0), np.isfinite(arm.wrists[held]).all(axis=1)
-    wrist = np.median(arm.wrists[held][seen], axis=0) if seen.any() else palm
+    seen = arm.measured[held] & np.isfinite(arm.wrists[held]).all(axis=1)
+    if not seen.any():
+        return "none", float("nan")
+    palm, wrist = (np.median(each[held][seen], axis=0) for each in (path, arm.wrists))
     fingers = 2 * palm - wrist
     far = {name: _measure_distance(place, wrist, fingers) for name, place in locate_body_targets(arm).items()}
     overhead = compute_level_heights(arm)["overhead"]

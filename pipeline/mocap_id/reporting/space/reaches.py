@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mocap_id.reporting.grids import Grid, GridColumn, millimetres, number, percent, show_ends, text, to_grid
-from mocap_id.reporting.numbers import show_fixed, show_millimetres
+from mocap_id.reporting.numbers import UNKNOWN, show_fixed, show_millimetres
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.space.schema import RangeEntry, WorkspaceEntry
 from mocap_id.reporting.space.tables import to_words
@@ -89,7 +89,7 @@ def list_heights(found: WorkspaceEntry) -> Grid:
     }
     for name, reached in one.levels.items():
         level = "an overhead shelf" if name == "overhead" else f"the {name}"
-        rows[f"hand at the height of {level}"] = ("yes" if reached else "no", "")
+        rows[f"hand at the height of {level}"] = (UNKNOWN if reached is None else "yes" if reached else "no", "")
     columns = (
         GridColumn("height (mm)", lambda row: row[0]),
         GridColumn("fraction of the arm's length", lambda row: row[1]),

@@ -70,14 +70,15 @@ class VisitedEntry(Entry):
 class HeightsEntry(Entry):
     """Highest and lowest position of the wrist above the shoulder, m and as fractions of the arm length.
 
-    ``levels`` says whether the hand reached the height of each part of the body.
+    ``levels`` says whether the hand reached the height of each part of the body. A value is null if the hand was
+    probably there only while the markers of the arm were missing or not used.
     """
 
-    highest_m: float
-    lowest_m: float
-    highest_share: float
-    lowest_share: float
-    levels: dict[str, bool]
+    highest_m: float | None
+    lowest_m: float | None
+    highest_share: float | None
+    lowest_share: float | None
+    levels: dict[str, bool | None]
 
 
 class TargetEntry(Entry):

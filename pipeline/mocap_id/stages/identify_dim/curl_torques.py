@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.allometry import look_up_arm
 from mocap_id.protocols.curl.elbow_torque import ElbowTorque, Mass, SegmentMotion, compute_elbow_torque
 from mocap_id.stages.base import Context
@@ -31,6 +31,13 @@ class CurlTorques:
         for suffix, one in (("", self.total), ("_device", self.device), ("_person", self.person)):
             columns |= {f"elbow_torque{suffix}": one.torque, f"sd_elbow_torque{suffix}": one.sd}
         return columns
+
+    def leave_out(self, unknown: BoolArray) -> CurlTorques:
+        """Return the torques with NaN in the samples ``unknown`` (T,)."""
+        parts = (self.total, self.device, self.person)
+        return CurlTorques(
+            *(ElbowTorque(*(np.where(unknown, np.nan, each) for each in (one.torque, one.sd))) for one in parts)
+        )
 
 
 def compute_curl_torques(

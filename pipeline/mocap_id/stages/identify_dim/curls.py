@@ -47,8 +47,10 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
     )
     poses = SegmentPoses.from_table(context.table("poses.parquet"))
     skeleton = SpatialSkeleton.from_tree(context.tree("chain.h5"))
-    curls = find_curls(time, angles[_FLEXION], angles[f"sd_{_FLEXION}"], rules)
+    measured = poses.find_measured("upper_arm", "forearm")
+    curls = find_curls(time, angles[_FLEXION], angles[f"sd_{_FLEXION}"], rules, measured)
     axis = _find_elbow_axis(poses, skeleton)
+    axis[~poses.find_measured("upper_arm")] = np.nan
     end = find_trial_end(time, axis, curls, rules)
     channels, in_step = _collect_angles(context, poses, curls), None
     if _AXIAL in channels:
@@ -58,15 +60,17 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
             channels[_AXIAL] = (channels[_AXIAL][0] - in_step.curve, in_step.rest_sd)
     moved = {name: measure_compensation(time, *channel, curls, rules) for name, channel in channels.items()}
     torque = compute_curl_torques(context, poses, skeleton, axis)
-    counted = [curl.complete and curl.start < end.time for curl in curls]
+    if not isinstance(torque, str):
+        torque = torque.leave_out(~poses.find_measured("upper_arm", "forearm", "hand"))
+    counted = [curl.complete and np.nanmin([curl.start, curl.top, curl.end, np.inf]) < end.time for curl in curls]
     facts: dict[str, Any] = {
         "why": "" if any(counted) else "no complete curl was found",
         "count": sum(counted),
-        "partial": sum(not curl.complete for curl in curls),
+        "partial": sum(not (curl.complete or curl.unknown) for curl in curls),
         "after_end": sum(curl.complete for curl in curls) - sum(counted),
         "end": {"time_s": end.time, "rule": end.rule, "why": end.why},
         "condition": keys.condition,
-        "tempo_s": [float(curl.end - curl.start) if curl.complete else None for curl in curls],
+        "tempo_s": [float(curl.end - curl.start) if curl.timed else None for curl in curls],
         "compensation": {name: [_describe_compensation(one) for one in found] for name, found in moved.items()},
         "in_step": {},
         "torque": None,
@@ -115,10 +119,12 @@ def _collect_angles(
             value = angles[name]
             if name in MEANINGLESS_AT_POLE and clear is not None:
                 value = np.where(clear, value, np.nan)
+            value = np.where(poses.find_measured("thorax", "upper_arm"), value, np.nan)
             channels[name] = (value, angles[f"sd_{name}"])
-    done = [curl for curl in curls if curl.complete]
+    done = [curl for curl in curls if curl.timed]
     if done and "thorax" in poses.segments:
         turn = poses.rotation[:, poses.segments.index("thorax")]
+        turn = np.where(poses.find_measured("thorax")[:, None, None], turn, np.nan)
         known = np.flatnonzero(np.isfinite(turn).all(axis=(1, 2)) & (poses.time >= done[0].start))
         if len(known):
             lean = so3.log(turn[known[0]].T @ np.where(np.isfinite(turn), turn, np.eye(3)))
@@ -128,8 +134,13 @@ def _collect_angles(
 
 
 def _find_peak_torques(time: FloatArray, torques: CurlTorques, curl: Curl) -> dict[str, float | None] | None:
-    """Return the peaks of total and person's torque in a curl and their standard deviations, N·m; None if unknown."""
+    """Return the peaks of total and person's torque in a curl and their standard deviations, N·m; None if unknown.
+
+    A curl in part of which the arm is not measured has no peak.
+    """
     within = (time >= curl.start) & (time <= (curl.end if np.isfinite(curl.end) else time[-1]))
+    if not np.isfinite(torques.total.torque[within]).all():
+        return None
     found: dict[str, float | None] = {}
     for name, one in (("", torques.total), ("person_", torques.person)):
         there = np.flatnonzero(within & np.isfinite(one.torque))

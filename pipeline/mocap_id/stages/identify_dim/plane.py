@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from mocap_id.arrays import BoolArray
 from mocap_id.design.recommendation import describe_recommendations, recommend_if_doubtful
 from mocap_id.dynamics.acceleration_noise import correlate_errors
 from mocap_id.dynamics.built_in_sensors import combine_with_sensors
@@ -56,6 +57,7 @@ from mocap_id.stages.identify_dim.trial_inputs import TrialInputs, describe_gaps
 from mocap_id.stages.identify_dim.wrench_checks import check_sensors, make_gain_facts
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
+from mocap_id.store.views import find_measured
 from mocap_id.verdict import Reason
 
 _LET_GO = 0.4  # s after `stand`: in simulations, a person comes to rest up to 0.37 s later
@@ -130,9 +132,13 @@ def _make_events(
     """Return events.parquet; for sit-to-stand, it contains details of every rise."""
     movement, recorded = inputs.movement, inputs.recorded
     late = float((tree.facts["clock"] or {}).get("applied_s") or 0.0)
-    if movement.posture is None:
-        return make_events(movement.repetitions)
     states, names = context.table("states.parquet"), [f"sd_dtheta_{j + 1}" for j in range(recorded.q.shape[1])]
+    rejected, segments = states.facts.get("rejected", ()), inputs.chain.segments
+    if movement.posture is None:
+        measured = find_measured(recorded.time, rejected, segments)
+        return make_events([each.leave_out(recorded.time, measured, ("start", "end")) for each in movement.repetitions])
+    # the posture depends on the segments up to the hip
+    measured = find_measured(recorded.time, rejected, segments[: recorded.knee + 3])
     return make_sit_to_stand_events(
         read_wrench(context)[0],
         recorded,
@@ -140,10 +146,20 @@ def _make_events(
         compute_missing_force(prepared, dynamics.columns),
         share=context.settings.seat_off_share,
         seat_measured=recorded.seat is not None,
+        measured=measured,
+        modelled=_find_modelled(context, inputs, prepared),
         # the speed is a norm of joint velocities, so its standard deviation is at most the largest of theirs
         speed_sd=states.stack(names).max(axis=1) if set(names) <= set(states.names) else None,
         clock_offset=late if abs(late) > OFFSET_LARGE else 0.0,
     )
+
+
+def _find_modelled(context: Context, inputs: TrialInputs, prepared: PreparedTrial | None) -> BoolArray:
+    """Return True (T,) except where the low-passed motion contains samples with rejected markers."""
+    rejected = context.table("states.parquet").facts.get("rejected", ())
+    measured = find_measured(inputs.recorded.time, rejected, inputs.chain.segments)
+    reach = 0 if prepared is None else prepared.lowpass.reach_samples
+    return np.asarray(np.convolve(~measured, np.ones(2 * reach + 1), "same") < 0.5)
 
 
 def _mark_contact(
@@ -156,7 +172,8 @@ def _mark_contact(
     from the ground to the knee are unknown. Unless the setting says so, part of the chair's force may act on the
     pelvis; the standard deviation of the next joint, the hip, includes the moment of the whole missing force with
     :data:`_SEAT_LEVER`. A hand on an unmeasured support is beyond all joints. If the movement gives a smaller mass
-    than standing (`load-shared`), something carries the body at unknown times, so every sample counts as contact.
+    than standing (`load-shared`), something carries the body at unknown times, so every sample counts as contact. All
+    torques are unknown where markers of a segment are rejected.
 
     Within the reach of the low-pass after contact, the smoothed motion follows a sudden release too late. The standard
     deviations there include the moment of the difference between modelled and measured wrench.
@@ -175,7 +192,7 @@ def _mark_contact(
             if support > SUPPORT_LIMIT:
                 by_hand |= (time > seated) & ~(time > stand + _LET_GO)
             seated = np.nanmax([seated, stand, end])
-    on_chair = inputs.movement.carried
+    on_chair, unmeasured = inputs.movement.carried, ~_find_modelled(context, inputs, prepared)
     columns: dict[str, Any] = {"contact": on_chair | by_hand}
     joints = inputs.recorded.q.shape[1]
     late = np.zeros((len(time), joints))
@@ -185,7 +202,7 @@ def _mark_contact(
         moment = np.einsum("tcj,tc->tj", prepared.motion.jacobian, np.nan_to_num(wrong))
         late = np.where((near & ~dynamics["in_fit"])[:, None], np.nan_to_num(moment), 0.0)
     for j in range(1, joints + 1):
-        unknown = by_hand | (on_chair & (j <= seat))
+        unknown = by_hand | unmeasured | (on_chair & (j <= seat))
         torque, sd = dynamics[f"tau_{j}"], np.hypot(dynamics[f"sd_tau_{j}"], late[:, j - 1])
         if j == seat + 1 and given is None:
             missing = dynamics["Fy_model"] - np.nan_to_num(dynamics["Fy"], nan=0.0)

@@ -21,7 +21,7 @@ from mocap_id.store.spatial_views import SegmentPoses, SpatialAngles, SpatialSke
 from mocap_id.verdict import Reason
 
 _LEAST_RANGE = np.radians(2.0)  # smallest range of an angle that moves
-_ENDS = "the recording ends before the hand leaves the target"
+_CLEARLY = 0.005  # m, least distance by which the hand is beyond its known ends while the arm is not measured
 _PATH = 600  # approximate number of points of the path of the wrist
 _NO_REGION = "the visited postures have no volume in joint space: an angle hardly moves independently of the others"
 
@@ -76,7 +76,9 @@ def _describe_arm(arm: RecordedArm) -> dict[str, Any]:
 
 def _describe_view(arm: RecordedArm) -> dict[str, Any]:
     """Return the path of the wrist, the arm at its furthest reach and the targets, for the view on the page."""
-    known = np.flatnonzero(np.isfinite(arm.wrists).all(axis=1))
+    known = np.flatnonzero(arm.measured & np.isfinite(arm.wrists).all(axis=1))
+    if not len(known):
+        raise UnknownReach("no frame has markers of the whole arm")
     far = known[np.argmax(np.linalg.norm(arm.wrists[known], axis=1))]
     path = arm.wrists[known[:: max(len(known) // _PATH, 1)]]
     return {
@@ -87,16 +89,30 @@ def _describe_view(arm: RecordedArm) -> dict[str, Any]:
 
 
 def _measure_heights(time: FloatArray, arm: RecordedArm) -> dict[str, Any]:
-    """Return the highest and lowest position of the wrist, and the levels that the middle of the hand reached."""
+    """Return the highest and lowest position of the wrist, and the levels that the middle of the hand reached.
+
+    They are None if the hand was probably higher or lower, or at this level, only while the arm is not measured.
+    """
     rank = max(round(HELD / float(np.median(np.diff(time)))), 1)
-    wrist, palm = (np.sort(each[np.isfinite(each[:, 1]), 1]) for each in (arm.wrists, arm.palms))
-    highest, lowest = float(wrist[-rank]), float(wrist[rank - 1])
+    ends = {}
+    for name, path in (("wrist", arm.wrists), ("palm", arm.palms)):
+        for side, sign in (("high", 1.0), ("low", -1.0)):
+            height = sign * path[:, 1]
+            seen = np.sort(height[arm.measured & np.isfinite(height)])
+            hidden = height[~arm.measured & np.isfinite(height)]
+            end = float(seen[-rank]) if len(seen) >= rank else np.nan
+            ends[name, side] = sign * end, bool(np.any(hidden > end + _CLEARLY))
+    highest, lowest = (None if beyond else end for end, beyond in (ends["wrist", "high"], ends["wrist", "low"]))
+    palm, beyond = ends["palm", "high"]
     return {
         "highest_m": highest,
         "lowest_m": lowest,
-        "highest_share": highest / arm.arm.length,
-        "lowest_share": lowest / arm.arm.length,
-        "levels": {name: bool(palm[-rank] >= height) for name, height in compute_level_heights(arm).items()},
+        "highest_share": None if highest is None else highest / arm.arm.length,
+        "lowest_share": None if lowest is None else lowest / arm.arm.length,
+        "levels": {
+            name: True if palm >= height else None if beyond else False
+            for name, height in compute_level_heights(arm).items()
+        },
     }
 
 
@@ -199,5 +215,5 @@ def _make_columns(reaches: Sequence[Reach]) -> dict[str, Any]:
         **dict.fromkeys(("seat_off", "stand", "seat_on"), nothing),
         "target": np.array([one.target for one in reaches], dtype=object),
         "complete": np.array([one.complete for one in reaches], dtype=np.bool_),
-        "why": np.array(["" if one.complete else _ENDS for one in reaches], object),
+        "why": np.array([one.why for one in reaches], object),
     }

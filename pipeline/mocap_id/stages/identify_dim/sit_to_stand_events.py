@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.clock_offset import SampledWrench
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData
 from mocap_id.protocols.attempts import Attempt, find_failed_attempts
@@ -39,6 +39,8 @@ def make_sit_to_stand_events(
     *,
     share: float,
     seat_measured: bool,
+    measured: BoolArray | None = None,
+    modelled: BoolArray | None = None,
     speed_sd: FloatArray | None = None,
     clock_offset: float = 0.0,
 ) -> Table:
@@ -53,6 +55,10 @@ def make_sit_to_stand_events(
         Share of the standing weight under the feet at seat-off, by the rule of the thesis.
     seat_measured : bool
         Whether the chair's force is measured and therefore not part of ``missing``.
+    measured : (T,) array, optional
+        False where markers of the legs are visible but not used. An event there is NaN.
+    modelled : (T,) array, optional
+        False where the low-passed motion contains such samples. Chair contact that a model shows there is unknown.
     speed_sd : (T,) array, optional
         Standard deviation of the speed in the posture, rad/s; without it, those of the five-times test are unknown.
     clock_offset : float
@@ -63,12 +69,18 @@ def make_sit_to_stand_events(
     chair = None if contact is None else contact.chair
     weight = float("nan") if contact is None else contact.weight
     stamped = recorded.time - clock_offset
+    everything = np.ones(len(stamped), dtype=np.bool_)
+    measured, modelled = (everything if each is None else each for each in (measured, modelled))
     vertical = _sample(recorded.time, recorded.wrench[:, 1], stamped) / weight
-    attempts = find_failed_attempts(recorded.time, posture, vertical, repetitions, chair=chair)
+    attempts = tuple(
+        each
+        for each in find_failed_attempts(recorded.time, posture, vertical, repetitions, chair=chair)
+        if measured[np.searchsorted(recorded.time, each.time)]
+    )
     shared = _share_load(plates, recorded, posture, movement, stamped)
     rises = tuple(
         replace(
-            _describe_rise(k, recorded.time, movement, vertical, share),
+            _describe_rise(k, recorded.time, movement, vertical, share=share, measured=measured, modelled=modelled),
             attempts=_count_attempts_before(k, repetitions, attempts),
             left_seated=float(shared.phases["seated"][k]),
             left_rising=float(shared.phases["rising"][k]),
@@ -87,6 +99,12 @@ def make_sit_to_stand_events(
             )
             for each, rise in zip(repetitions, rises, strict=True)
         )
+    by_forces = contact is not None and contact.rule in {"seat-plate", "weight"}
+    seat = () if by_forces else ("seat_off", "seat_on")
+    repetitions = tuple(
+        each.leave_out(recorded.time, measured, ("start", "stand", "end")).leave_out(recorded.time, modelled, seat)
+        for each in repetitions
+    )
     facts = {
         "five_times": _describe_five_times(
             compute_five_times(
@@ -113,16 +131,28 @@ def _count_attempts_before(k: int, repetitions: Sequence[Repetition], attempts: 
     return sum(since < attempt.time < repetitions[k].stand for attempt in attempts)
 
 
-def _describe_rise(k: int, time: FloatArray, movement: Movement, vertical: FloatArray, share: float) -> RiseDetails:
+def _describe_rise(
+    k: int,
+    time: FloatArray,
+    movement: Movement,
+    vertical: FloatArray,
+    *,
+    share: float,
+    measured: BoolArray,
+    modelled: BoolArray,
+) -> RiseDetails:
     """Return the details of repetition ``k``; ``vertical`` (T,) is the vertical force as a share of the weight."""
     assert movement.posture is not None
     each, contact = movement.repetitions[k], movement.contact
     chair = contact is not None and contact.chair is True
+    model = float("nan") if contact is None else find_model_agreement(time, contact.above_noise, each)
+    at = int(np.searchsorted(time, model))  # the end if NaN
+    rising = (time >= each.start) & (time <= each.stand)
     return RiseDetails(
         seat_off_72=find_share_crossing(time, vertical, share, each) if chair else float("nan"),
-        seat_off_model=float("nan") if contact is None else find_model_agreement(time, contact.above_noise, each),
-        reached=find_greatest_height(time, movement.posture, each),
-        held=measure_paused_time(time, movement.posture, each),
+        seat_off_model=model if at < len(time) and modelled[at] else float("nan"),
+        reached=find_greatest_height(time, movement.posture, each, measured),
+        held=measure_paused_time(time, movement.posture, each) if measured[rising].all() else float("nan"),
     )
 
 

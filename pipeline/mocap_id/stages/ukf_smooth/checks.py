@@ -75,27 +75,38 @@ def _explain_gaps(settings: UkfSmoothSettings) -> str:
     )
 
 
-def report_rejected(rejected: BoolArray, time: FloatArray, names: Sequence[str]) -> tuple[Reason, ...]:
-    """Return a caution if over half of the visible markers of a segment are not used for more than a few frames.
+def list_rejected(rejected: BoolArray, time: FloatArray, names: Sequence[str]) -> list[tuple[str, float, float]]:
+    """Return segment, first and last time, s, of the stretches in which most visible markers of a segment are not used.
 
-    ``rejected`` (F, K) marks these frames for the K segments called ``names``; ``time`` (F,) is in s.
+    ``rejected`` (F, K) marks these frames for the K segments called ``names``; ``time`` (F,) is in s. A few frames are
+    no stretch.
     """
-    parts, frames = [], np.zeros(len(time), dtype=np.bool_)
-    for name, each in zip(names, rejected.T, strict=True):
-        runs = find_stretches(each)
-        if runs:
-            for run in runs:
-                frames[run] = True
-            spans = [f"{time[run.start]:.2f}–{time[run.stop - 1]:.2f} s" for run in runs]
-            more = f" and {len(spans) - _LISTED} times more" if len(spans) > _LISTED else ""
-            parts.append(f"{name} at {', '.join(spans[:_LISTED])}{more}")
-    if not parts:
+    return [
+        (name, float(time[run.start]), float(time[run.stop - 1]))
+        for name, each in zip(names, rejected.T, strict=True)
+        for run in find_stretches(each)
+    ]
+
+
+def report_rejected(stretches: Sequence[tuple[str, float, float]], time: FloatArray) -> tuple[Reason, ...]:
+    """Return a caution about the ``stretches`` of :func:`list_rejected`; ``time`` (F,) is in s."""
+    frames = np.zeros(len(time), dtype=np.bool_)
+    spans: dict[str, list[str]] = {}
+    for name, first, last in stretches:
+        frames |= (time >= first) & (time <= last)
+        spans.setdefault(name.replace("_", " "), []).append(f"{first:.2f}–{last:.2f} s")
+    if not spans:
         return ()
+    parts = []
+    for name, own in spans.items():
+        more = f" and {len(own) - _LISTED} times more" if len(own) > _LISTED else ""
+        parts.append(f"{name} at {', '.join(own[:_LISTED])}{more}")
     seconds = float(np.count_nonzero(frames) * (time[-1] - time[0]) / max(len(time) - 1, 1))
     message = (
         f"over half of the visible markers of a segment do not fit the chain and the movement ({'; '.join(parts)}), so "
-        "they are not used. The pose there is bridged and counts as not observed: no range, volume or average contains "
-        "it. Check the labels and the markers of these segments at these times, or leave the times out with `window:`"
+        "they are not used. The pose there is bridged and counts as not observed: no range, volume, average or "
+        "event contains it. Check the labels and the markers of these segments at these times, or leave the times out "
+        "with `window:`"
     )
     return (Reason("markers-rejected", message, seconds, 0.0),)
 

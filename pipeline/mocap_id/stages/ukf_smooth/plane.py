@@ -28,6 +28,7 @@ from mocap_id.stages.ukf_smooth.checks import (
     bridge_repeated,
     check_uniform_times,
     find_repeated_frames,
+    list_rejected,
     report_bend,
     report_filter,
     report_gaps,
@@ -86,6 +87,7 @@ def ukf_smooth(context: Context) -> Outputs:
     del observed
     skin_tree = _make_skin_tree(tree, skeleton, states, skin, camera)
     rejected = find_rejected_segments(moving.segment - 1, len(moving.centres), visible, states.used)
+    stretches = list_rejected(rejected, view.time, skeleton.segments[1:])
     states = replace(states, observed=bridge_repeated(states.observed & ~rejected, repeated, view.rate))
     encoder = read_encoder_states(context.trial.encoder, states, view.time, settings)
     if settings.method == "encoder":
@@ -95,7 +97,7 @@ def ukf_smooth(context: Context) -> Outputs:
     reasons = (
         report_gaps(np.isnan(states.mean[:, :, 0]), view.time, skeleton.joint_names, "angle", settings)
         + _report_method(settings)
-        + report_rejected(rejected, view.time, skeleton.segments[1:])
+        + report_rejected(stretches, view.time)
         + report_repeated_frames(repeated)
         + report_filter(spectrum.cut_off)
         + report_oscillations(spectrum.oscillations, skeleton.segments)
@@ -104,6 +106,7 @@ def ukf_smooth(context: Context) -> Outputs:
     )
     facts = _facts(states, markers, moves, settings) | {"sd_holds": sd_holds, "cut_off_hz": spectrum.cut_off}
     facts |= {"imus": sensors.facts} if sensors.facts else {}
+    facts |= {"rejected": stretches} if stretches and settings.method != "encoder" else {}
     return (
         Table(STATES, state_columns(view.time, states.mean, states.sd, states.observed), facts, reasons),
         LongTable(MARKERS, view.frames, view.time, skeleton.markers, markers),

@@ -30,6 +30,7 @@ from mocap_id.stages.ukf_smooth.checks import (
     bridge_repeated,
     check_uniform_times,
     find_repeated_frames,
+    list_rejected,
     report_gaps,
     report_rejected,
     report_repeated_frames,
@@ -94,15 +95,17 @@ def smooth_rotations(context: Context) -> Outputs:
     missing = np.isnan(states.omega[:, :, 0])
     reasons = report_gaps(missing, view.time, segments, "pose", settings)
     reasons += report_repeated_frames(repeated) + sensor_reasons
-    reasons += () if from_skeleton else report_rejected(rejected, view.time, segments)
+    stretches = [] if from_skeleton else list_rejected(rejected, view.time, skeleton.segments)
+    reasons += report_rejected(stretches, view.time)
     reasons += check_arm_motion(angles, _find_thorax_axis(states, skeleton, tree.facts["frames"]))
-    facts = _facts(states, points, settings) | ({"imus": imus} if imus else {})
+    lost = {"rejected": stretches} if stretches else {}
+    facts = _facts(states, points, settings) | ({"imus": imus} if imus else {}) | lost
     return (
         Table(STATES, _state_columns(states, skeleton, view.time, observed), facts, reasons),
         LongTable(MARKERS, view.frames, view.time, skeleton.markers, _marker_columns(states, points)),
         _empty_skin_tree(),
         empty_encoder_table("a trial in space has no encoder"),
-        Table(POSES, _pose_columns(states, skeleton, view.time, observed)),
+        Table(POSES, _pose_columns(states, skeleton, view.time, observed), lost),
         Table(ANGLES, _angle_columns(angles, view.time)),
     )
 
