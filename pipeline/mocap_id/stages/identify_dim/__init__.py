@@ -121,7 +121,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="identify-dim",
-    version=26,
+    version=27,
     inputs=(
         *("wrench.parquet", "chain.h5", "states.parquet", "skin.h5", "encoder.parquet", "poses.parquet"),
         "angles.parquet",
