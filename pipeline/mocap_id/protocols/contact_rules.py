@@ -5,8 +5,9 @@ is the force that is missing under the feet, and one of three rules finds the co
 
 - ``seat-force`` (default): a model is identified on samples clearly off the chair and predicts the force under the
   feet. The difference from the measured force acts on the chair. There is contact while the vertical difference exceeds
-  four times the standard deviation of its noise at the height of the chair (:func:`estimate_noise_on_chair`); this
-  threshold is limited to 0.5 to 10 % of the standing weight. The contact is then extended to the instant of zero force (:func:`extrapolate_release`).
+  four times the standard deviation of its noise at the height of the chair (:func:`estimate_noise_on_chair`), limited
+  to 0.5 to 10 % of the standing weight. The contact is then extended to the instant of zero force
+  (:func:`extrapolate_release`).
 - ``weight``: the chair is released when the feet carry 72 % of the standing weight. In simulated trials, the chair
   still carries up to a quarter of the weight at that instant.
 - ``knee``: there is no contact while the knee is straighter than 0.8 rad, as in the thesis (6.4.2). This excludes a
