@@ -137,7 +137,8 @@ class Stretch:
     def above_noise(self) -> float:
         """Rms acceleration that the noise of the cameras does not give, m/s²; 0 if unknown."""
         known = self.acceleration[np.isfinite(self.acceleration)]
-        return float(np.sqrt(max(np.mean(known**2) - self.noise**2, 0.0))) if len(known) else 0.0
+        square = float(np.mean(known**2)) - self.noise**2 if len(known) else 0.0
+        return float(np.sqrt(max(square, 0.0)))
 
 
 def fill_gaps(poses: BodyPoses) -> tuple[BodyPoses, BoolArray]:
