@@ -131,6 +131,8 @@ class Stretch:
     """
 
     acceleration: FloatArray  # (T,) second derivative of the length below 3 Hz, m/s²; NaN where unknown
+    # rms change of the length, m, of its velocity, m/s, and of its acceleration, m/s², below 3 Hz
+    visible: tuple[float, float, float]
     noise: float  # largest rms acceleration that the noise of the cameras alone gives, m/s²
 
     @property
@@ -192,10 +194,14 @@ def measure_stretch(poses: BodyPoses, joint: int) -> Stretch:
             across = np.nanmean(((arm[:, 1] * line[:, 0] - arm[:, 0] * line[:, 1]) / length) ** 2)
             variance += float(poses.camera[k, 0] + across * poses.camera[k, 1])
     known = erode(np.isfinite(length), lowpass.reach_samples)  # the low-pass keeps the noise of an interval's ends
-    acceleration = np.where(known, _differentiate(lowpass(length[:, None]), poses.rate)[1][:, 0], np.nan)
+    slow = lowpass(length[:, None])
+    velocity, acceleration = _differentiate(slow, poses.rate)
+    course = np.where(known[:, None], np.column_stack([slow - np.nanmean(slow), velocity, acceleration]), np.nan)
+    visible = np.sqrt(np.nanmean(course**2, axis=0)) if np.isfinite(course).all(axis=1).any() else np.zeros(3)
     factor, share = _respond_to_noise(lowpass)
     independent = max(share * np.count_nonzero(known), 1.0)
-    return Stretch(acceleration, float(factor * np.sqrt(variance * (1 + _NOISE_SD * np.sqrt(2 / independent)))))
+    noise = factor * np.sqrt(variance * (1 + _NOISE_SD * np.sqrt(2 / independent)))
+    return Stretch(course[:, 2], (float(visible[0]), float(visible[1]), float(visible[2])), float(noise))
 
 
 def _respond_to_noise(lowpass: LowPass) -> tuple[float, float]:

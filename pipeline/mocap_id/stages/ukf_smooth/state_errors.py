@@ -20,6 +20,7 @@ _LOOSE = (0.2, 1.0, 0.2)
 # angle, s², velocity, s, and acceleration of the thigh times its length, relative to the acceleration of its stretch; a
 # hip that follows its angle is hidden in its centre, so the angle is less visible than the acceleration
 _OF_STRETCH = (0.12, 0.4, 2.2)
+_HIDDEN = (0.007, 0.02, 0.15)  # m, m/s, m/s²: largest rms that a gap of the hip hides; hips shift by about a centimetre
 _AROUND = 0.3  # s, time over which a stretch is averaged
 _LEAST = 50  # least number of frames with all joint angles for an estimate of skin motion
 
@@ -125,7 +126,8 @@ def _compute_stretch_variance(
     segment = np.zeros(joints + 1)
     segment[hip - 1 : hip + 2] = _LOOSE
     joint = (segment[:-1] ** 2 + segment[1:] ** 2) / float(centres[hip] @ centres[hip])
-    for order, factor in enumerate(_OF_STRETCH):
+    for order, (usual, hidden, visible) in enumerate(zip(_OF_STRETCH, _HIDDEN, stretch.visible, strict=True)):
+        factor = min(usual, float(np.hypot(hidden, visible)) / rms)
         variance[:, :, order] = factor**2 * np.outer(nearby if order else np.full(len(frames), rms**2), joint)
     return variance
 
