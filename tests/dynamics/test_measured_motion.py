@@ -19,6 +19,7 @@ from mocap_id.dynamics.measured_motion import (
     fill_gaps,
     filter_motion,
     measure_gaps,
+    measure_stretch,
 )
 from mocap_id.geometry import planar
 
@@ -259,3 +260,27 @@ def test_each_body_is_bridged_by_itself() -> None:
     assert np.isfinite(filled.position).all()
     assert np.abs(filled.position - poses_of(TIME, exact).position).max() < 2e-3
     np.testing.assert_array_equal(filled.body, OF_SEGMENT)
+
+
+def test_the_stretch_is_the_change_of_the_distance_between_both_joints() -> None:
+    """The poses of the two neighbours give it; the pose of the segment itself does not matter."""
+    motion = moving(TIME)
+    found = measure_stretch(poses_of(TIME, motion), HIP)
+    gap = motion.origin[:, HIP + 1] - motion.joint[:, HIP - 1]
+    exact = np.gradient(np.gradient(np.linalg.norm(gap, axis=1), TIME), TIME)
+    known = np.isfinite(found.acceleration)
+    assert known[INNER].all()
+    np.testing.assert_allclose(found.acceleration[INNER], exact[INNER], atol=0.01)
+    turned = poses_of(TIME, motion)
+    turned.angle[:, HIP] += 0.2 * np.sin(TIME)
+    np.testing.assert_array_equal(measure_stretch(turned, HIP).acceleration[INNER], found.acceleration[INNER])
+    assert found.above_noise == pytest.approx(np.sqrt(np.mean(exact[known] ** 2)), rel=0.1)
+
+
+@pytest.mark.parametrize("noise", [0.5, 2.0])
+def test_the_noise_of_the_cameras_alone_stretches_nothing(noise: float) -> None:
+    still = moving(TIME, size=0.0)
+    found = [measure_stretch(poses_of(TIME, still, noise, seed), HIP) for seed in range(20)]
+    assert sum(each.above_noise > 0 for each in found) <= 1
+    own = [np.sqrt(np.nanmean(each.acceleration**2)) / each.noise for each in found]
+    assert 0.65 < np.mean(own) < 1.0

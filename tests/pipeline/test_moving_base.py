@@ -90,11 +90,28 @@ def test_a_trunk_that_bends_is_said_and_the_intervals_of_the_angles_hold(
 ) -> None:
     summary, _, true, out = analysed(tmp_path / "t", seed=seed, people=read_people(f"lumbar_deg={lumbar}"))
     assert "trunk-bends" in notes(summary, "reasons")
-    states = pd.read_parquet(out / "states.parquet")
+    assert angle_coverage(true, out).min() >= 0.88
+
+
+def angle_coverage(true: dict[str, np.ndarray], out: Path) -> np.ndarray:
+    """Share of the samples inside the 95 % interval of each angle."""
+    states, inside = pd.read_parquet(out / "states.parquet"), []
     for joint in range(3):
         off = states[f"theta_{joint + 1}"].to_numpy() - true["q"][:, joint]
-        inside = np.abs(off - np.nanmean(off)) < 1.96 * states[f"sd_theta_{joint + 1}"].to_numpy()
-        assert np.mean(inside) >= 0.88
+        inside.append(np.abs(off - np.nanmean(off)) < 1.96 * states[f"sd_theta_{joint + 1}"].to_numpy())
+    return np.mean(inside, axis=1)
+
+
+@pytest.mark.parametrize(
+    ("seed", "gap"),
+    [(54, 14.0), pytest.param(52, 10.0, marks=pytest.mark.slow), pytest.param(66, 14.0, marks=pytest.mark.slow)],
+)
+def test_the_intervals_of_the_angles_hold_at_a_loose_hip(tmp_path: Path, seed: int, gap: float) -> None:
+    """The trunk is rigid and the hip gives way; the chain of pins cannot follow it. Before, .21 were inside."""
+    _, _, true, out = analysed(tmp_path / "t", seed=seed, people=read_people(f"hip_gap_mm={gap}"))
+    share = angle_coverage(true, out)
+    assert share.min() >= 0.7
+    assert share.mean() >= 0.85
 
 
 def test_skin_on_a_straight_trunk_is_no_bend(tmp_path: Path) -> None:

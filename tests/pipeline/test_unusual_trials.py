@@ -77,11 +77,8 @@ def test_a_hand_on_a_rail_is_reported(tmp_path: Path) -> None:
         (7401, {}),
         *(pytest.param(seed, options, marks=pytest.mark.slow) for seed, options in (
             (7403, {"strategy": "stable"}), (882, {"rate": 50.0, "marker_noise": 0.001}), (883, {"soft_tissue": 2.0}),
+            (882, {"rate": 50.0, "marker_noise": 0.002}),
         )),
-        pytest.param(
-            882, {"rate": 50.0, "marker_noise": 0.002},
-            marks=[pytest.mark.slow, pytest.mark.xfail(strict=True, reason="seat contact is 0.22 s early")],
-        ),
     ],
 )  # fmt: skip
 def test_the_five_times_test_is_within_its_standard_deviation(

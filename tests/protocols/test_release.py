@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import betainc
 
-from mocap_id.protocols.contact_rules import extend_contact_to_release, extrapolate_release
+from mocap_id.protocols.contact_rules import estimate_noise_on_chair, extend_contact_to_release, extrapolate_release
 
 RATE, END, FULL, NOISE = 100.0, 2.0, 450.0, 0.8
 TIME = np.arange(0.0, 4.0, 1 / RATE)
@@ -55,3 +55,14 @@ def test_unknown_samples_do_not_matter() -> None:
     force = np.full(len(TIME), np.nan)
     there = TIME < 2.0
     np.testing.assert_array_equal(extend_contact_to_release(TIME, there, force), there)
+
+
+@pytest.mark.parametrize(("of_motion", "of_plate"), [(2.0, 0.2), (0.0, 1.0), (3.0, 1.0)])
+def test_noise_on_the_chair_is_found_from_samples_above_it(of_motion: float, of_plate: float) -> None:
+    """Noise of the motion acts on Fy through bent legs, so a long stand shows only the noise of the plate."""
+    rng = np.random.default_rng(1)
+    height = np.concatenate([np.full(1200, 0.98), rng.uniform(0.35, 0.95, 300), [np.nan]])
+    sd = np.hypot(of_plate, of_motion * np.sqrt(1 - height**2))
+    noise = rng.normal(size=len(height)) * sd
+    assert estimate_noise_on_chair(noise, height) == pytest.approx(np.hypot(of_motion, of_plate), rel=0.12)
+    assert estimate_noise_on_chair(np.full(3, np.nan), np.zeros(3)) == 0.0

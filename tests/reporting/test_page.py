@@ -9,6 +9,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import pairwise
 from typing import get_args
 
 import numpy as np
@@ -326,6 +327,13 @@ def rows(page: Page, caption: str) -> list[list[str]]:
     assert body
     found = re.findall(r"<tr>(.*?)</tr>", body[1], flags=re.DOTALL)
     return [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in found]
+
+
+def test_each_joint_names_both_its_segments() -> None:
+    """The hip of a trunk in one piece is another joint than that of a pelvis; both are called hip."""
+    joints = rows(checked(report(Trial().artefacts())), "Joint centres")
+    names = ["foot", "shank", "thigh", "torso"]
+    assert [[re.sub(r"<[^>]*>", "", cell) for cell in row[1:3]] for row in joints] == [list(p) for p in pairwise(names)]
 
 
 def test_the_effect_of_pinned_joints_is_shown() -> None:

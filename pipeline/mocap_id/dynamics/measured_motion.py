@@ -123,6 +123,26 @@ class JointGap:
         return self.holds or self.above_noise == 0.0
 
 
+@dataclass(frozen=True)
+class Stretch:
+    """Change of a segment's length, from the joint on the body before it to the joint on the body after it.
+
+    If both joints hold, the length is constant. The markers of the segment itself, whose skin moves most, do not count.
+    """
+
+    acceleration: FloatArray  # (T,) second derivative of the length below 3 Hz, m/s²; NaN where unknown
+    # rms change of the length, m, of its velocity, m/s, and of its acceleration, m/s², below 3 Hz
+    visible: tuple[float, float, float]
+    noise: float  # largest rms acceleration that the noise of the cameras alone gives, m/s²
+
+    @property
+    def above_noise(self) -> float:
+        """Rms acceleration that the noise of the cameras does not give, m/s²; 0 if unknown."""
+        known = self.acceleration[np.isfinite(self.acceleration)]
+        square = float(np.mean(known**2)) - self.noise**2 if len(known) else 0.0
+        return float(np.sqrt(max(square, 0.0)))
+
+
 def fill_gaps(poses: BodyPoses) -> tuple[BodyPoses, BoolArray]:
     """Return the poses with short gaps interpolated, and a mask (T,) of the samples with all poses measured."""
     series = np.concatenate([poses.position, poses.angle[..., None]], axis=-1)  # (T, K, 3)
@@ -158,6 +178,30 @@ def measure_gaps(poses: BodyPoses, samples: BoolArray) -> dict[int, JointGap]:
         noise = 2 * factor**2 * poses.camera_variance(joint) * (1 + _NOISE_SD * np.sqrt(2 / independent))
         gaps[joint] = JointGap(size, rms, float(np.sqrt(noise)))
     return gaps
+
+
+def measure_stretch(poses: BodyPoses, joint: int) -> Stretch:
+    """Return the stretch of the segment between a joint (from 0) and the joint before it."""
+    (before, start), (_, _) = poses.sides(joint - 1)
+    (_, _), (after, end) = poses.sides(joint)
+    lowpass = LowPass(min(_GAP_BAND, poses.rate / 5), poses.rate)
+    arms = [planar.rotate(poses.angle[:, k], point - poses.centroid[k]) for k, point in ((before, start), (after, end))]
+    line = poses.position[:, after] + arms[1] - poses.position[:, before] - arms[0]
+    length = np.linalg.norm(line, axis=1)
+    variance = 0.0
+    if poses.camera is not None:
+        for k, arm in zip((before, after), arms, strict=True):
+            across = np.nanmean(((arm[:, 1] * line[:, 0] - arm[:, 0] * line[:, 1]) / length) ** 2)
+            variance += float(poses.camera[k, 0] + across * poses.camera[k, 1])
+    known = erode(np.isfinite(length), lowpass.reach_samples)  # the low-pass keeps the noise of an interval's ends
+    slow = lowpass(length[:, None])
+    velocity, acceleration = _differentiate(slow, poses.rate)
+    course = np.where(known[:, None], np.column_stack([slow - np.nanmean(slow), velocity, acceleration]), np.nan)
+    visible = np.sqrt(np.nanmean(course**2, axis=0)) if np.isfinite(course).all(axis=1).any() else np.zeros(3)
+    factor, share = _respond_to_noise(lowpass)
+    independent = max(share * np.count_nonzero(known), 1.0)
+    noise = factor * np.sqrt(variance * (1 + _NOISE_SD * np.sqrt(2 / independent)))
+    return Stretch(course[:, 2], (float(visible[0]), float(visible[1]), float(visible[2])), float(noise))
 
 
 def _respond_to_noise(lowpass: LowPass) -> tuple[float, float]:

@@ -88,7 +88,7 @@ def find_contact_by_seat_plate(prepared: PreparedTrial, posture: Posture) -> Con
     weight = contact_rules.measure_standing_weight(posture, prepared.measured(offset)[:, 1])
     if np.isnan(weight):  # the person never stands, so feet and chair together carry the weight
         weight = float(np.nanmedian(prepared.recorded.surroundings[:, 1]))
-    threshold = contact_rules.compute_contact_threshold(seat, posture.upright, weight)
+    threshold = contact_rules.compute_contact_threshold(float(np.nanstd(seat[posture.upright])), weight)
     with np.errstate(invalid="ignore"):
         above_noise = contact_rules.find_contact_in_low_phases(posture, seat > threshold)
         touching = contact_rules.extend_contact_to_release(prepared.recorded.time, above_noise, seat)
@@ -121,7 +121,8 @@ def _find_contact_by_seat_force(prepared: PreparedTrial, posture: Posture, first
         measured = prepared.measured(found.offset)[:, 1]
         missing = prepared.rows[:, 1] @ base - measured
         seat_force = smooth(missing[:, None])[:, 0]
-        threshold = contact_rules.compute_contact_threshold(seat_force, found.in_fit, weight)
+        noise = contact_rules.estimate_noise_on_chair(seat_force[found.in_fit], posture.height[found.in_fit])
+        threshold = contact_rules.compute_contact_threshold(noise, weight)
         with np.errstate(invalid="ignore"):
             above_noise = contact_rules.find_contact_in_low_phases(posture, seat_force > threshold)
         if not determines_parameters(prepared, ~above_noise):

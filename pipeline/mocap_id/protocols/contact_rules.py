@@ -5,8 +5,9 @@ is the force that is missing under the feet, and one of three rules finds the co
 
 - ``seat-force`` (default): a model is identified on samples clearly off the chair and predicts the force under the
   feet. The difference from the measured force acts on the chair. There is contact while the vertical difference exceeds
-  four times its standard deviation off the chair; this threshold is limited to 0.5 to 10 % of the standing weight. The
-  contact is then extended to the instant of zero force (:func:`extrapolate_release`).
+  four times the standard deviation of its noise at the height of the chair (:func:`estimate_noise_on_chair`), limited
+  to 0.5 to 10 % of the standing weight. The contact is then extended to the instant of zero force
+  (:func:`extrapolate_release`).
 - ``weight``: the chair is released when the feet carry 72 % of the standing weight. In simulated trials, the chair
   still carries up to a quarter of the weight at that instant.
 - ``knee``: there is no contact while the knee is straighter than 0.8 rad, as in the thesis (6.4.2). This excludes a
@@ -30,7 +31,7 @@ _SEATED = 0.5  # share of the rise: nobody sits higher
 _OFF_CHAIR = 0.4  # share of the rise; above it, the hips are surely off the chair
 _CHAIR_SHARE = 0.8  # share of the weight: if the feet carry less, a chair carries the rest
 _QUIET = 0.1  # share of the maximum speed; below it, a person stands quietly
-_THRESHOLD_SDS = 4.0  # threshold in standard deviations of the chair force while off the chair
+_THRESHOLD_SDS = 4.0  # threshold in standard deviations of the chair force without contact
 _THRESHOLD_RANGE = 0.005, 0.1  # lowest and highest threshold, as shares of the standing weight
 _LOADED = 0.95  # quantile of the chair force that counts as its full load
 
@@ -111,21 +112,41 @@ def extend_contact_to_release(time: FloatArray, touching: BoolArray, seat_force:
     return out
 
 
-def compute_contact_threshold(seat_force: FloatArray, off_chair: BoolArray, weight: float) -> float:
+def estimate_noise_on_chair(seat_force: FloatArray, height: FloatArray) -> float:
+    """Return the standard deviation that a predicted chair force has at the height of the chair, N.
+
+    The noise of the motion acts on the vertical force through the horizontal distances between the joints. These are
+    small in a standing person and largest in a seated one: for a leg that bends, their square is proportional to
+    1 - h². A fit of this course to the squared force finds the noise in the samples without contact.
+
+    Parameters
+    ----------
+    seat_force : (R,) array
+        Vertical force of the chair in samples without contact, N, so that it is noise.
+    height : (R,) array
+        Height h of the hip in these samples, as in :class:`~mocap_id.protocols.posture.Posture`.
+    """
+    known = np.isfinite(seat_force) & np.isfinite(height)
+    if not known.any():
+        return 0.0
+    square = (seat_force[known] - seat_force[known].mean()) ** 2
+    bent = 1.0 - np.clip(height[known], 0.0, 1.0) ** 2
+    spread = float(np.mean((bent - bent.mean()) ** 2))
+    slope = float(np.mean((bent - bent.mean()) * square)) / spread if spread > 0.0 else 0.0
+    return float(np.sqrt(np.mean(square) + max(slope, 0.0) * (1.0 - bent.mean())))
+
+
+def compute_contact_threshold(noise: float, weight: float) -> float:
     """Return the chair force above which there is contact, N.
 
     Parameters
     ----------
-    seat_force : (T,) array
-        Vertical force of the chair, N: measured, or the force under the feet that a model predicts minus the measured
-        force under the feet.
-    off_chair : (T,) bool array
-        Samples from which the standard deviation of this force is computed.
+    noise : float
+        Standard deviation of the chair's force without contact, N.
     weight : float
         Standing weight, N.
     """
-    sd = float(np.nanstd(seat_force[off_chair]))
-    return float(np.clip(_THRESHOLD_SDS * sd, _THRESHOLD_RANGE[0] * weight, _THRESHOLD_RANGE[1] * weight))
+    return float(np.clip(_THRESHOLD_SDS * noise, _THRESHOLD_RANGE[0] * weight, _THRESHOLD_RANGE[1] * weight))
 
 
 def extrapolate_release(time: FloatArray, force: FloatArray, last_visible: float, full: float) -> float:

@@ -100,7 +100,9 @@ def _list_joints(data: ReportData, motion: MotionEntry) -> Grid:
         number("acceleration below 3 Hz (m/s²)", lambda row: row[1].acceleration_m_s2),
         text("in the dynamics", describe_treatment),
     )
-    caption = "Gap between the two sides of each joint (rms). A joint with at most 0.03 m/s² (noise) is pinned"
+    caption = (
+        "Gap between the two sides of each joint (rms). A joint whose gap is within the noise of the cameras is pinned"
+    )
     return to_grid(caption, list((motion.joints or {}).items()), columns)
 
 

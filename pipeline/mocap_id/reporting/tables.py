@@ -28,10 +28,12 @@ _IN_PLANE = ("Fx", "Fy", "tauz")
 def list_joints(summary: Summary) -> Grid:
     """Return a table of the centres and arcs of the joints; in space, also of their kinds."""
     names, in_space = summary.segments.names or [], summary.space == "3d"
+    moved = dict(zip([joint.name for joint in summary.joints or ()], names[1:], strict=False))
     columns = (
         text("joint", "name"),
         *([text("kind", "kind")] if in_space else []),
         text("fixed to", lambda joint: names[joint.parent] if 0 <= joint.parent < len(names) else joint.parent),
+        text("moves", lambda joint: moved.get(joint.name)),
         *(_make_centre_column(k) for k in range(3 if in_space else 2)),
         number("arc (deg)", "arc_deg", 1),
         *(

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import ComplexArray, FloatArray, IntArray, as_complex
+from mocap_id.arrays import ComplexArray, FloatArray, IntArray, as_complex, as_xy
+from mocap_id.dynamics.measured_motion import BodyPoses, Stretch, fill_gaps, measure_stretch
 from mocap_id.estimation.inverse_kinematics import MarkerChain
 from mocap_id.kinematics.cluster_poses import ClusterPose, measure_cluster
 from mocap_id.kinematics.heel_lift import find_moving_markers
@@ -23,14 +24,24 @@ _ONE_BODY = ("pelvis", "trunk")  # each has few markers, so the pose of both as 
 
 
 def measure_poses(
-    view: Trajectories, chain: MarkerChain, skeleton: Skeleton, *, observed: FloatArray, angles: FloatArray
-) -> tuple[Table, HipShift]:
-    """Return poses.parquet, the measured poses of all bodies of the dynamics, and the effect of a trunk that bends.
+    view: Trajectories,
+    chain: MarkerChain,
+    skeleton: Skeleton,
+    *,
+    observed: FloatArray,
+    angles: FloatArray,
+    camera: float,
+) -> tuple[Table, HipShift, Stretch | None]:
+    """Return poses.parquet, the effect of a trunk that bends, and the stretch of the segment below the hip.
+
+    The table contains the measured poses of all bodies of the dynamics. The stretch is None without the poses of the
+    bodies around this segment.
 
     A body whose markers do not determine a pose has no columns. The facts list the bodies in the order of the columns.
     Pelvis and trunk are included separately and as one body, the torso. ``chain`` includes the markers of the base.
     ``observed`` (F, K, 2) are the markers of the moving segments, m; NaN where they are not used for the states. The
-    mean of ``angles`` (F, n), rad, is the posture in which pelvis and trunk are one body.
+    mean of ``angles`` (F, n), rad, is the posture in which pelvis and trunk are one body. ``camera`` is the standard
+    deviation of a coordinate due to camera noise, m.
     """
     columns = {label: column for column, label in enumerate(view.labels)}
     labels = skeleton.markers
@@ -68,7 +79,34 @@ def measure_poses(
         if ankle is not None and fact["segments"] == [1]:
             fact["joint_m"] = [[place.real, place.imag] for place in (ankle.foot, ankle.shank)]
             fact["joint_sd_m"] = ankle.sd
-    return Table(POSES, _columns(view, [pose for *_, pose in found]), {"bodies": facts}), shift
+    table = Table(POSES, _columns(view, [pose for *_, pose in found]), {"bodies": facts})
+    return table, shift, _measure_thigh(view, chain, bodies, above - 1, camera)
+
+
+def _measure_thigh(
+    view: Trajectories,
+    chain: MarkerChain,
+    bodies: Sequence[tuple[list[int], ClusterPose]],
+    hip: int,
+    camera: float,
+) -> Stretch | None:
+    """Return the stretch of the segment below the joint ``hip`` (from 0); None without the poses around it."""
+    single = {numbers[0]: pose for numbers, pose in bodies if len(numbers) == 1}
+    if hip < 1 or not {hip - 1, hip, hip + 1} <= single.keys():
+        return None
+    three = [single[number] for number in (hip - 1, hip, hip + 1)]
+    spread = [float(np.sum(np.abs(pose.local - pose.local.mean()) ** 2)) for pose in three]
+    poses = BodyPoses(
+        time=view.time,
+        position=np.stack([as_xy(pose.position) for pose in three], axis=1),
+        angle=np.stack([pose.angle for pose in three], axis=1),
+        centroid=np.array([as_xy(pose.local).mean(axis=0) for pose in three]),
+        information=np.ones((3, 2)),
+        body=np.arange(3),
+        centres=chain.centres[[hip - 1, hip]],
+        camera=camera**2 * np.array([[1 / len(each.local), 1 / s] for each, s in zip(three, spread, strict=True)]),
+    )
+    return measure_stretch(fill_gaps(poses)[0], 1)
 
 
 def _estimate_hip_shift(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, as_complex, chunks
+from mocap_id.dynamics.measured_motion import Stretch
 from mocap_id.estimation import FRAMEWISE, FilterSettings, States, smooth
 from mocap_id.estimation.chain_residuals import ChainResiduals
 from mocap_id.estimation.dropouts import find_rejected_segments
@@ -76,12 +77,18 @@ def ukf_smooth(context: Context) -> Outputs:
     camera = estimate_camera_sd(observed, states, settings.marker_sd_floor)
     skin = estimate_skin(states, observed, camera) if tree.facts.get("estimator") == "bundle" else None
     spectrum = compute_residual_spectrum(ChainResiduals(states, observed, view.rate))
-    poses, shift = measure_poses(view, chain, skeleton, observed=observed, angles=states.mean[:, :, 0])
-    bend = None
+    poses, shift, thigh = measure_poses(
+        view, chain, skeleton, observed=observed, angles=states.mean[:, :, 0], camera=camera
+    )
+    bend = stretch = None
+    if thigh is not None and "hip" in skeleton.joints:
+        stretch = (skeleton.joints.index("hip"), thigh)
     if shift.across is not None and abs(shift.place) >= BENDS_M:
         hip = skeleton.joints.index("hip")
         bend = (hip, shift.across / float(np.linalg.norm(chain.centres[hip])))
-    states, sd_holds = _add_sd(states, observed, skin, camera, bend, spectrum=spectrum, settings=settings)
+    states, sd_holds = _add_sd(
+        states, observed, skin, camera, bend, stretch=stretch, spectrum=spectrum, settings=settings
+    )
     if sensors.joints is not None:
         states.sd[:, sensors.joints, 2] *= _ACCELERATION_SHARE
     del observed
@@ -176,13 +183,14 @@ def _add_sd(
     camera: float,
     bend: tuple[int, FloatArray] | None,
     *,
+    stretch: tuple[int, Stretch] | None,
     spectrum: ResidualSpectrum,
     settings: UkfSmoothSettings,
 ) -> tuple[States, str]:
     """Return the states with standard deviations that include skin motion if ``skin`` is given, and what they contain.
 
-    ``bend`` is as for :func:`estimate_lasting_errors`. The second result is ``UNKNOWN``, ``NOISE`` or ``SKIN`` of
-    :mod:`mocap_id.stages.ukf_smooth.state_errors`.
+    ``bend`` and ``stretch`` are as for :func:`estimate_lasting_errors`. The second result is ``UNKNOWN``, ``NOISE`` or
+    ``SKIN`` of :mod:`mocap_id.stages.ukf_smooth.state_errors`.
     """
     if settings.method in FRAMEWISE:  # the errors of these methods are unknown
         return states, UNKNOWN
@@ -190,7 +198,7 @@ def _add_sd(
         return replace(states, sd=np.full_like(states.sd, np.nan)), UNKNOWN
     if skin is None or settings.method == "two-filter":
         return states, NOISE
-    errors = estimate_lasting_errors(states, observed, skin, camera, spectrum, bend=bend)
+    errors = estimate_lasting_errors(states, observed, skin, camera, spectrum, bend=bend, stretch=stretch)
     return replace(states, sd=add_lasting_errors(states, spectrum.rate, errors)), SKIN
 
 
