@@ -151,12 +151,17 @@ def test_the_document_of_another_trial_is_refused(lab: Path) -> None:
 
 def test_exported_files_of_another_trial_are_refused(lab: Path, cli: Callable[..., Any]) -> None:
     (lab / "sts.yaml").write_text(json.dumps({"trial": "sts", "recording": "p2/sts.trc", "out": "other"}))
-    assert cli("export", "runs/sts", "--to", "trc", "--out", "exports").code == 0
-    before = (lab / "exports" / "sts.trc").read_bytes()
-    said = cli("export", "sts.yaml", "--to", "trc", "--out", "exports", "-q")
-    assert said.code == 6
-    assert "exists already" in said.err
-    assert (lab / "exports" / "sts.trc").read_bytes() == before
+    for options in ((), ("--force",)):
+        assert cli("export", "runs/sts", "--to", "trc", "--out", "exports", *options).code == 0
+    assert cli("export", "runs/sts", "--to", "csv", "--out", "exports").code == 0
+    assert cli("export", "runs/p2-sts", "--to", "trc", "--out", "exports").code == 0, "the names differ"
+    before = {path: path.read_bytes() for path in (lab / "exports").rglob("*") if path.is_file()}
+    for options in (("trc",), ("mot",), ("trc", "--force")):
+        said = cli("export", "sts.yaml", "--out", "exports", "-q", "--to", *options)
+        assert said.code == 6
+        assert f"contains the results of `sts` ({Path('runs', 'sts')})" in said.err
+        assert "The results of `sts` (other)" in said.err
+    assert before == {path: path.read_bytes() for path in (lab / "exports").rglob("*") if path.is_file()}
 
 
 def test_a_demo_or_simulation_never_takes_the_folder_of_a_trial(lab: Path, cli: Callable[..., Any]) -> None:
