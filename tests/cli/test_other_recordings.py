@@ -182,6 +182,18 @@ def test_the_table_of_another_batch_is_refused(lab: Path, cli: Callable[..., Any
     assert said.code == 6
     assert "sts" in said.err
     assert "p2-sts" in said.err
+    for person in ("p1", "p2", "p3"):
+        (lab / person).mkdir(exist_ok=True)
+        source = f"../{'p1' if person == 'p3' else person}/sts.trc"
+        (lab / person / "own.yaml").write_text(json.dumps({"trial": "sts", "recording": source}))
+    (lab / "p2" / "wrong.yaml").write_text("trial: sts\nrecording: missing\nout: [1]\n")
+    for folders, code in (("p1 p2", 0), ("p1", 0), ("p1 p2", 0), ("p2", 0), ("p2", 0), ("p3", 6)):
+        said = cli("batch", *(f"{name}/own.yaml" for name in folders.split()), "-q", "--out", "people.parquet")
+        assert said.code == code, folders
+    assert f"other trials ({Path('p2', 'own.yaml')})" in said.err
+    assert f"this batch ({Path('p3', 'own.yaml')})" in said.err
+    for _ in range(2):
+        assert cli("batch", "p2", "-q", "--out", "unreadable.parquet").code == 1, "one trial has no folder"
     (lab / "own.parquet").write_bytes(b"other data")
     assert cli("batch", "runs/sts", "-q", "--out", "own.parquet").code == 6
     assert (lab / "own.parquet").read_bytes() == b"other data"

@@ -138,3 +138,14 @@ def test_plate_on_channels_above_255(tmp_path: Path) -> None:
     (plate,) = recording.read(path).plates
     assert plate.usable, plate.problem
     assert abs(plate.mean_vertical()) == pytest.approx(710.0)
+
+
+def test_a_trajectory_that_occurs_twice_is_one_measurement(tmp_path: Path) -> None:
+    """Copies have the same errors: counted as measurements, they make the stated noise and intervals too small."""
+    points = np.concatenate([person(), person()[:, [2, 7]]], axis=1)
+    found = read(tmp_path, points, [*NAMES, NAMES[2], "other"])
+    assert found.labels == tuple(NAMES)
+    assert [note for note in found.oddities if "copies" in note] == [
+        "2 trajectories are exact copies of others and were left out: M2, other. A second measurement would not be "
+        "equal: export each marker once"
+    ]

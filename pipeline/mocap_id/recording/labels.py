@@ -83,7 +83,8 @@ def leave_out_objects(naming: MarkerNames, positions: FloatArray) -> tuple[Marke
 
     A prefix whose markers keep their distances, such as ``BOX:``, is an object if another prefix carries a body. Where
     the person has labels, trajectories without a label are left out if they are pieces, seen in less than half of the
-    frames, or if the file calls them unlabelled.
+    frames, or if the file calls them unlabelled. Exact copies of another trajectory are left out: they are no
+    measurements of their own.
     """
     frames = positions[:: max(1, len(positions) // _COMPARED_FRAMES)]
     prefixes = [prefix for prefix, _ in naming.parts]
@@ -100,6 +101,17 @@ def leave_out_objects(naming: MarkerNames, positions: FloatArray) -> tuple[Marke
                 f"{int(out.sum())} trajectories without a label, such as pieces and reflections, were left out: "
                 "label those that belong to the person"
             )
+    copies: dict[bytes, list[int]] = {}
+    for k in np.flatnonzero(~out & np.isfinite(positions).any(axis=(0, 2))):
+        copies.setdefault(np.nan_to_num(positions[:, k]).tobytes(), []).append(int(k))
+    twice = sorted(k for same in copies.values() for k in same[1:])
+    if twice:
+        out[twice] = True
+        names = ", ".join(dict.fromkeys(naming.parts[k][1] for k in twice[:4])) + (" …" if len(twice) > 4 else "")
+        notes.append(
+            f"{len(twice)} trajectories are exact copies of others and were left out: {names}. A second measurement "
+            "would not be equal: export each marker once"
+        )
     groups = {prefix: np.array([each == prefix for each in prefixes]) & ~out for prefix in dict.fromkeys(prefixes)}
     if len(groups) == 1:
         groups = {}
