@@ -149,3 +149,11 @@ def test_a_trajectory_that_occurs_twice_is_one_measurement(tmp_path: Path) -> No
         "2 trajectories are exact copies of others and were left out: M2, other. A second measurement would not be "
         "equal: export each marker once"
     ]
+
+
+def test_an_unlabelled_marker_far_from_the_person_is_left_out(tmp_path: Path) -> None:
+    """It is seen all the time; that of the person, between the labelled ones, is kept."""
+    points = np.concatenate([person(), person()[:, :3] + np.array([1500, 0, 0]), person()[:, 6:7] + 40], axis=1)
+    found = read(tmp_path, points, [*NAMES, "*12", "*13", "*14", "*15"])
+    assert found.labels == (*NAMES, "*15")
+    assert found.left_out == ("*12", "*13", "*14")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import re
 from collections import Counter
@@ -83,8 +84,8 @@ def leave_out_objects(naming: MarkerNames, positions: FloatArray) -> tuple[Marke
 
     A prefix whose markers keep their distances, such as ``BOX:``, is an object if another prefix carries a body. Where
     the person has labels, trajectories without a label are left out if they are pieces, seen in less than half of the
-    frames, or if the file calls them unlabelled. Exact copies of another trajectory are left out: they are no
-    measurements of their own.
+    frames, if they are far from the person, or if the file calls them unlabelled. Exact copies of another trajectory
+    are left out: they are no measurements of their own.
     """
     frames = positions[:: max(1, len(positions) // _COMPARED_FRAMES)]
     prefixes = [prefix for prefix, _ in naming.parts]
@@ -96,6 +97,11 @@ def leave_out_objects(naming: MarkerNames, positions: FloatArray) -> tuple[Marke
         out = unlabelled | np.array(called, dtype=bool)
         rest = np.flatnonzero(~named & ~out)
         out[rest] = np.isfinite(positions[:, rest]).all(axis=2).mean(axis=0) < 0.5
+        person = frames[:, named & ~unlabelled]
+        for k in rest:
+            distance = np.linalg.norm(person - frames[:, k, None], axis=2)
+            nearest = np.min(distance, axis=1, where=np.isfinite(distance), initial=np.inf)
+            out[k] |= bool(np.median(nearest) > _PEOPLE_APART_M)
         if out.any():
             notes.append(
                 f"{int(out.sum())} trajectories without a label, such as pieces and reflections, were left out: "
@@ -103,7 +109,7 @@ def leave_out_objects(naming: MarkerNames, positions: FloatArray) -> tuple[Marke
             )
     copies: dict[bytes, list[int]] = {}
     for k in np.flatnonzero(~out & np.isfinite(positions).any(axis=(0, 2))):
-        copies.setdefault(np.nan_to_num(positions[:, k]).tobytes(), []).append(int(k))
+        copies.setdefault(hashlib.sha256(np.nan_to_num(positions[:, k]).tobytes()).digest(), []).append(int(k))
     twice = sorted(k for same in copies.values() for k in same[1:])
     if twice:
         out[twice] = True
