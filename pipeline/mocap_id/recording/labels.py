@@ -112,13 +112,12 @@ def leave_out_objects(naming: MarkerNames, positions: FloatArray) -> tuple[Marke
     for k in np.flatnonzero(~out & np.isfinite(positions).any(axis=(0, 2))):
         copies.setdefault(hashlib.sha256(np.nan_to_num(positions[:, k]).tobytes()).digest(), []).append(int(k))
     for same in copies.values():
-        names = [naming.labels[k] for k in same]
         out[[k for k in same[1:] if naming.parts[k] == naming.parts[same[0]]]] = True
         if len(same) > 1:
             notes.append(
-                f"the trajectories {', '.join(names[:4])} are exactly equal: those with the same label were left out, "
-                "and those with another count as measurements of their own, although they are none. Export each marker "
-                "once, or leave it out with `planarise: {ignore: […]}`"
+                f"the trajectories {', '.join(naming.labels[k] for k in same[:4])} are exactly equal: those with the "
+                "same label were left out, and those with another label are used like separate measurements, although "
+                "they are none. Export each marker once, or leave one out with `planarise: {ignore: […]}`"
             )
     groups = {prefix: np.array([each == prefix for each in prefixes]) & ~out for prefix in dict.fromkeys(prefixes)}
     if len(groups) == 1:
