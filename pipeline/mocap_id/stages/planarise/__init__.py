@@ -90,7 +90,7 @@ def _planarise_in_its_space(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="planarise",
-    version=10,
+    version=11,
     inputs=(),
     outputs=("planar.parquet", "wrench.parquet"),
     uses=("recording", "space", "side", "landmarks", "protocol", "window", "plates", "external", "guessed"),
