@@ -151,12 +151,17 @@ def test_the_document_of_another_trial_is_refused(lab: Path) -> None:
 
 def test_exported_files_of_another_trial_are_refused(lab: Path, cli: Callable[..., Any]) -> None:
     (lab / "sts.yaml").write_text(json.dumps({"trial": "sts", "recording": "p2/sts.trc", "out": "other"}))
-    assert cli("export", "runs/sts", "--to", "trc", "--out", "exports").code == 0
-    before = (lab / "exports" / "sts.trc").read_bytes()
-    said = cli("export", "sts.yaml", "--to", "trc", "--out", "exports", "-q")
-    assert said.code == 6
-    assert "exists already" in said.err
-    assert (lab / "exports" / "sts.trc").read_bytes() == before
+    for options in ((), ("--force",)):
+        assert cli("export", "runs/sts", "--to", "trc", "--out", "exports", *options).code == 0
+    assert cli("export", "runs/sts", "--to", "csv", "--out", "exports").code == 0
+    assert cli("export", "runs/p2-sts", "--to", "trc", "--out", "exports").code == 0, "the names differ"
+    before = {path: path.read_bytes() for path in (lab / "exports").rglob("*") if path.is_file()}
+    for options in (("trc",), ("mot",), ("trc", "--force")):
+        said = cli("export", "sts.yaml", "--out", "exports", "-q", "--to", *options)
+        assert said.code == 6
+        assert f"contains the results of `sts` ({Path('runs', 'sts')})" in said.err
+        assert "The results of `sts` (other)" in said.err
+    assert before == {path: path.read_bytes() for path in (lab / "exports").rglob("*") if path.is_file()}
 
 
 def test_a_demo_or_simulation_never_takes_the_folder_of_a_trial(lab: Path, cli: Callable[..., Any]) -> None:
@@ -177,6 +182,18 @@ def test_the_table_of_another_batch_is_refused(lab: Path, cli: Callable[..., Any
     assert said.code == 6
     assert "sts" in said.err
     assert "p2-sts" in said.err
+    for person in ("p1", "p2", "p3"):
+        (lab / person).mkdir(exist_ok=True)
+        source = f"../{'p1' if person == 'p3' else person}/sts.trc"
+        (lab / person / "own.yaml").write_text(json.dumps({"trial": "sts", "recording": source}))
+    (lab / "p2" / "wrong.yaml").write_text("trial: sts\nrecording: missing\nout: [1]\n")
+    for folders, code in (("p1 p2", 0), ("p1", 0), ("p1 p2", 0), ("p2", 0), ("p2", 0), ("p3", 6)):
+        said = cli("batch", *(f"{name}/own.yaml" for name in folders.split()), "-q", "--out", "people.parquet")
+        assert said.code == code, folders
+    assert f"other trials ({Path('p2', 'own.yaml')})" in said.err
+    assert f"this batch ({Path('p3', 'own.yaml')})" in said.err
+    for _ in range(2):
+        assert cli("batch", "p2", "-q", "--out", "unreadable.parquet").code == 1, "one trial has no folder"
     (lab / "own.parquet").write_bytes(b"other data")
     assert cli("batch", "runs/sts", "-q", "--out", "own.parquet").code == 6
     assert (lab / "own.parquet").read_bytes() == b"other data"

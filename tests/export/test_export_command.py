@@ -10,7 +10,8 @@ import pytest
 
 
 def files(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir()} if folder.exists() else {}
+    visible = folder.glob("[!.]*") if folder.exists() else ()
+    return {path.name: path.read_bytes() for path in visible}
 
 
 def test_files_are_named_on_stdout_and_notes_on_stderr(cli, links, tmp_path: Path) -> None:
@@ -19,6 +20,17 @@ def test_files_are_named_on_stdout_and_notes_on_stderr(cli, links, tmp_path: Pat
     assert {Path(line).name for line in said.out.splitlines()} == set(files(tmp_path / "out"))
     assert "note: osim: inertial parameters" in said.err
     assert cli("export", links(), "--to", "trc", "--out", tmp_path / "again", "-q").err == ""
+
+
+@pytest.mark.parametrize("content", ["[]", "{}", "3", '{"schema": "other"}', "[" * 100_000])
+def test_another_file_in_place_of_the_summary_is_named(cli, links, tmp_path: Path, content: str) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(links(), run)
+    (run / "summary.json").write_text(content)
+    for command in (("export", run, "--to", "trc", "--force"), ("compare", run, links())):
+        said = cli(*command)
+        assert said.code == 6
+        assert "summary.json cannot be read" in said.err
 
 
 def test_nothing_is_overwritten_unless_forced(cli, links, tmp_path: Path) -> None:

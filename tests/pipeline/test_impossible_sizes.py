@@ -69,6 +69,13 @@ def test_a_thigh_is_not_called_shank(tmp_path: Path) -> None:
         ({"shank": 0.16, "thigh": 0.17}, {}, "in any person"),
         ({"shank": 0.16, "thigh": 0.17}, {"height": 0.68}, None),
         ({"shank": 0.44, "thigh": 0.32}, {"height": 1.74, "sex": "female"}, None),
+        ({"shank": 0.42, "thigh": 0.41, "pelvis": 0.62}, {"height": 1.86}, None),
+        (
+            {"shank": 0.42, "thigh": 0.41, "pelvis": 0.92},
+            {"height": 1.86},
+            "pelvis is 0.92 m long, expected at most 0.74",
+        ),
+        ({"shank": 0.42, "thigh": 0.41, "pelvis": 0.92}, {}, "pelvis is 0.92 m long, expected at most 0.84 m"),
         ({"foot": 0.12, "pelvis": 0.02, "segment 1": 3.0}, {}, None),
     ],
 )

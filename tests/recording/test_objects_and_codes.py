@@ -52,10 +52,11 @@ def test_objects_with_a_prefix_are_left_out_and_the_person_keeps_bare_names(tmp_
     assert not any(word in notes for word in ("BODY", "BOX", "TABLE"))  # a prefix may be the name of a person
 
 
-@pytest.mark.parametrize("other", ["M", "N"])
+@pytest.mark.parametrize("other", ["B:M", "B:N", "M", "B_M", "my.B_M"])
 def test_a_trial_has_one_person(tmp_path: Path, other: str) -> None:
-    """Two people are refused, with the same marker set or another, until one is chosen."""
-    labels = [f"A:{n}" for n in NAMES] + [f"B:{other}{k}" for k in range(12)]
+    """Two people are refused, with the same marker set or another, or with the same labels, until one is chosen."""
+    own = {"M": "", "B_M": "A_", "my.B_M": "my.A_"}.get(other, "A:")
+    labels = [f"{own}{n}" for n in NAMES] + [f"{other}{k}" for k in range(12)]
     found = read(tmp_path, np.concatenate([person(), person() + np.array([0, 1500, 0])], axis=1), labels)
     assert len(found.labels) == 24
     assert found.people == ("subject-1:", "subject-2:")
@@ -138,3 +139,20 @@ def test_plate_on_channels_above_255(tmp_path: Path) -> None:
     (plate,) = recording.read(path).plates
     assert plate.usable, plate.problem
     assert abs(plate.mean_vertical()) == pytest.approx(710.0)
+
+
+def test_a_trajectory_that_occurs_twice_is_one_measurement(tmp_path: Path) -> None:
+    """Copies have the same errors: counted as measurements, they make the stated noise and intervals too small."""
+    points = np.concatenate([person(), person()[:, [2, 7]]], axis=1)
+    found = read(tmp_path, points, [*NAMES, NAMES[2], "other"])
+    assert found.labels == (*NAMES, "other"), "another label may be that of a landmark"
+    notes = [note for note in found.oddities if "exactly equal" in note]
+    assert [note.split(" are ")[0] for note in notes] == ["the trajectories M2, M2#2", "the trajectories M7, other"]
+
+
+def test_an_unlabelled_marker_far_from_the_person_is_left_out(tmp_path: Path) -> None:
+    """It is seen all the time; that of the person, between the labelled ones, is kept."""
+    points = np.concatenate([person(), person()[:, :3] + np.array([1500, 0, 0]), person()[:, 6:7] + 40], axis=1)
+    found = read(tmp_path, points, [*NAMES, "*12", "*13", "*14", "*15"])
+    assert found.labels == (*NAMES, "*15")
+    assert found.left_out == ("*12", "*13", "*14")

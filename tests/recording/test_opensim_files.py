@@ -105,6 +105,19 @@ def test_z_up_is_recognised_by_the_force(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.positions, POSITIONS, atol=1e-6)
 
 
+@pytest.mark.parametrize("markers_up", ["Y", "Z"])
+def test_files_with_different_axes_are_refused(tmp_path: Path, markers_up: str) -> None:
+    """The markers were turned with the force, and no chain was found in a body that lies on the ground."""
+    person = np.tile(np.random.default_rng(4).uniform([0, -0.1, 0], [0.4, 0.3, 1.6], (1, 12, 3)), (FRAMES, 1, 1))
+    markers = trc(person @ TO_Y_UP.T if markers_up == "Y" else person)
+    both = write(tmp_path, markers, mot(force_columns(turn=TO_Y_UP if markers_up == "Y" else np.eye(3))))
+    np.testing.assert_allclose(both.positions, person, rtol=0, atol=1e-6)
+    other = {"Y": "Z", "Z": "Y"}[markers_up]
+    found = f"acts along {other}, but the markers in trial.trc stand along {markers_up}"
+    with pytest.raises(RecordingError, match=found):
+        write(tmp_path, markers, mot(force_columns(turn=TO_Y_UP if other == "Y" else np.eye(3))))
+
+
 def test_without_forces_y_up_is_assumed(tmp_path: Path) -> None:
     found = write(tmp_path, trc(POSITIONS @ TO_Y_UP.T))
     assert found.vertical == "Y"

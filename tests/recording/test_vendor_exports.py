@@ -243,3 +243,35 @@ def test_the_last_number_may_have_lost_digits_although_the_number_of_rows_is_rig
     found = recording.read(path)
     assert np.isnan(found.positions[-1, -1]).any()
     assert any("its last number may have lost digits" in note for note in found.oddities)
+
+
+@pytest.mark.parametrize("blank", ["", ",,,", ","])
+def test_a_blank_line_among_the_frames_of_nexus_ends_nothing(tmp_path: Path, blank: str) -> None:
+    """The frames below it were not read, without a word."""
+    lines = nexus().split("\n")
+    first = next(k for k, line in enumerate(lines) if line.startswith("1,0,") and k > 10)
+    lines.insert(first + 8, blank)
+    text = "\n".join([*lines, "Joints", "100", ",,hip,,", "Frame,Sub Frame,X,Y,Z", ",,deg,deg,deg", "1,0,1,2,3", ""])
+    check(read(tmp_path / "sts.csv", text))
+
+
+@pytest.mark.parametrize("format", ["qtm", "untimed qtm", "motive", "nexus", "trc"])
+def test_a_line_that_has_lost_a_cell_is_refused(tmp_path: Path, format: str) -> None:
+    """All coordinates to the right of the lost cell were those of another axis or marker."""
+    trc = ["PathFileType\t4", "DataRate\tNumFrames\tNumMarkers\tUnits", f"100\t{FRAMES}\t3\tmm"]
+    trc += ["Frame#\tTime\t" + "\t\t\t".join(LABELS), "\t\tX1\tY1\tZ1\tX2\tY2\tZ2\tX3\tY3\tZ3"]
+    trc += ["\t".join([str(k + 1), f"{k / 100:.2f}", *cells(row)]) for k, row in enumerate(POSITIONS)]
+    text, name = {
+        "qtm": (qtm(timed=True).replace("\r\n", "\n"), "sts.tsv"),
+        "untimed qtm": (qtm(timed=False).replace("\r\n", "\n"), "sts.tsv"),
+        "motive": (motive(body=False), "sts.csv"),
+        "nexus": (nexus(), "sts.csv"),
+        "trc": ("\n".join([*trc, ""]), "sts.trc"),
+    }[format]
+    lines = text.split("\n")
+    between = "," if name.endswith("csv") else "\t"
+    lost = f"{POSITIONS[10, 1, 0]:.3f}{between}"
+    at = next(k for k, line in enumerate(lines) if lost in line)
+    lines[at] = lines[at].replace(lost, "")
+    with pytest.raises(RecordingError, match=rf"line {at + 1} ends between the coordinates of a marker"):
+        read(tmp_path / name, "\n".join(lines))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -83,9 +84,11 @@ def leave_out_objects(naming: MarkerNames, positions: FloatArray) -> tuple[Marke
 
     A prefix whose markers keep their distances, such as ``BOX:``, is an object if another prefix carries a body. Where
     the person has labels, trajectories without a label are left out if they are pieces, seen in less than half of the
-    frames, or if the file calls them unlabelled.
+    frames, if they are far from the person, or if the file calls them unlabelled. A trajectory that is equal to another
+    of the same label is left out; if only the labels differ, there is a note.
     """
     frames = positions[:: max(1, len(positions) // _COMPARED_FRAMES)]
+    naming = _separate_repeated_labels(naming, frames)
     prefixes = [prefix for prefix, _ in naming.parts]
     unlabelled = np.array([bool(prefix) and bool(_UNLABELLED.match(prefix)) for prefix in prefixes], dtype=bool)
     named = np.array([not _UNLABELLED.match(name) for _, name in naming.parts], dtype=bool)
@@ -95,10 +98,26 @@ def leave_out_objects(naming: MarkerNames, positions: FloatArray) -> tuple[Marke
         out = unlabelled | np.array(called, dtype=bool)
         rest = np.flatnonzero(~named & ~out)
         out[rest] = np.isfinite(positions[:, rest]).all(axis=2).mean(axis=0) < 0.5
+        person = frames[:, named & ~unlabelled]
+        for k in rest:
+            distance = np.linalg.norm(person - frames[:, k, None], axis=2)
+            nearest = np.min(distance, axis=1, where=np.isfinite(distance), initial=np.inf)
+            out[k] |= bool(np.median(nearest) > _PEOPLE_APART_M)
         if out.any():
             notes.append(
                 f"{int(out.sum())} trajectories without a label, such as pieces and reflections, were left out: "
                 "label those that belong to the person"
+            )
+    copies: dict[bytes, list[int]] = {}
+    for k in np.flatnonzero(~out & np.isfinite(positions).any(axis=(0, 2))):
+        copies.setdefault(hashlib.sha256(np.nan_to_num(positions[:, k]).tobytes()).digest(), []).append(int(k))
+    for same in copies.values():
+        out[[k for k in same[1:] if naming.parts[k] == naming.parts[same[0]]]] = True
+        if len(same) > 1:
+            notes.append(
+                f"the trajectories {', '.join(naming.labels[k] for k in same[:4])} are exactly equal: those with the "
+                "same label were left out, and those with another label are used like separate measurements, although "
+                "they are none. Export each marker once, or leave one out with `planarise: {ignore: […]}`"
             )
     groups = {prefix: np.array([each == prefix for each in prefixes]) & ~out for prefix in dict.fromkeys(prefixes)}
     if len(groups) == 1:
@@ -125,7 +144,7 @@ def leave_out_objects(naming: MarkerNames, positions: FloatArray) -> tuple[Marke
         nearest = [np.linalg.norm(a[:, None] - b, axis=2).min() for a, b in itertools.combinations(middle, 2)]
         people = people if min(nearest) > _PEOPLE_APART_M else []
     if not out.any() and not people:
-        return naming, positions
+        return replace(naming, oddities=(*naming.oddities, *notes)), positions
     kept = np.flatnonzero(~out).tolist()
     parts = [naming.parts[i] for i in kept]
     again = name_markers([f"{prefix}:{name}" if prefix else name for prefix, name in parts], apart=bool(people))
@@ -140,6 +159,38 @@ def leave_out_objects(naming: MarkerNames, positions: FloatArray) -> tuple[Marke
         tuple(f"subject-{numbers[prefix]}:" for prefix in people),
     )
     return left, positions[:, kept] if out.any() else positions
+
+
+def _separate_repeated_labels(naming: MarkerNames, frames: FloatArray) -> MarkerNames:
+    """Return the names with a prefix for each person, if two or more people have the same labels without a colon.
+
+    Either labels occur several times, or they begin with several words and a separator. Trajectories of one label are
+    those of several people if at least five labels occur so, all usually far apart, and if every person bends.
+    """
+    if any(prefix for prefix, _ in naming.parts):
+        return naming
+    names = [name for _, name in naming.parts]
+    ways = [[(str(names[:k].count(name)), name) for k, name in enumerate(names)]]
+    for mark in "_-. ":
+        for first in (True, False):
+            cuts = [name.find(mark) if first else name.rfind(mark) for name in names]
+            ways.append([(name[: max(cut, 0)], name[cut + 1 :]) for name, cut in zip(names, cuts, strict=True)])
+    for parts in ways:
+        places: dict[str, list[int]] = {}
+        for k, (prefix, name) in enumerate(parts):
+            if prefix and name:
+                places.setdefault(name, []).append(k)
+        pairs = [pair for same in places.values() for pair in itertools.pairwise(same)]
+        distances = [np.linalg.norm(frames[:, a] - frames[:, b], axis=1) for a, b in pairs]
+        apart = [np.median(each[np.isfinite(each)]) > _PEOPLE_APART_M for each in distances if np.isfinite(each).any()]
+        if len(apart) < _BODY_MARKERS or not all(apart):
+            continue
+        people = {parts[k][0] for pair in pairs for k in pair}
+        groups = [[k for k, (prefix, _) in enumerate(parts) if prefix == each] for each in people]
+        changes = [_measure_distance_changes(frames[:, group]) for group in groups]
+        if all((change > _BENT_M).sum() > _BENT_PAIRS * len(change) for change in changes):
+            return replace(naming, parts=tuple(parts))
+    return naming
 
 
 def _measure_distance_changes(positions: FloatArray) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,12 +11,13 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, find_runs
 from mocap_id.errors import ConfigError, RecordingError
-from mocap_id.recording.axes import check_axis
+from mocap_id.recording.axes import check_axis, nearest_axis, to_z_up
 from mocap_id.recording.c3d_reader import read_c3d
 from mocap_id.recording.held_samples import HeldSamples, find_held, list_held
 from mocap_id.recording.ktk_file import MAGIC, read_ktk
+from mocap_id.recording.marker_positions import thin_frames
 from mocap_id.recording.marker_table import MarkerTable, ReadingOptions, assemble_recording
-from mocap_id.recording.model import Recording
+from mocap_id.recording.model import Plate, Recording
 from mocap_id.recording.mot_plates import find_force_columns, read_mot_plates
 from mocap_id.recording.text_tables import check_encoding, open_recording, read_table, read_text
 from mocap_id.recording.trc_table import parse_trc
@@ -31,6 +32,9 @@ Parser = Callable[[Path, str, list[str]], MarkerTable]
 
 _WITH_PRESSURE = ("mot", "type 1")  # plates whose moment is not linear in their channels
 _UNLOADED_N = 20.0
+_UPRIGHT = 1.3  # least ratio of height and width of the markers of a person who stands and sits
+_MANY_MARKERS = 6  # least number of markers that show how a person stands
+_BESIDE_M = 0.4  # distance of the middle of the markers from the centre of pressure that no such person has
 
 _HEAD_BYTES = 4096
 """Number of bytes at the start of a file from which its format is recognised."""
@@ -199,6 +203,7 @@ def _read_text_markers(path: Path, parse: Parser, forces: Path | None, options: 
     oddities += [f"{forces.name}: {note}" for note in table.notes]
     plates = read_mot_plates(forces, table, columns, oddities, rotation=rotation, units=options.force_units)
     _compare_spans(path, forces, markers.time, table.time, oddities)
+    _compare_axes(recording, plates, force, forces)
     return replace(
         recording,
         files=(path, forces),
@@ -207,6 +212,34 @@ def _read_text_markers(path: Path, parse: Parser, forces: Path | None, options: 
         plates=plates,
         oddities=tuple(oddities),
     )
+
+
+def _compare_axes(recording: Recording, plates: Sequence[Plate], force: FloatArray, forces: Path) -> None:
+    """Raise RecordingError if the markers stand along another axis than that of the mean ground force (3,).
+
+    A person who stands on plates is above the centre of pressure. Here, the markers are far beside it, along the
+    direction in which they extend most.
+    """
+    samples, wrench = len(plates[0].ok), np.zeros((2, len(plates[0].ok), 3))
+    for plate in plates:
+        if plate.usable and len(plate.ok) == samples:
+            wrench += np.where(plate.ok[:, None], [plate.force, plate.moment], 0.0)
+    loaded = wrench[0, :, 2] > 0.5 * np.percentile(wrench[0, :, 2], 95)
+    seen = np.isfinite(recording.positions).all(axis=2).sum(axis=1) >= _MANY_MARKERS
+    if not (loaded & (wrench[0, :, 2] > _UNLOADED_N)).any() or not seen.any():
+        return
+    under = np.median(wrench[1][loaded][:, [1, 0]] * [-1, 1] / wrench[0][loaded][:, 2:], axis=0)
+    frames = thin_frames(recording.positions[seen])
+    extents = np.median(np.nanmax(frames, axis=1) - np.nanmin(frames, axis=1), axis=0)
+    beside = np.abs(np.nanmedian(frames, axis=(0, 1))[:2] - under)
+    longest = int(np.argmax(extents))
+    if longest < 2 and extents[longest] > _UPRIGHT * extents[2] and beside[longest] > _BESIDE_M:
+        up, along = (nearest_axis(vector, 0.0) for vector in (force, to_z_up(recording.vertical).T[:, longest]))
+        raise RecordingError(
+            f"the ground force in {forces.name} acts along {str(up).lstrip('-')}, but the markers in "
+            f"{recording.files[0].name} stand along {str(along).lstrip('-')}, {beside[longest]:.1f} m beside the "
+            "force: the two files have different axes. Export both with the same axis up"
+        )
 
 
 def _compare_spans(markers: Path, forces: Path, a: FloatArray, b: FloatArray, oddities: list[str]) -> None:

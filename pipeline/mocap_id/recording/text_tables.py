@@ -119,6 +119,25 @@ class TextTable:
         values[-1, -1] = np.nan
         return [f"{found}: all were read; the file may end within the last cell, which was set to missing"]
 
+    def check_triples(self, values: FloatArray, first: int) -> None:
+        """Raise RecordingError if a line above the last ends between the coordinates of a marker.
+
+        ``values`` (K, C) are the parsed cells; the columns from ``first`` on are X, Y, Z of each marker. Such a line
+        has lost cells, and those to the right of the lost ones belong to other columns. Blank cells may be missing
+        behind the last visible marker.
+        """
+        shown = np.isfinite(values[:-1, first:])
+        last = np.where(shown.any(axis=1), shown.shape[1] - np.argmax(shown[:, ::-1], axis=1), 0)
+        rows = [line for line in self.lines if line.strip()]
+        for row in np.flatnonzero(last % 3):
+            line = rows[row].rstrip(f"\r\n{self.separator or ' '}")
+            if len(line.split(self.separator)) == first + last[row]:  # no mark for a missing value follows
+                raise RecordingError(
+                    f"{self.path}: line {self._line_number(int(row))} ends between the coordinates of a marker, after "
+                    f"{first + last[row]} cells: it has lost cells, so that others are in wrong columns. Copy or "
+                    "export the file again, or make all coordinates of this line blank"
+                )
+
     def is_cut(self) -> bool:
         """Return whether the last line, which no line end follows, seems to have lost cells or digits.
 

@@ -45,6 +45,7 @@ def parse_trc(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     separator = _find_row_separator(body[0], header.separator)
     labels, table = _cut_table(path, header, body, separator, oddities)
     rows = table.numbers()
+    table.check_triples(rows, 2)
     declared = parse_count(header.values.get("numframes"))
     if declared is None:
         stated = header.values.get("numframes", "")[:40]

@@ -47,6 +47,7 @@ def parse_qtm(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     body = [line.removesuffix("\t") for line in lines[first:]]  # some versions end each line with a separator
     table = TextTable(path, names, body if timed else _number_rows(path, body, first), first + 1, "\t")
     rows = table.numbers()
+    table.check_triples(rows, len(names) - 3 * len(labels))
     declared = parse_count(_get_first(header, "no_of_frames"))
     if not timed and declared != len(rows):  # a missing row could be anywhere
         raise RecordingError(
@@ -105,6 +106,8 @@ def parse_motive(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     rows = table.numbers()
     if not len(rows):
         raise RecordingError(f"{path}: no frames follow the header")
+    if chosen == list(range(2, len(axes))):  # else other columns follow the markers
+        table.check_triples(rows, 2)
     declared = parse_count(_get_after(info, "Total Exported Frames"))
     oddities += table.check_count(declared, rows, ended=has_final_line_end(text))
     frames = check_frame_numbers(path, rows[:, 0], consecutive=True)
@@ -139,9 +142,12 @@ def parse_nexus(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     declared = sorted({unit for unit in units[before:width] if unit})
     if len(declared) > 1:
         raise RecordingError(f"{path}: the trajectories have several units ({', '.join(declared)}); export all in one")
-    body = lines[start + 5 :]
-    end = next((k for k, line in enumerate(body) if not line.strip(_PADDING)), len(body))
-    body = body[:end]
+    body = lines[start + 5 :]  # it ends before the next section; a line within it may be blank
+    end = next((k for k, line in enumerate(body) if line.strip(_PADDING)[:1].isalpha()), len(body))
+    while end and not body[end - 1].strip(_PADDING):
+        end -= 1
+    ended = has_final_line_end(text) or start + 5 + end < len(lines)
+    body = [line if line.strip(_PADDING) else "" for line in body[:end]]
     if separator == ";":
         body = [line.replace(",", ".") for line in body]
     columns = [*axes[:before], *(f"{label} {axis}" for label in labels for axis in "XYZ")]
@@ -149,7 +155,7 @@ def parse_nexus(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     rows = table.numbers()
     if not len(rows):
         raise RecordingError(f"{path}: no frames follow the header")
-    ended = has_final_line_end(text) or start + 5 + len(body) < len(lines)
+    table.check_triples(rows, before)
     oddities += table.check_count(None, rows, ended=ended)
     if before == 2 and np.nan_to_num(rows[:, 1]).any():
         raise RecordingError(f"{path}: the trajectories have sub-frames, expected one row for a frame; export it again")

@@ -74,12 +74,15 @@ def is_other(stored: StoredOwner, owner: Owner, folder: Path) -> bool:
     return not (same_file or same_place or set(owner.contents) & set(stored.contents))
 
 
-def check_owner(folder: Path, owner: Owner, output: str = "") -> None:
-    """Raise StoreError if a folder, or the output of this name in it, belongs to another recording."""
+def check_owner(folder: Path, owner: Owner, output: str = "", *, path: Path | None = None) -> None:
+    """Raise StoreError if a folder, or the output of this name in it, belongs to another recording.
+
+    The message names ``path``, by default the path of the output.
+    """
     stored = read_owner(folder, output)
     if stored is not None and is_other(stored, owner, folder):
         own = _describe(owner.name, owner.file, "" if owner.recording is None else str(owner.recording))
-        raise StoreError(describe_conflict(folder / output, stored.describe(), own))
+        raise StoreError(describe_conflict(path or folder / output, stored.describe(), own))
 
 
 def describe_conflict(path: Path, stored: str, found: str) -> str:

@@ -42,10 +42,12 @@ class RunFolder(ArtefactSet):
         """Content of summary.json, empty if there is no such file; StoreError is raised if it cannot be read."""
         file = self.path / SUMMARY
         try:
-            summary: Mapping[str, Any] = json.loads(file.read_text("utf-8"))
+            summary = json.loads(file.read_text("utf-8"))
+            if not isinstance(summary, dict) or summary.get("schema") != "mocap-id/summary":
+                raise ValueError("it is not the summary of a trial")
         except FileNotFoundError:
             return {}
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise StoreError(f"{file} cannot be read ({error}): delete it and run `mocap-id report` again") from error
         return summary
 

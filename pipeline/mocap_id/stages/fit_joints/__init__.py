@@ -59,7 +59,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="fit-joints",
-    version=18,
+    version=19,
     inputs=("planar.parquet", "segments.parquet"),
     outputs=("chain.h5",),
     uses=("space", "protocol", "side", "landmarks", "pointers", "pointer", "static", "calibration", "subject"),

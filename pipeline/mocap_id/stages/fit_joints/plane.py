@@ -32,6 +32,7 @@ _OTHER_PERSON = 0.03  # m; rms distance of the static pose's markers from the ch
 _FEWEST_MARKERS = 4  # smallest number of markers of a static pose
 _FEW_FRAMES = 10  # smallest number of frames of a static pose
 _OFF = 0.25  # largest relative difference of a length from that of the person's height or of the other segment
+_TRUNK, _TALLEST_M = 0.4, 2.1  # share of the height from hip to shoulder, with a margin of 40 %; height, m
 _LEG = (0.2, 0.62)  # m; shank and thigh of a child of three years, and of the tallest people
 _ANKLE, _ANKLE_M = 0.2, 0.2  # largest height of the ankle above the floor, as share of the body's height (a knee is at
 # 0.28) and in m, for markers on the legs alone
@@ -180,10 +181,11 @@ def _use_calibration(context: Context) -> Tree:
 
 
 def check_sizes(sizes: Mapping[str, tuple[float, float]], subject: Subject) -> None:
-    """Raise Refused if shank or thigh has a length that this person, or any person, cannot have.
+    """Raise Refused if a segment has a length that this person, or any person, cannot have.
 
     With a height, the length is compared with the tables' share of it; without, shank and thigh are compared with each
-    other and with the smallest and tallest people. Two standard deviations of the length are allowed in addition.
+    other and with the smallest and tallest people. A segment above the hip is shorter than the trunk up to the
+    shoulder. Two standard deviations of the length are allowed in addition.
 
     Parameters
     ----------
@@ -220,6 +222,12 @@ def check_sizes(sizes: Mapping[str, tuple[float, float]], subject: Subject) -> N
                     hint,
                 )
             )
+    trunk = _TRUNK * (_TALLEST_M if subject.height is None else subject.height)
+    wrong += [
+        (length, trunk, f"the {name} is {length:.2f} m long, expected at most {trunk:.2f} m above the hip", "")
+        for name, (length, sd) in sizes.items()
+        if legs and name not in legs and length > trunk + 2 * sd
+    ]
     if wrong:
         length, limit, text, hint = max(wrong, key=lambda each: abs(np.log(each[0] / each[1])))
         raise Refused(

@@ -146,16 +146,18 @@ def _check_table(table: Path, trials: Sequence[Trial]) -> None:
         return
     try:
         rows = pq.read_table(table, columns=["trial", "file", "folder"]).to_pylist()
-        before = {row["trial"]: {(table.parent / row[key]).resolve() for key in ("file", "folder")} for row in rows}
+        before = {(table.parent / row[key]).resolve() for row in rows for key in ("file", "folder") if row[key]}
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise StoreError(
             f"{table} exists and is not a table of `mocap-id batch`: choose another file with `--out`"
         ) from error
     now = {path.resolve() for trial in trials for path in (trial.file, trial.out)}
-    if trials and before and not any(paths & now for paths in before.values()):
+    if trials and before and not before & now:
+        files = (dict.fromkeys(names) for names in ((row["file"] for row in rows), (trial.file for trial in trials)))
+        others, own = (_list_some(os.path.relpath(table.parent / name, table.parent) for name in one) for one in files)
         raise StoreError(
-            f"{table} is the table of other trials ({_list_some(before)}), and the table of this batch "
-            f"({_list_some([trial.name for trial in trials])}) would replace it: choose another file with `--out`"
+            f"{table} is the table of other trials ({others}), and the table of this batch ({own}) would replace it: "
+            "choose another file with `--out`"
         )
 
 

@@ -10,6 +10,7 @@ from typing import TypeAlias
 from mocap_id import runner
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.store.atomic import write_files
+from mocap_id.store.ownership import check_owner, store_owner
 from mocap_id.workflows.export.files import ExportFiles
 from mocap_id.workflows.export.forces import export_forces
 from mocap_id.workflows.export.free_bodies import export_free_model, export_free_poses, export_free_states
@@ -26,7 +27,7 @@ from mocap_id.workflows.export.motions import (
 )
 from mocap_id.workflows.export.spatial_model import export_spatial_model
 from mocap_id.workflows.export.spreadsheets import export_spatial_tables, export_tables
-from mocap_id.workflows.run_folder import RunFolder, open_run
+from mocap_id.workflows.run_folder import RunFolder, find_owner_of_files, open_run
 
 Exporters: TypeAlias = Mapping[str, tuple[Callable[[RunFolder], ExportFiles], ...]]
 """Functions that return the files of each format, by the name of the format."""
@@ -79,7 +80,7 @@ def export(
     out : Path, optional
         Output folder, created if necessary; by default ``export`` in the run folder.
     force : bool
-        Overwrite existing files.
+        Overwrite existing files of the same recording.
     progress : callable, optional
         Called with each step of a run.
 
@@ -88,7 +89,8 @@ def export(
     ConfigError
         A format is unknown.
     StoreError
-        A file exists already, the folder cannot be written, or the run has no content for these formats.
+        A file exists already, the folder cannot be written or contains files of another recording with this trial's
+        name, or the run has no content for these formats.
     RecordingError, NumericalError
         As for :func:`mocap_id.runner.run`.
     """
@@ -103,6 +105,9 @@ def export(
     made = sum((make(run) for make in makers), ExportFiles())
     if not made.files:
         raise StoreError(f"{run.path} has no data for the formats {', '.join(formats)}: {'; '.join(made.notes)}")
+    owner, output = find_owner_of_files(run.path), f"export-{run.name.lower()}"  # the trial's name begins all names
+    if out is not None:
+        check_owner(folder, owner, output, path=folder / next(iter(made.files)))
     existing = [folder / name for name in made.files if (folder / name).exists()]
     if existing and not force:
         raise StoreError(
@@ -110,4 +115,6 @@ def export(
             "`force=True` or `--force`"
         )
     write_files(folder, made.files)
+    if out is not None:
+        store_owner(folder, owner, output)
     return Export(tuple(folder / name for name in made.files), made.notes)
