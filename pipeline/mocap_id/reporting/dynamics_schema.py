@@ -6,10 +6,10 @@ from typing import Literal
 
 from pydantic import Field
 
-from mocap_id.reporting.summary_entry import Entry
+from mocap_id.results import Result
 
 
-class BaseEntry(Entry):
+class BaseEntry(Result):
     """A base parameter and its uncertainty.
 
     ``verdict`` compares the standard deviation with the size of the parameter (``relative_sd``). ``excitation`` is the
@@ -34,7 +34,7 @@ class BaseEntry(Entry):
     why: str | None
 
 
-class ChannelEntry(Entry):
+class ChannelEntry(Result):
     """Error of a model or measurement in one component, such as Fx, over the samples of the entry that contains it."""
 
     bias: float | None
@@ -43,7 +43,7 @@ class ChannelEntry(Entry):
     why: str | None
 
 
-class RivalEntry(Entry):
+class RivalEntry(Result):
     """Errors of an allometric body on the same chain, over the samples of the fit, else over all samples off the seat.
 
     ``assumed`` lists the assumptions about height, mass and sex.
@@ -57,7 +57,7 @@ class RivalEntry(Entry):
     why: str | None
 
 
-class HeldOutEntry(Entry):
+class HeldOutEntry(Result):
     """Prediction errors for left-out repetitions, by models fitted without them; all are over the same samples.
 
     ``samples``, ``repetitions`` and ``folds`` are the numbers of samples, repetitions and models. Each model leaves out
@@ -80,7 +80,7 @@ class HeldOutEntry(Entry):
     why: str | None
 
 
-class GapEntry(Entry):
+class GapEntry(Result):
     """Gap between the two sides of a joint and its acceleration below 3 Hz, both rms; whether the joint is pinned."""
 
     gap_m: float | None
@@ -89,7 +89,7 @@ class GapEntry(Entry):
     why: str | None
 
 
-class MotionEntry(Entry):
+class MotionEntry(Result):
     """Motion of the masses: the pinned ``chain`` or the measured poses of ``segments``; ``why`` says why it was chosen.
 
     ``bands_hz`` are the cut-off frequencies for x, y and angle of the measured poses, ``bodies`` the names of the
@@ -110,7 +110,7 @@ class MotionEntry(Entry):
     joints: dict[str, GapEntry] | None
 
 
-class PredictedEntry(Entry):
+class PredictedEntry(Result):
     """Errors of predictions of left-out repetitions."""
 
     wrench: dict[str, ChannelEntry]
@@ -118,7 +118,7 @@ class PredictedEntry(Entry):
     why: str | None
 
 
-class PinsEntry(Entry):
+class PinsEntry(Result):
     """Prediction errors with and without pinned joints, on the same left-out samples and after the same low-pass.
 
     ``chain`` has the errors with pinned joints, ``segments`` those with measured poses; ``samples`` counts the samples.
@@ -132,7 +132,7 @@ class PinsEntry(Entry):
     why: str | None
 
 
-class TorqueEntry(Entry):
+class TorqueEntry(Result):
     """Largest torque of a joint in each direction, in samples in which only measured forces carry the body.
 
     ``positive`` and ``negative`` name the movement towards which a torque of this sign acts, such as extension; they
@@ -157,7 +157,7 @@ class TorqueEntry(Entry):
     why: str | None
 
 
-class DynamicsEntry(Entry):
+class DynamicsEntry(Result):
     """Results of the identification; ``mass_kg`` and ``cop_mean_m`` come from the plates alone.
 
     ``wrench`` and ``cop_rms_m`` are errors over the samples of the fit, ``held_out`` the errors on left-out

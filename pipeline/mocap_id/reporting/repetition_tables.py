@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from mocap_id.protocols.five_times import FiveTimes
 from mocap_id.reporting.grids import Grid, GridColumn, number, percent, text, to_grid
 from mocap_id.reporting.numbers import UNKNOWN, show_fixed
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.summary_schema import RepetitionEntry, Summary
+from mocap_id.results import list_quantities
 
 
 def list_repetitions(summary: Summary) -> Grid:
@@ -73,17 +75,14 @@ def list_test_times(summary: Summary) -> Grid:
     found = summary.five_times
     if found.repetitions is None:
         return Grid()
-    rows = {
-        "first rise to fifth stand (s)": _show_time(found.to_fifth_stand_s, found.to_fifth_stand_sd_s),
-        "first rise to fifth seat contact (s)": _show_time(
-            found.to_fifth_seat_contact_s, found.to_fifth_seat_contact_sd_s
-        ),
-        "first rise to seated rest (s)": _show_time(found.to_fifth_seated_s, found.to_fifth_seated_sd_s),
-        "cycle, stand to stand (s)": _show_time(found.mean_cycle_s, found.cycle_sd_s),
-        "rises that reach standing": str(found.repetitions),
-        "failed attempts within this time": str(found.failed_attempts or ""),
-        "why unknown": found.why,
-    }
+    rows = {}
+    for name, quantity in sorted(list_quantities(FiveTimes), key=lambda named: not named[1].unit):  # times, then counts
+        value = getattr(found, name)
+        if quantity.unit:
+            rows[f"{quantity.label} ({quantity.unit})"] = _show_time(value, getattr(found, quantity.sd))
+        elif name == "repetitions" or value:
+            rows[quantity.label] = str(value)
+    rows["why unknown"] = found.why or ""
     caption = (
         "Five-times sit-to-stand test by both stop rules, from the start of the first rise, ± one standard deviation "
         "of the measurement (of the cycle: over the cycles). A stopwatch, which starts at the command, shows longer "

@@ -9,9 +9,8 @@ import numpy as np
 
 from mocap_id.reporting.dynamics_schema import ChannelEntry
 from mocap_id.reporting.grids import Grid, to_grid
-from mocap_id.reporting.numbers import to_number
+from mocap_id.reporting.numbers import NOT_FINITE, to_number
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.summary_entry import NOT_FINITE
 from mocap_id.reporting.summary_schema import EncoderEntry, LengthEntry, Summary
 from mocap_id.reporting.tables import make_error_columns
 from mocap_id.store.views import Skeleton

@@ -10,13 +10,12 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting.dynamics_schema import BaseEntry, DynamicsEntry, RivalEntry, TorqueEntry
-from mocap_id.reporting.numbers import scale, to_number, to_numbers
+from mocap_id.reporting.numbers import NOT_FINITE, scale, to_number, to_numbers
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.robot_joint_summary import summarise_base_length, summarise_channels, summarise_encoder
 from mocap_id.reporting.space import summary as spatial
 from mocap_id.reporting.space.curls import summarise_curls
 from mocap_id.reporting.space.reaches import summarise_workspace
-from mocap_id.reporting.summary_entry import NOT_FINITE, join_sentences, why_unknown
 from mocap_id.reporting.summary_motion import summarise_held_out, summarise_motion, summarise_pins
 from mocap_id.reporting.summary_repetitions import (
     summarise_attempts,
@@ -36,6 +35,7 @@ from mocap_id.reporting.summary_schema import (
     Summary,
     VerdictEntry,
 )
+from mocap_id.results import join_sentences, why_unknown
 from mocap_id.store import Facts, Table
 from mocap_id.store.views import IdentifiedDynamics
 

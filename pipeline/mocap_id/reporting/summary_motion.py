@@ -9,7 +9,7 @@ from mocap_id.reporting.dynamics_schema import GapEntry, HeldOutEntry, MotionEnt
 from mocap_id.reporting.numbers import to_number, to_numbers
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.robot_joint_summary import summarise_channels
-from mocap_id.reporting.summary_entry import join_sentences, why_unknown
+from mocap_id.results import join_sentences, why_unknown
 
 _PINNED = "the dynamics use the pinned chain"
 

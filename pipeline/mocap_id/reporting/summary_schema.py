@@ -10,13 +10,16 @@ from typing import Literal
 
 from pydantic import Field
 
+from mocap_id.protocols.attempts import Attempt
+from mocap_id.protocols.five_times import FiveTimes
+from mocap_id.protocols.load_share import LoadShare
 from mocap_id.reporting.dynamics_schema import ChannelEntry, DynamicsEntry
 from mocap_id.reporting.space.schema import AngleEntry, CurlsEntry, ImuEntry, LandmarkEntry, WorkspaceEntry
-from mocap_id.reporting.summary_entry import Entry
+from mocap_id.results import Result
 from mocap_id.verdict import Level
 
 
-class ReasonEntry(Entry):
+class ReasonEntry(Result):
     """One reason for the verdict (see :class:`mocap_id.verdict.Reason`)."""
 
     code: str
@@ -26,7 +29,7 @@ class ReasonEntry(Entry):
     level: Level
 
 
-class VerdictEntry(Entry):
+class VerdictEntry(Result):
     """Verdict; ``reasons`` contains the cautions or the refusal, ``notes`` only information."""
 
     level: Level
@@ -34,7 +37,7 @@ class VerdictEntry(Entry):
     notes: list[ReasonEntry]
 
 
-class PlaneEntry(Entry):
+class PlaneEntry(Result):
     """Plane of motion, and the origin of its coordinate frame in the laboratory.
 
     ``planarity`` is the smaller principal variance of the horizontal motion of all markers divided by the larger one.
@@ -48,7 +51,7 @@ class PlaneEntry(Entry):
     why: str | None
 
 
-class HypothesisEntry(Entry):
+class HypothesisEntry(Result):
     """A segmentation that was considered; ``why`` says why it was rejected or chosen. No value is null.
 
     ``segments`` includes the base. The lists start with joint 1. ``left_out`` is the number of moving markers without a
@@ -65,7 +68,7 @@ class HypothesisEntry(Entry):
     arc_deg: list[float]
 
 
-class SegmentsEntry(Entry):
+class SegmentsEntry(Result):
     """Segments; ``count`` and ``names`` include the base, and ``assignment`` omits markers without a segment.
 
     ``confidence`` is the probability that count and assignment are right. ``against`` is the reduction of its log
@@ -82,7 +85,7 @@ class SegmentsEntry(Entry):
     why: str | None
 
 
-class JointEntry(Entry):
+class JointEntry(Result):
     """A joint; ``parent`` is the number of the segment to which its centre is fixed, 0 for the base.
 
     ``axis`` is a unit vector in the frame of the parent. A two-axis joint also has a second axis, in the frame of the
@@ -115,7 +118,7 @@ class JointEntry(Entry):
     why: str | None
 
 
-class LengthEntry(Entry):
+class LengthEntry(Result):
     """Distance between the two joints of a segment; for the base of a robot, from the plane origin to the joint."""
 
     value: float | None
@@ -123,7 +126,7 @@ class LengthEntry(Entry):
     why: str | None
 
 
-class MarkersEntry(Entry):
+class MarkersEntry(Result):
     """Prediction error of the markers, and fraction of missing marker samples."""
 
     reprojection_rms_mm: float | None
@@ -131,7 +134,7 @@ class MarkersEntry(Entry):
     why: str | None
 
 
-class NoiseEntry(Entry):
+class NoiseEntry(Result):
     """Estimated standard deviations of a marker coordinate, and the snap, rad/s⁴ (rms over joints, and by joint)."""
 
     marker_sd_m: float | None
@@ -140,7 +143,7 @@ class NoiseEntry(Entry):
     why: str | None
 
 
-class RepetitionEntry(Entry):
+class RepetitionEntry(Result):
     """Events of one repetition, on the clock of the recording.
 
     ``seat_off_72_s`` and ``seat_off_model_s`` are seat-off by the two rules of the thesis. ``reached`` is the greatest
@@ -163,69 +166,10 @@ class RepetitionEntry(Entry):
     attempts: int | None
     support: float | None
     remark: str
-    why: str | None
+    why: str | None = None
 
 
-class PublishedEntry(Entry):
-    """A published time of the five-times sit-to-stand test, for context and not for diagnosis."""
-
-    limit_s: float
-    people: str
-    meaning: str
-    stop: str
-    source: str
-
-
-class FiveTimesEntry(Entry):
-    """Times of the five-times sit-to-stand test by both common stop rules, from the start of the first rise.
-
-    ``…_sd_s`` is the standard deviation of a time, from those of its two events.
-    ``repetitions`` is the number of rises that reach standing, ``mean_cycle_s`` the mean time from stand to stand, and
-    ``failed_attempts`` the number of failed attempts within the test time.
-    """
-
-    repetitions: int | None
-    to_fifth_stand_s: float | None
-    to_fifth_seat_contact_s: float | None
-    to_fifth_seated_s: float | None
-    to_fifth_stand_sd_s: float | None = None
-    to_fifth_seat_contact_sd_s: float | None = None
-    to_fifth_seated_sd_s: float | None = None
-    mean_cycle_s: float | None
-    cycle_sd_s: float | None
-    failed_attempts: int | None
-    published: list[PublishedEntry]
-    why: str | None
-
-
-class AttemptEntry(Entry):
-    """A failed attempt to rise: time and size of the greatest hip height, and fraction of the chair's load on the feet.
-
-    ``height`` is a fraction of the full rise.
-    """
-
-    time_s: float
-    height: float
-    unloaded: float | None
-
-
-class SpreadEntry(Entry):
-    """Mean and standard deviation of a quantity over the repetitions."""
-
-    mean: float | None
-    sd: float | None
-
-
-class LoadShareEntry(Entry):
-    """Fraction of the load on the left foot in each phase; null unless each foot has its own plate."""
-
-    left_plate: int | None
-    right_plate: int | None
-    left: dict[str, SpreadEntry]
-    why: str | None
-
-
-class EncoderEntry(Entry):
+class EncoderEntry(Result):
     """Errors of the cameras and of the model's torque against the encoder of a robot, positive as in the plane.
 
     ``sign`` is 1 if the encoder counts positive in the same direction as the plane, else -1. A row of the encoder at
@@ -242,7 +186,7 @@ class EncoderEntry(Entry):
     why: str | None
 
 
-class Summary(Entry):
+class Summary(Result):
     """The content of ``summary.json``; ``mirrored`` is true for a left arm, whose z axis points to the left."""
 
     kind: Literal["mocap-id/summary"] = Field("mocap-id/summary", alias="schema")
@@ -262,9 +206,9 @@ class Summary(Entry):
     noise: NoiseEntry
     dynamics: DynamicsEntry
     repetitions: list[RepetitionEntry] | None
-    five_times: FiveTimesEntry
-    attempts: list[AttemptEntry] | None
-    load_share: LoadShareEntry
+    five_times: FiveTimes
+    attempts: list[Attempt] | None
+    load_share: LoadShare
     encoder: EncoderEntry
     imus: dict[str, ImuEntry] = Field(default_factory=dict)
     workspace: WorkspaceEntry

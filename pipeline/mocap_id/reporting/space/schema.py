@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from mocap_id.reporting.summary_entry import Entry
+from mocap_id.results import Result
 
 
-class AngleEntry(Entry):
+class AngleEntry(Result):
     """Statistics of one angle, degrees, over the samples in which the angle is known and has a meaning.
 
     Plane and axial rotation of the shoulder have no meaning if the elevation is within 15° of 0 or 180°. ``used_share``
@@ -27,7 +27,7 @@ class AngleEntry(Entry):
     why: str | None
 
 
-class LandmarkEntry(Entry):
+class LandmarkEntry(Result):
     """Position of an anatomical landmark in the frame of its segment; ``sd_m`` applies to each coordinate."""
 
     segment: str
@@ -36,7 +36,7 @@ class LandmarkEntry(Entry):
     why: str | None
 
 
-class RangeEntry(Entry):
+class RangeEntry(Result):
     """Range of one angle, robust against single samples, degrees.
 
     ``interval_deg`` is the 95 % interval of ``range_deg``. It does not contain constant errors of the angle, because
@@ -52,7 +52,7 @@ class RangeEntry(Entry):
     used_share: float
 
 
-class VisitedEntry(Entry):
+class VisitedEntry(Result):
     """Volume reached in the recorded postures and in postures between them.
 
     ``share`` is this volume divided by the volume for independent limits of the angles; ``meaning`` explains it.
@@ -67,7 +67,7 @@ class VisitedEntry(Entry):
     why: str | None
 
 
-class HeightsEntry(Entry):
+class HeightsEntry(Result):
     """Highest and lowest position of the wrist above the shoulder, m and as fractions of the arm length.
 
     ``levels`` says whether the hand reached the height of each part of the body.
@@ -80,7 +80,7 @@ class HeightsEntry(Entry):
     levels: dict[str, bool]
 
 
-class TargetEntry(Entry):
+class TargetEntry(Result):
     """Number of reaches to one part of the body, and smallest and median distance by which they missed it, m."""
 
     count: int
@@ -88,7 +88,7 @@ class TargetEntry(Entry):
     median_miss_m: float
 
 
-class WorkspaceEntry(Entry):
+class WorkspaceEntry(Result):
     """Volume that the wrist can reach, its 95 % interval, and the quantities from which it is computed.
 
     ``box_deg`` contains the independent limits of the angles; ``visited`` is the volume for recorded combinations of
@@ -117,7 +117,7 @@ class WorkspaceEntry(Entry):
     why: str | None
 
 
-class CompensationEntry(Entry):
+class CompensationEntry(Result):
     """Motion of one angle that should not change in curls: one value for each curl, null for a failed attempt.
 
     ``floor_deg`` is the range that errors alone can cause. ``offset_deg`` is the mean angle of the curl minus the mean
@@ -135,7 +135,7 @@ class CompensationEntry(Entry):
     in_step_interval_deg: list[float] | None = None
 
 
-class TrendEntry(Entry):
+class TrendEntry(Result):
     """Change of a quantity per curl with its 95 % interval, in the unit at the end of the quantity's name.
 
     ``curls`` is the number of curls used.
@@ -146,7 +146,7 @@ class TrendEntry(Entry):
     curls: int
 
 
-class CurlsEntry(Entry):
+class CurlsEntry(Result):
     """Number of complete curls before the end of the trial and of failed attempts, and changes from curl to curl.
 
     ``end_rule`` is the rule that ends the trial: ``stopped``, ``tempo``, ``plane``, or ``recording`` if no rule does.
@@ -166,7 +166,7 @@ class CurlsEntry(Entry):
     why: str | None
 
 
-class ImuEntry(Entry):
+class ImuEntry(Result):
     """Inertial sensor on a segment; its time stamp t is the camera time ``clock_offset_s + t (1 + 1e-6 ppm)``.
 
     ``sd_s`` is the standard deviation of this time in the middle of the trial; ``observable`` is false if the motion

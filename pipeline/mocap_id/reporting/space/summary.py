@@ -10,11 +10,11 @@ import numpy as np
 from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.geometry.so3 import shift_to_shortest_arc
 from mocap_id.geometry.spatial_chain import SpatialJoint
-from mocap_id.reporting.numbers import to_number, to_numbers
+from mocap_id.reporting.numbers import NOT_FINITE, to_number, to_numbers
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.space.schema import AngleEntry, ImuEntry, LandmarkEntry
-from mocap_id.reporting.summary_entry import NOT_FINITE, join_sentences, why_unknown
 from mocap_id.reporting.summary_schema import JointEntry, LengthEntry
+from mocap_id.results import join_sentences, why_unknown
 from mocap_id.store.spatial_views import MEANINGLESS_AT_POLE, SpatialAngles
 
 AXES = {"ball": 0, "hinge": 1, "two-axis": 2}
