@@ -8,8 +8,8 @@ from test_summary import assert_nulls_explained
 
 from mocap_id.errors import Refused
 from mocap_id.geometry.so3 import shift_to_shortest_arc
-from mocap_id.reporting.summary_schema import Summary
 from mocap_id.reporting.summary import summarise, to_json
+from mocap_id.reporting.summary_schema import Summary
 from mocap_id.stages.report.function import report_data
 from mocap_id.store import Artefact
 from spatial_trial import ANGLES_OF_ARM, SpatialTrial, context

@@ -8,9 +8,9 @@ from mocap_id.reporting.figures import draw_figures
 from mocap_id.reporting.page import Page, explain_reason, read_figures
 from mocap_id.reporting.player import Player, make_player, make_spatial_player
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.summary_schema import Summary
 from mocap_id.reporting.sections import make_key_numbers, make_sections
 from mocap_id.reporting.summary import summarise, to_json
+from mocap_id.reporting.summary_schema import Summary
 from mocap_id.store import Document
 
 

@@ -35,6 +35,7 @@ from mocap_id.reporting.numbers import (
     show_with_sd,
 )
 from mocap_id.reporting.report_data import ReportData
+from mocap_id.reporting.summary import summarise_curls
 from mocap_id.reporting.summary_schema import (
     ChannelEntry,
     CompensationEntry,
@@ -46,7 +47,6 @@ from mocap_id.reporting.summary_schema import (
     TrendEntry,
     WorkspaceEntry,
 )
-from mocap_id.reporting.summary import summarise_curls
 from mocap_id.results import list_quantities
 
 _UNITS = {"Fx": "N", "Fy": "N", "Fz": "N", "taux": "N·m", "tauy": "N·m", "tauz": "N·m"}

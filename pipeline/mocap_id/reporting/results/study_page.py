@@ -20,8 +20,8 @@ from mocap_id.reporting.page import (
     split_code,
     to_sentence,
 )
-from mocap_id.reporting.summary_schema import ReasonEntry
 from mocap_id.reporting.study.page_data import CohortData
+from mocap_id.reporting.summary_schema import ReasonEntry
 
 Ending: TypeAlias = Literal["ok", "caution", "refused", "failed"]
 ENDINGS: dict[Ending, str] = {"ok": "good", "caution": "usable with care", "refused": "refused", "failed": "failed"}
