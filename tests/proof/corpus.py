@@ -55,7 +55,7 @@ STUDIES = {
     "reaches": ("simulate reach-cohort made --subjects 2", "study made/study.yaml --out out"),
     "curls": ("simulate curl-study made --subjects 1 --trials 1 --conditions C,5", "study made/study.yaml --out out"),
     "robots": ("validate robot --out out --repetitions 1",),
-    "sensitivity": ("sensitivity {samples}/sit-to-stand/trial.yaml --out out",),
+    "sensitivity": ("sensitivity {samples}/sit-to-stand/trial.yaml --out out --jobs 1",),
     "batch": ("batch {samples}/sit-to-stand/trial.yaml {samples}/robot-joint/trial.yaml --out out",),
 }  # fmt: skip
 ERRORS = (

@@ -44,4 +44,4 @@ def test_a_snapshot_repeats_and_a_difference_is_named() -> None:
     changed = first | {"command 0": [first["command 0"][0], "other text", ""]}
     (line,) = compare({"one": first}, {"one": changed})
     assert line.startswith("one | command 0 | 1") and "other text" in line
-    assert tidy("took 0.31 s in FOLDER", "x") == "took TIME in FOLDER"
+    assert tidy("took  0.31 s in FOLDER", "x") == "took TIME in FOLDER"
