@@ -12,7 +12,7 @@ from mocap_id.protocols.posture import STANDING, Posture
 from mocap_id.protocols.repetitions import Repetition
 from mocap_id.results import Result
 
-PHASES = ("seated", "rising", "standing")
+LOAD_PHASES = ("seated", "rising", "standing")
 _APART_M = 0.05  # if the centres of pressure are closer, the plates are not side by side
 
 
@@ -28,7 +28,7 @@ class LoadShare(Result):
 
     left_plate: int | None = None  # numbers of the plates, from 1
     right_plate: int | None = None
-    left: dict[str, Spread] = Field({phase: Spread() for phase in PHASES})
+    left: dict[str, Spread] = Field({phase: Spread() for phase in LOAD_PHASES})
     why: str | None = None  # why the shares are unknown; None if they are known
 
 
@@ -53,7 +53,7 @@ def find_foot_plates(across: Sequence[tuple[int, float]], forwards: int) -> tupl
 def compute_load_share(
     time: FloatArray, posture: Posture, left: FloatArray, right: FloatArray, repetitions: tuple[Repetition, ...]
 ) -> dict[str, FloatArray]:
-    """Return the mean share of the left foot in the load, by phase in :data:`PHASES`, (R,) for the R repetitions.
+    """Return the mean share of the left foot in the load, by phase in :data:`LOAD_PHASES`, (R,) for the R repetitions.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def compute_load_share(
     left, right : (T,) arrays
         Vertical force under each foot, N; NaN where unknown.
     """
-    out = {phase: np.full(len(repetitions), np.nan) for phase in PHASES}
+    out = {phase: np.full(len(repetitions), np.nan) for phase in LOAD_PHASES}
     before = -np.inf
     for k, each in enumerate(repetitions):
         after = repetitions[k + 1].start if k + 1 < len(repetitions) else np.inf

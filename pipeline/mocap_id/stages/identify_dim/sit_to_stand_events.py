@@ -13,7 +13,7 @@ from mocap_id.dynamics.clock_offset import SampledWrench
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData
 from mocap_id.protocols.attempts import Attempt, find_failed_attempts
 from mocap_id.protocols.five_times import REQUIRED_RISES, compute_five_times
-from mocap_id.protocols.load_share import PHASES, LoadShare, Spread, compute_load_share, find_foot_plates
+from mocap_id.protocols.load_share import LOAD_PHASES, LoadShare, Spread, compute_load_share, find_foot_plates
 from mocap_id.protocols.movement import Movement, find_facing
 from mocap_id.protocols.posture import Posture
 from mocap_id.protocols.remarks import add_remarks, explain_repetitions
@@ -169,7 +169,7 @@ def _share_load(
             across.append((int(plate["index"]), float(z) if isinstance(z, (int, float)) else float("nan")))
     found = find_foot_plates(across, find_facing(recorded))
     if isinstance(found, str):
-        return LoadShare(why=found), {phase: np.full(len(movement.repetitions), np.nan) for phase in PHASES}
+        return LoadShare(why=found), {phase: np.full(len(movement.repetitions), np.nan) for phase in LOAD_PHASES}
     left, right = (_sample(recorded.time, plates[f"Fy_p{plate}"], stamped) for plate in found)
     shares = compute_load_share(recorded.time, posture, left, right, movement.repetitions)
     known = {phase: values[np.isfinite(values)] for phase, values in shares.items()}
