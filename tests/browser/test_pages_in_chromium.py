@@ -22,9 +22,8 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from mocap_id.config import load
 from mocap_id.recording.writer import write_c3d
-from mocap_id.reporting.embedding import embed, read_figures
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Key, Line, Panel, Points, Text
-from mocap_id.reporting.page import make_environment
+from mocap_id.reporting.page import embed, make_environment, read_figures
 from mocap_id.runner import run
 from mocap_id.simulation import Options, RobotSet, generate
 from mocap_id.workflows.robot_study import validate_robot

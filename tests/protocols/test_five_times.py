@@ -29,39 +29,39 @@ def rises(count: int, **of_each: float) -> tuple[RiseDetails, ...]:
 @pytest.mark.parametrize("count", [5, 6, 9])
 def test_both_stop_rules_take_the_first_five(count: int) -> None:
     found = compute_five_times(repetitions(count), rises(count), chair=True)
-    assert found.to_fifth_stand == pytest.approx(4 * 2.5 + 1.1)
-    assert found.to_fifth_seat_contact == pytest.approx(4 * 2.5 + 1.9)
-    assert found.to_fifth_seated == pytest.approx(4 * 2.5 + 2.3)
-    assert (found.mean_cycle, found.cycle_sd) == pytest.approx((2.5, 0.0))
-    assert (found.repetitions, found.attempts, found.why) == (count, 0, None)
+    assert found.to_fifth_stand_s == pytest.approx(4 * 2.5 + 1.1)
+    assert found.to_fifth_seat_contact_s == pytest.approx(4 * 2.5 + 1.9)
+    assert found.to_fifth_seated_s == pytest.approx(4 * 2.5 + 2.3)
+    assert (found.mean_cycle_s, found.cycle_sd_s) == pytest.approx((2.5, 0.0))
+    assert (found.repetitions, found.failed_attempts, found.why) == (count, 0, None)
 
 
 @pytest.mark.parametrize("count", [0, 1, 4])
 def test_fewer_than_five_have_no_time_and_say_why(count: int) -> None:
     found = compute_five_times(repetitions(count), rises(count), chair=True)
-    assert (found.to_fifth_stand, found.to_fifth_seat_contact, found.to_fifth_seated) == (None, None, None)
+    assert (found.to_fifth_stand_s, found.to_fifth_seat_contact_s, found.to_fifth_seated_s) == (None, None, None)
     assert f"{count} of 5" in found.why
-    assert (found.mean_cycle is None) == (count < 2)
+    assert (found.mean_cycle_s is None) == (count < 2)
 
 
 def test_a_rise_that_does_not_reach_standing_is_not_counted() -> None:
     low = (*rises(2), RiseDetails(reached=0.7), *rises(3, attempts=1))
     found = compute_five_times(repetitions(6), low, chair=True)
     assert found.repetitions == 5
-    assert found.to_fifth_stand == pytest.approx(5 * 2.5 + 1.1)
-    assert found.attempts == 3
+    assert found.to_fifth_stand_s == pytest.approx(5 * 2.5 + 1.1)
+    assert found.failed_attempts == 3
 
 
 def test_events_outside_the_recording_are_null_with_a_reason() -> None:
     made = repetitions(5)
     begun = (replace(made[0], start=np.nan, why="the recording begins upright"), *made[1:])
     found = compute_five_times(begun, rises(5), chair=True)
-    assert found.to_fifth_stand is None
+    assert found.to_fifth_stand_s is None
     assert "begins upright" in found.why
     ended = (*made[:4], replace(made[4], seat_on=np.nan, end=np.nan, why="the recording ends upright"))
     found = compute_five_times(ended, rises(5), chair=True)
-    assert found.to_fifth_stand == pytest.approx(11.1)
-    assert found.to_fifth_seat_contact is None
+    assert found.to_fifth_stand_s == pytest.approx(11.1)
+    assert found.to_fifth_seat_contact_s is None
     assert "ends upright" in found.why
 
 
@@ -79,14 +79,14 @@ def test_the_standard_deviation_is_that_of_both_events() -> None:
         assert (noisy[name] > exact[name]).all()
     assert np.isnan(exact["seat_on"]).all()
     made = compute_five_times(found, rises(5), chair=True, event_sd=noisy)
-    assert made.to_fifth_stand_sd == pytest.approx(noisy["start"][0] + noisy["stand"][4])
-    assert made.to_fifth_seat_contact_sd is None
-    assert compute_five_times(found, rises(5), chair=True).to_fifth_stand_sd is None
+    assert made.to_fifth_stand_sd_s == pytest.approx(noisy["start"][0] + noisy["stand"][4])
+    assert made.to_fifth_seat_contact_sd_s is None
+    assert compute_five_times(found, rises(5), chair=True).to_fifth_stand_sd_s is None
 
 
 def test_squats_have_no_test_times() -> None:
     found = compute_five_times(repetitions(5), rises(5), chair=False)
-    assert found.to_fifth_stand is None
+    assert found.to_fifth_stand_s is None
     assert "squats" in found.why
 
 

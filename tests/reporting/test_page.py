@@ -18,10 +18,10 @@ from reporting_cases import LOST, Trial, contents, context, healthy
 
 from mocap_id.errors import Refused
 from mocap_id.kinematics.confidence import Evidence
-from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.grids import list_facts
+from mocap_id.reporting.page import read_figures
 from mocap_id.reporting.report import make_documents
-from mocap_id.reporting.segment_tables import AGAINST
+from mocap_id.reporting.tables import AGAINST
 from mocap_id.stages.report import STAGE
 from mocap_id.stages.report.function import report_data
 from mocap_id.store import Artefact, LongTable, Table, Tree

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from test_summary import assert_nulls_explained
 
-from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.figure import Figure, Line, Points, project
+from mocap_id.reporting.page import read_figures
 from mocap_id.reporting.paper_figures import make_figure_files
 from mocap_id.stages.identify_dim.reaches import find_reach_events
 from mocap_id.stages.report import STAGE

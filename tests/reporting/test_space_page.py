@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 from mocap_id.errors import Refused
-from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.figure import Band, Figure, Line, Points, Spans, from_json, project
 from mocap_id.reporting.figures import draw_figures
+from mocap_id.reporting.figures.motion import collect_joint_motions
+from mocap_id.reporting.figures.skeleton import make_stick_figure
+from mocap_id.reporting.page import read_figures
 from mocap_id.reporting.paper_figures import make_figure_files
-from mocap_id.reporting.player import Player
-from mocap_id.reporting.space.figures.angles import collect_joint_motions
-from mocap_id.reporting.space.figures.skeleton import make_stick_figure
-from mocap_id.reporting.space.player import MOST, make_spatial_player
+from mocap_id.reporting.player import MOST_IN_SPACE, Player, make_spatial_player
 from mocap_id.stages.report import STAGE
 from mocap_id.stages.report.function import report_data
 from mocap_id.store import Artefact, Document
@@ -85,7 +84,7 @@ def test_the_player_holds_the_measured_markers_and_the_chain() -> None:
 def test_frames_are_limited_and_packed_to_a_fifth_of_a_millimetre() -> None:
     """Reads the frames as the script of the page does: one row per frame, with x, y and z of each part."""
     found = moving(SpatialTrial(frames=9000))
-    assert len(found.time) <= MOST
+    assert len(found.time) <= MOST_IN_SPACE
     told = found.to_json()
     rows = np.frombuffer(base64.b64decode(told["values"]), "<i2").reshape(len(told["time"]), -1)
     values, start = np.where(rows == told["unknown"], np.nan, rows * told["step"]), 0

@@ -17,8 +17,8 @@ from reporting_cases import LOST, Trial, context
 from mocap_id.errors import Refused
 from mocap_id.reporting.numbers import to_number, to_numbers
 from mocap_id.reporting.summary import summarise, to_json
-from mocap_id.reporting.summary_entry import join_sentences
 from mocap_id.reporting.summary_schema import Summary
+from mocap_id.results import join_sentences
 from mocap_id.stages.report.function import report_data
 from mocap_id.store import Artefact, Table
 from mocap_id.verdict import Reason

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.dynamics.lowpass import LowPass
 from mocap_id.protocols.posture import Posture
 from mocap_id.protocols.repetitions import Repetition
+from mocap_id.results import Result
 
 _HIP_RISE = 0.08  # share of the rise to standing: about 3 cm
 _UNLOADED = 0.4  # share of the chair's load at rest
@@ -17,13 +16,12 @@ _MERGE_WITHIN = 1.0  # s: peaks that are nearer belong to the same attempt
 _CUTOFF = 5.0  # Hz, low-pass of the force
 
 
-@dataclass(frozen=True)
-class Attempt:
+class Attempt(Result):
     """A failed attempt to rise."""
 
-    time: float  # time of the greatest height, s
+    time_s: float  # time of the greatest height
     height: float  # greatest height of the hip as a share of the rise from seat to standing
-    unloaded: float  # share of the chair's load at rest that the feet took over; NaN if unknown
+    unloaded: float | None  # share of the chair's load at rest that the feet took over
 
 
 def find_failed_attempts(
@@ -60,12 +58,12 @@ def find_failed_attempts(
         instants += [low.start + k for k in _find_peaks(shares, _UNLOADED) if shares[k] >= _UNLOADED]
     attempts: list[Attempt] = []
     for k in sorted(instants, key=lambda k: -posture.height[k]):
-        if all(abs(time[k] - other.time) > _MERGE_WITHIN for other in attempts):
+        if all(abs(time[k] - other.time_s) > _MERGE_WITHIN for other in attempts):
             near = slice(*np.searchsorted(time, [time[k] - _MERGE_WITHIN, time[k] + _MERGE_WITHIN]))
             known = unloaded[near][np.isfinite(unloaded[near])]
             greatest = float(known.max()) if len(known) else float("nan")
-            attempts.append(Attempt(float(time[k]), float(posture.height[k]), greatest))
-    return tuple(sorted(attempts, key=lambda attempt: attempt.time))
+            attempts.append(Attempt(time_s=time[k], height=posture.height[k], unloaded=greatest))
+    return tuple(sorted(attempts, key=lambda attempt: attempt.time_s))
 
 
 def _find_peaks(values: FloatArray, prominence: float) -> list[int]:

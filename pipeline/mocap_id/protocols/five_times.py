@@ -7,37 +7,107 @@ because their sources differ in chair, instruction and stop rule.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from mocap_id.arrays import FloatArray
 from mocap_id.protocols.posture import STANDING
 from mocap_id.protocols.repetitions import Repetition, RiseDetails
+from mocap_id.results import Quantity, Result
 
 REQUIRED_RISES = 5
 
 
-@dataclass(frozen=True)
-class FiveTimes:
-    """Times of the five-times-sit-to-stand test, s; None if unknown."""
+class Published(Result):
+    """A published time of the five-times sit-to-stand test, for context and not for diagnosis."""
 
-    repetitions: int  # number of rises that reach standing
-    # to_fifth_stand, to_fifth_seat_contact, to_fifth_seated: time from the start of the first rise to the fifth
-    # stand, to the next seat contact, and to the next seated rest
-    to_fifth_stand: float | None = None
-    to_fifth_seat_contact: float | None = None
-    to_fifth_seated: float | None = None
-    # to_fifth_stand_sd, to_fifth_seat_contact_sd, to_fifth_seated_sd: standard deviation of these times
-    to_fifth_stand_sd: float | None = None
-    to_fifth_seat_contact_sd: float | None = None
-    to_fifth_seated_sd: float | None = None
-    # mean_cycle, cycle_sd: mean and standard deviation of the time from one stand to the next
-    mean_cycle: float | None = None
-    cycle_sd: float | None = None
-    attempts: int = 0  # number of failed attempts between the first rise and the fifth stand
-    why: str | None = None  # reason why a time is unknown; None if all times are known
+    limit_s: float
+    people: str  # group of people in the study
+    meaning: str  # meaning of longer times according to the source
+    # event at which the stopwatch was stopped; "not said" if the text available to us does not state it
+    stop: str
+    source: str  # reference to the publication
+
+
+_BOHANNON = "Bohannon, Percept Mot Skills 2006;103:215-222 (meta-analysis of 13 papers)"
+_WORSE = "worse than average for the age"
+_BUATOIS = "Buatois et al., J Am Geriatr Soc 2008;56:1575-1577"
+_GURALNIK = "Guralnik et al., J Gerontol A 2000;55:M221-M231"
+_DUNCAN = "Duncan et al., Arch Phys Med Rehabil 2011;92:1431"
+
+PUBLISHED = [
+    Published(limit_s=limit, people=people, meaning=meaning, stop=stop, source=source)
+    for limit, people, meaning, stop, source in (
+        (11.4, "60 to 69 years", _WORSE, "not said", _BOHANNON),
+        (12.6, "70 to 79 years", _WORSE, "not said", _BOHANNON),
+        (14.8, "80 to 89 years", _WORSE, "not said", _BOHANNON),
+        (
+            15.0,
+            "2735 people of 65 years and older",
+            "predicted recurrent falls with sensitivity 55 % and specificity 65 %",
+            "not said",
+            _BUATOIS,
+        ),
+        (13.6, "older people", "associated with increased disability and morbidity", "fifth stand", _GURALNIK),
+        (
+            16.0,
+            "80 people with Parkinson's disease",
+            "distinguished people who fall from others",
+            "not said",
+            _DUNCAN,
+        ),
+    )
+]
+
+
+_TO_FIFTH = "time from the start of the first rise to the fifth"
+
+
+class FiveTimes(Result):
+    """Times of the five-times sit-to-stand test by both common stop rules, from the start of the first rise.
+
+    ``…_sd_s`` is the standard deviation of a time, from those of its two events.
+    """
+
+    repetitions: Annotated[int | None, Quantity("rises that reach standing")] = None
+    to_fifth_stand_s: Annotated[
+        float | None,
+        Quantity("first rise to fifth stand", "s", "to_fifth_stand_sd_s", "five_times", f"{_TO_FIFTH} stand"),
+    ] = None
+    to_fifth_seat_contact_s: Annotated[
+        float | None,
+        Quantity(
+            "first rise to fifth seat contact",
+            "s",
+            "to_fifth_seat_contact_sd_s",
+            "five_times_seated",
+            f"{_TO_FIFTH} seat contact",
+        ),
+    ] = None
+    to_fifth_seated_s: Annotated[float | None, Quantity("first rise to seated rest", "s", "to_fifth_seated_sd_s")] = (
+        None
+    )
+    to_fifth_stand_sd_s: float | None = None
+    to_fifth_seat_contact_sd_s: float | None = None
+    to_fifth_seated_sd_s: float | None = None
+    # mean and standard deviation over the cycles
+    mean_cycle_s: Annotated[
+        float | None,
+        Quantity("cycle, stand to stand", "s", "cycle_sd_s", "cycle", "mean time from stand to stand"),
+    ] = None
+    cycle_sd_s: float | None = None
+    failed_attempts: Annotated[
+        int | None,
+        Quantity(
+            "failed attempts within this time",
+            column="failed_attempts",
+            meaning="number of failed rises within this time",
+        ),
+    ] = None
+    published: list[Published] = Field([])
+    why: str | None = None  # why a time is unknown; None if all times are known
 
 
 def compute_five_times(
@@ -54,88 +124,40 @@ def compute_five_times(
     :func:`mocap_id.protocols.sit_to_stand.estimate_event_sd`; without it, the standard deviations are unknown.
     """
     if chair is False:
-        return FiveTimes(0, why="no chair is used, so the rises are squats and not sit-to-stands")
+        return FiveTimes(
+            repetitions=0,
+            failed_attempts=0,
+            published=PUBLISHED,
+            why="no chair is used, so the rises are squats and not sit-to-stands",
+        )
     counted = [
         k
         for k, (each, rise) in enumerate(zip(repetitions, rises, strict=True))
         if (not np.isnan(each.stand) or "stand" in each.unmeasured) and not rise.reached < STANDING
     ]
-    stands = np.array([repetitions[k].stand for k in counted])
-    cycles = np.diff(stands)
+    cycles = np.diff([repetitions[k].stand for k in counted])
     cycles = cycles[np.isfinite(cycles)]
-    cycle = float(cycles.mean()) if len(cycles) else None
-    cycle_sd = float(cycles.std(ddof=1)) if len(cycles) > 1 else None
+    values: dict[str, Any] = {
+        "repetitions": len(counted),
+        "mean_cycle_s": float(cycles.mean()) if len(cycles) else None,
+        "cycle_sd_s": float(cycles.std(ddof=1)) if len(cycles) > 1 else None,
+        "failed_attempts": 0,
+        "published": PUBLISHED,
+    }
     if len(counted) < REQUIRED_RISES:
         why = f"only {len(counted)} of {REQUIRED_RISES} rises in the recording reach standing"
-        return FiveTimes(len(counted), mean_cycle=cycle, cycle_sd=cycle_sd, why=why)
-    first, fifth = counted[0], counted[REQUIRED_RISES - 1]
-    start, last = repetitions[first].start, repetitions[fifth]
-    events = (last.stand, last.seat_on, last.end)
-    stand, contact, seated = (None if np.isnan(event - start) else float(event - start) for event in events)
-    sds: dict[str, float | None] = dict.fromkeys(("stand", "seat_on", "end"))
-    if event_sd is not None:
-        for name in sds:
+        return FiveTimes(**values, why=why)
+    k_first, k_fifth = counted[0], counted[REQUIRED_RISES - 1]
+    first, fifth = repetitions[k_first], repetitions[k_fifth]
+    for name, event in (("stand", "stand"), ("seat_contact", "seat_on"), ("seated", "end")):
+        values[f"to_fifth_{name}_s"] = getattr(fifth, event) - first.start
+        if event_sd is not None:
             # noise and frames shift the start and the end apart alike, so their standard deviations add
-            spread = float(event_sd["start"][first] + event_sd[name][fifth])
-            sds[name] = None if np.isnan(spread) else spread
-    return FiveTimes(
-        len(counted),
-        stand,
-        contact,
-        seated,
-        sds["stand"],
-        sds["seat_on"],
-        sds["end"],
-        mean_cycle=cycle,
-        cycle_sd=cycle_sd,
-        attempts=sum(rises[k].attempts for k in range(first + 1, fifth + 1)),
-        why=_explain_unknown_time(repetitions[first], last),
-    )
-
-
-def _explain_unknown_time(first: Repetition, fifth: Repetition) -> str | None:
+            values[f"to_fifth_{name}_sd_s"] = float(event_sd["start"][k_first] + event_sd[event][k_fifth])
+    values["failed_attempts"] = sum(rises[k].attempts for k in range(k_first + 1, k_fifth + 1))
+    why = None
     if np.isnan(first.start):
-        return f"the start of the first rise is unknown: {first.why or 'its angles are unknown'}"
-    if np.isnan([fifth.seat_on, fifth.end]).any() or "stand" in fifth.unmeasured:
-        return f"the end of the fifth repetition is unknown: {fifth.why or 'its angles are unknown'}"
-    return None
-
-
-@dataclass(frozen=True)
-class Published:
-    """A published time limit of the five-times-sit-to-stand test."""
-
-    limit: float  # time limit, s
-    people: str  # group of people in the study
-    meaning: str  # meaning of longer times according to the source
-    # event at which the stopwatch was stopped; "not said" if the text available to us does not state it
-    stop: Literal["fifth stand", "fifth seat contact", "not said"]
-    source: str  # reference to the publication
-
-
-_BOHANNON = "Bohannon, Percept Mot Skills 2006;103:215-222 (meta-analysis of 13 papers)"
-_WORSE = "worse than average for the age"
-_BUATOIS = "Buatois et al., J Am Geriatr Soc 2008;56:1575-1577"
-_GURALNIK = "Guralnik et al., J Gerontol A 2000;55:M221-M231"
-_DUNCAN = "Duncan et al., Arch Phys Med Rehabil 2011;92:1431"
-
-PUBLISHED: tuple[Published, ...] = (
-    Published(11.4, "60 to 69 years", _WORSE, "not said", _BOHANNON),
-    Published(12.6, "70 to 79 years", _WORSE, "not said", _BOHANNON),
-    Published(14.8, "80 to 89 years", _WORSE, "not said", _BOHANNON),
-    Published(
-        15.0,
-        "2735 people of 65 years and older",
-        "predicted recurrent falls with sensitivity 55 % and specificity 65 %",
-        "not said",
-        _BUATOIS,
-    ),
-    Published(13.6, "older people", "associated with increased disability and morbidity", "fifth stand", _GURALNIK),
-    Published(
-        16.0,
-        "80 people with Parkinson's disease",
-        "distinguished people who fall from others",
-        "not said",
-        _DUNCAN,
-    ),
-)
+        why = f"the start of the first rise is unknown: {first.why or 'its angles are unknown'}"
+    elif np.isnan([fifth.seat_on, fifth.end]).any() or "stand" in fifth.unmeasured:
+        why = f"the end of the fifth repetition is unknown: {fifth.why or 'its angles are unknown'}"
+    return FiveTimes(**values, why=why)

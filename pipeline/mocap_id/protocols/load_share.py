@@ -3,29 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from pydantic import Field
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.protocols.posture import STANDING, Posture
 from mocap_id.protocols.repetitions import Repetition
+from mocap_id.results import Result
 
-PHASES = ("seated", "rising", "standing")
+LOAD_PHASES = ("seated", "rising", "standing")
 _APART_M = 0.05  # if the centres of pressure are closer, the plates are not side by side
 
 
-@dataclass(frozen=True)
-class LoadShare:
-    """Share of the left foot in the load of both feet, in each repetition."""
+class Spread(Result):
+    """Mean and standard deviation of a quantity over the repetitions."""
 
-    # left_plate, right_plate: numbers of the plates, from 1; None if unknown
-    left_plate: int | None
-    right_plate: int | None
-    # mean share in each repetition while seated (before the rise), rising (start to stand) and standing; NaN where
-    # unknown
-    phases: dict[str, FloatArray]
-    why: str | None = None  # reason why the shares are unknown; None if they are known
+    mean: float | None = None
+    sd: float | None = None
+
+
+class LoadShare(Result):
+    """Share of the left foot in the load of both feet, by phase; unknown unless each foot has its own plate."""
+
+    left_plate: int | None = None  # numbers of the plates, from 1
+    right_plate: int | None = None
+    left: dict[str, Spread] = Field({phase: Spread() for phase in LOAD_PHASES})
+    why: str | None = None  # why the shares are unknown; None if they are known
 
 
 def find_foot_plates(across: Sequence[tuple[int, float]], forwards: int) -> tuple[int, int] | str:
@@ -49,7 +53,7 @@ def find_foot_plates(across: Sequence[tuple[int, float]], forwards: int) -> tupl
 def compute_load_share(
     time: FloatArray, posture: Posture, left: FloatArray, right: FloatArray, repetitions: tuple[Repetition, ...]
 ) -> dict[str, FloatArray]:
-    """Return the mean share of the left foot in the load, by phase in :data:`PHASES`, (R,) for the R repetitions.
+    """Return the mean share of the left foot in the load, by phase in :data:`LOAD_PHASES`, (R,) for the R repetitions.
 
     Parameters
     ----------
@@ -58,7 +62,7 @@ def compute_load_share(
     left, right : (T,) arrays
         Vertical force under each foot, N; NaN where unknown.
     """
-    out = {phase: np.full(len(repetitions), np.nan) for phase in PHASES}
+    out = {phase: np.full(len(repetitions), np.nan) for phase in LOAD_PHASES}
     before = -np.inf
     for k, each in enumerate(repetitions):
         after = repetitions[k + 1].start if k + 1 < len(repetitions) else np.inf

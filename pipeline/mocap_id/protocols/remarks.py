@@ -38,7 +38,7 @@ def explain_repetitions(
     """Return the reasons for the verdict about the repetitions."""
     reasons = _explain_cuts(repetitions, posture)
     if attempts:
-        times = ", ".join(f"{attempt.time:.1f} s" for attempt in attempts)
+        times = ", ".join(f"{attempt.time_s:.1f} s" for attempt in attempts)
         highest = max(attempt.height for attempt in attempts)
         reasons.append(
             Reason(

@@ -7,16 +7,14 @@ from html import escape
 from typing import Any
 
 from mocap_id.reporting import style
-from mocap_id.reporting.embedding import embed
 from mocap_id.reporting.explanations import LEVELS
 from mocap_id.reporting.figure import Drawing, Drawings
 from mocap_id.reporting.grids import Grid, GridColumn, number, show_ends, text, to_grid, with_sd
 from mocap_id.reporting.numbers import UNKNOWN, show_fixed, show_interval
-from mocap_id.reporting.page import make_environment
+from mocap_id.reporting.page import embed, explain_reason, make_environment
 from mocap_id.reporting.player import Player
-from mocap_id.reporting.reasons import explain_reason
-from mocap_id.reporting.space import tables as spatial
 from mocap_id.reporting.summary_schema import Summary
+from mocap_id.reporting.tables import list_angles
 
 _PER_INCH = 104  # pixels of the page for an inch on paper, as in chart.js
 _TITLE = 0.35  # inches, for the title of a panel and the space below it
@@ -41,7 +39,7 @@ def render_notebook_view(document: Mapping[str, Any], player: Player | None = No
         headline=headline,
         lead=lead,
         reasons=[explain_reason(reason) for reason in summary.verdict.reasons],
-        grids=[_list_lengths(summary), spatial.list_angles(summary), _list_volume(summary), _list_parameters(summary)],
+        grids=[_list_lengths(summary), list_angles(summary), _list_volume(summary), _list_parameters(summary)],
     )
     return view if player is None else view + _make_frame(_render_page(summary.trial, player=player), _PLAYER_HEIGHT)
 

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from mocap_id.reporting.contents import PAGE_FILE, SUMMARY_FILE, PdfFonts
-from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.explanations import LEVELS
 from mocap_id.reporting.figures import draw_figures
-from mocap_id.reporting.page import Page
-from mocap_id.reporting.player import Player, make_player
-from mocap_id.reporting.reasons import explain_reason
+from mocap_id.reporting.page import Page, explain_reason, read_figures
+from mocap_id.reporting.player import Player, make_player, make_spatial_player
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.sections import make_key_numbers, make_sections
-from mocap_id.reporting.space.player import make_spatial_player
 from mocap_id.reporting.summary import summarise, to_json
 from mocap_id.reporting.summary_schema import Summary
 from mocap_id.store import Document

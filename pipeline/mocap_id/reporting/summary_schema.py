@@ -10,13 +10,14 @@ from typing import Literal
 
 from pydantic import Field
 
-from mocap_id.reporting.dynamics_schema import ChannelEntry, DynamicsEntry
-from mocap_id.reporting.space.schema import AngleEntry, CurlsEntry, ImuEntry, LandmarkEntry, WorkspaceEntry
-from mocap_id.reporting.summary_entry import Entry
+from mocap_id.protocols.attempts import Attempt
+from mocap_id.protocols.five_times import FiveTimes
+from mocap_id.protocols.load_share import LoadShare
+from mocap_id.results import Result
 from mocap_id.verdict import Level
 
 
-class ReasonEntry(Entry):
+class ReasonEntry(Result):
     """One reason for the verdict (see :class:`mocap_id.verdict.Reason`)."""
 
     code: str
@@ -26,7 +27,7 @@ class ReasonEntry(Entry):
     level: Level
 
 
-class VerdictEntry(Entry):
+class VerdictEntry(Result):
     """Verdict; ``reasons`` contains the cautions or the refusal, ``notes`` only information."""
 
     level: Level
@@ -34,7 +35,7 @@ class VerdictEntry(Entry):
     notes: list[ReasonEntry]
 
 
-class PlaneEntry(Entry):
+class PlaneEntry(Result):
     """Plane of motion, and the origin of its coordinate frame in the laboratory.
 
     ``planarity`` is the smaller principal variance of the horizontal motion of all markers divided by the larger one.
@@ -48,7 +49,7 @@ class PlaneEntry(Entry):
     why: str | None
 
 
-class HypothesisEntry(Entry):
+class HypothesisEntry(Result):
     """A segmentation that was considered; ``why`` says why it was rejected or chosen. No value is null.
 
     ``segments`` includes the base. The lists start with joint 1. ``left_out`` is the number of moving markers without a
@@ -65,7 +66,7 @@ class HypothesisEntry(Entry):
     arc_deg: list[float]
 
 
-class SegmentsEntry(Entry):
+class SegmentsEntry(Result):
     """Segments; ``count`` and ``names`` include the base, and ``assignment`` omits markers without a segment.
 
     ``confidence`` is the probability that count and assignment are right. ``against`` is the reduction of its log
@@ -82,7 +83,7 @@ class SegmentsEntry(Entry):
     why: str | None
 
 
-class JointEntry(Entry):
+class JointEntry(Result):
     """A joint; ``parent`` is the number of the segment to which its centre is fixed, 0 for the base.
 
     ``axis`` is a unit vector in the frame of the parent. A two-axis joint also has a second axis, in the frame of the
@@ -115,7 +116,7 @@ class JointEntry(Entry):
     why: str | None
 
 
-class LengthEntry(Entry):
+class LengthEntry(Result):
     """Distance between the two joints of a segment; for the base of a robot, from the plane origin to the joint."""
 
     value: float | None
@@ -123,7 +124,7 @@ class LengthEntry(Entry):
     why: str | None
 
 
-class MarkersEntry(Entry):
+class MarkersEntry(Result):
     """Prediction error of the markers, and fraction of missing marker samples."""
 
     reprojection_rms_mm: float | None
@@ -131,7 +132,7 @@ class MarkersEntry(Entry):
     why: str | None
 
 
-class NoiseEntry(Entry):
+class NoiseEntry(Result):
     """Estimated standard deviations of a marker coordinate, and the snap, rad/s⁴ (rms over joints, and by joint)."""
 
     marker_sd_m: float | None
@@ -140,7 +141,7 @@ class NoiseEntry(Entry):
     why: str | None
 
 
-class RepetitionEntry(Entry):
+class RepetitionEntry(Result):
     """Events of one repetition, on the clock of the recording.
 
     ``seat_off_72_s`` and ``seat_off_model_s`` are seat-off by the two rules of the thesis. ``reached`` is the greatest
@@ -163,69 +164,10 @@ class RepetitionEntry(Entry):
     attempts: int | None
     support: float | None
     remark: str
-    why: str | None
+    why: str | None = None
 
 
-class PublishedEntry(Entry):
-    """A published time of the five-times sit-to-stand test, for context and not for diagnosis."""
-
-    limit_s: float
-    people: str
-    meaning: str
-    stop: str
-    source: str
-
-
-class FiveTimesEntry(Entry):
-    """Times of the five-times sit-to-stand test by both common stop rules, from the start of the first rise.
-
-    ``…_sd_s`` is the standard deviation of a time, from those of its two events.
-    ``repetitions`` is the number of rises that reach standing, ``mean_cycle_s`` the mean time from stand to stand, and
-    ``failed_attempts`` the number of failed attempts within the test time.
-    """
-
-    repetitions: int | None
-    to_fifth_stand_s: float | None
-    to_fifth_seat_contact_s: float | None
-    to_fifth_seated_s: float | None
-    to_fifth_stand_sd_s: float | None = None
-    to_fifth_seat_contact_sd_s: float | None = None
-    to_fifth_seated_sd_s: float | None = None
-    mean_cycle_s: float | None
-    cycle_sd_s: float | None
-    failed_attempts: int | None
-    published: list[PublishedEntry]
-    why: str | None
-
-
-class AttemptEntry(Entry):
-    """A failed attempt to rise: time and size of the greatest hip height, and fraction of the chair's load on the feet.
-
-    ``height`` is a fraction of the full rise.
-    """
-
-    time_s: float
-    height: float
-    unloaded: float | None
-
-
-class SpreadEntry(Entry):
-    """Mean and standard deviation of a quantity over the repetitions."""
-
-    mean: float | None
-    sd: float | None
-
-
-class LoadShareEntry(Entry):
-    """Fraction of the load on the left foot in each phase; null unless each foot has its own plate."""
-
-    left_plate: int | None
-    right_plate: int | None
-    left: dict[str, SpreadEntry]
-    why: str | None
-
-
-class EncoderEntry(Entry):
+class EncoderEntry(Result):
     """Errors of the cameras and of the model's torque against the encoder of a robot, positive as in the plane.
 
     ``sign`` is 1 if the encoder counts positive in the same direction as the plane, else -1. A row of the encoder at
@@ -242,7 +184,7 @@ class EncoderEntry(Entry):
     why: str | None
 
 
-class Summary(Entry):
+class Summary(Result):
     """The content of ``summary.json``; ``mirrored`` is true for a left arm, whose z axis points to the left."""
 
     kind: Literal["mocap-id/summary"] = Field("mocap-id/summary", alias="schema")
@@ -262,12 +204,384 @@ class Summary(Entry):
     noise: NoiseEntry
     dynamics: DynamicsEntry
     repetitions: list[RepetitionEntry] | None
-    five_times: FiveTimesEntry
-    attempts: list[AttemptEntry] | None
-    load_share: LoadShareEntry
+    five_times: FiveTimes
+    attempts: list[Attempt] | None
+    load_share: LoadShare
     encoder: EncoderEntry
     imus: dict[str, ImuEntry] = Field(default_factory=dict)
     workspace: WorkspaceEntry
     curls: CurlsEntry
     time_s: dict[str, float] | None
+    why: str | None
+
+
+class BaseEntry(Result):
+    """A base parameter and its uncertainty.
+
+    ``verdict`` compares the standard deviation with the size of the parameter (``relative_sd``). ``excitation`` is the
+    norm of the part of its regressor column that is independent of all other columns, in standard deviations of the
+    residual per SI unit; ``own_share`` is this norm divided by the norm of the whole column. ``helps`` is the movement
+    that would reduce the standard deviation most, and ``sd_ratio`` the resulting standard deviation divided by the
+    present one; 1 if no tested movement helps. Both are null if every parameter is known, because no movement is tested
+    then. ``prior_share`` is the fraction of the precision that comes from the loose prior (0 with the pinned chain).
+    """
+
+    name: str
+    value: float | None
+    sd: float | None
+    unit: str
+    verdict: Literal["known", "weak", "not identifiable"] | None
+    relative_sd: float | None
+    excitation: float | None
+    own_share: float | None
+    helps: str | None
+    sd_ratio: float | None
+    prior_share: float | None
+    why: str | None
+
+
+class ChannelEntry(Result):
+    """Error of a model or measurement in one component, such as Fx, over the samples of the entry that contains it."""
+
+    bias: float | None
+    sd: float | None
+    r2: float | None
+    why: str | None
+
+
+class RivalEntry(Result):
+    """Errors of an allometric body on the same chain, over the samples of the fit, else over all samples off the seat.
+
+    ``assumed`` lists the assumptions about height, mass and sex.
+    """
+
+    height_m: float | None
+    mass_kg: float | None
+    assumed: list[str]
+    wrench: dict[str, ChannelEntry]
+    cop_rms_m: float | None
+    why: str | None
+
+
+class HeldOutEntry(Result):
+    """Prediction errors for left-out repetitions, by models fitted without them; all are over the same samples.
+
+    ``samples``, ``repetitions`` and ``folds`` are the numbers of samples, repetitions and models. Each model leaves out
+    one repetition, or several neighbours if there are more than five. Errors are those of Fx, Fy (N), tauz (N·m) and
+    cop_x (m): ``model`` by these models, ``in_sample`` by the model of the whole trial, ``reference`` by the allometric
+    body (null without such a body). With measured poses, these three are computed after the low-pass of the fit.
+    ``unfiltered`` is the error of ``model`` against the unfiltered wrench, and ``inside`` the fraction of samples in
+    95 % intervals derived from the other repetitions. ``clock_offset_s`` lists the clock offset of each model.
+    """
+
+    repetitions: int | None
+    folds: int | None
+    samples: int | None
+    model: dict[str, ChannelEntry] | None
+    unfiltered: dict[str, ChannelEntry] | None
+    in_sample: dict[str, ChannelEntry] | None
+    reference: dict[str, ChannelEntry] | None
+    clock_offset_s: list[float] | None
+    inside: dict[str, float] | None
+    why: str | None
+
+
+class GapEntry(Result):
+    """Gap between the two sides of a joint and its acceleration below 3 Hz, both rms; whether the joint is pinned."""
+
+    gap_m: float | None
+    acceleration_m_s2: float | None
+    pinned: bool
+    why: str | None
+
+
+class MotionEntry(Result):
+    """Motion of the masses: the pinned ``chain`` or the measured poses of ``segments``; ``why`` says why it was chosen.
+
+    ``bands_hz`` are the cut-off frequencies for x, y and angle of the measured poses, ``bodies`` the names of the
+    bodies and ``prior`` the source of the loose prior. ``bodies_condition_number`` is the condition number of the
+    regressor with all parameters of all bodies, without the prior, in SI units and with unit-norm columns
+    (``_scaled``). It is not comparable with ``condition_number`` of the chain. All of these are null for the chain.
+    ``joints`` is null if the gaps of the joints were not measured.
+    """
+
+    source: Literal["chain", "segments"]
+    why: str
+    bands_hz: dict[str, float] | None
+    bands_why: str | None
+    bodies: list[str] | None
+    prior: str | None
+    bodies_condition_number: float | None
+    bodies_condition_number_scaled: float | None
+    joints: dict[str, GapEntry] | None
+
+
+class PredictedEntry(Result):
+    """Errors of predictions of left-out repetitions."""
+
+    wrench: dict[str, ChannelEntry]
+    cop_rms_m: float | None
+    why: str | None
+
+
+class PinsEntry(Result):
+    """Prediction errors with and without pinned joints, on the same left-out samples and after the same low-pass.
+
+    ``chain`` has the errors with pinned joints, ``segments`` those with measured poses; ``samples`` counts the samples.
+    ``clock_offset_s`` is the clock offset of the pinned chain. All values are null if the dynamics use that chain.
+    """
+
+    samples: int | None
+    chain: PredictedEntry | None
+    segments: PredictedEntry | None
+    clock_offset_s: float | None
+    why: str | None
+
+
+class TorqueEntry(Result):
+    """Largest torque of a joint in each direction, in samples in which only measured forces carry the body.
+
+    ``positive`` and ``negative`` name the movement towards which a torque of this sign acts, such as extension; they
+    are "positive" and "negative" if the joint has no anatomical name. ``highest`` is the largest torque and ``lowest``
+    the smallest, with standard deviation and time, and divided by ``mass_kg``, the mass of the standing person or, if
+    unknown, the identified mass. Samples with a standard deviation above twice the median are left out. ``known`` is
+    the fraction of samples with a torque.
+    """
+
+    positive: str
+    negative: str
+    highest_nm: float | None
+    highest_sd_nm: float | None
+    highest_nm_per_kg: float | None
+    highest_time_s: float | None
+    lowest_nm: float | None
+    lowest_sd_nm: float | None
+    lowest_nm_per_kg: float | None
+    lowest_time_s: float | None
+    mass_kg: float | None
+    known: float
+    why: str | None
+
+
+class DynamicsEntry(Result):
+    """Results of the identification; ``mass_kg`` and ``cop_mean_m`` come from the plates alone.
+
+    ``wrench`` and ``cop_rms_m`` are errors over the samples of the fit, ``held_out`` the errors on left-out
+    repetitions. ``condition_number`` belongs to the regressor of the chain's base parameters (eq. 6.1) over the samples
+    of the fit, also where the bodies move as measured. ``consistency`` is the set of bodies considered physically
+    consistent. ``rivals`` contains the reference bodies by the names of their allometric tables; empty if no table
+    applies. ``motion`` describes the motion of the masses, and ``pins`` the effect of pinned joints. ``legs`` is "both"
+    if wrench and torques are sums over both legs of a person, else "none". ``torques`` has an entry for each joint in
+    the plane; it is empty without a model.
+    """
+
+    base: list[BaseEntry] | None
+    condition_number: float | None
+    condition_number_scaled: float | None
+    clock_offset_s: float | None
+    clock_offset_sd_s: float | None
+    wrench: dict[str, ChannelEntry] | None
+    cop_rms_m: float | None
+    samples: int | None
+    mass_kg: float | None
+    cop_mean_m: float | None
+    consistency: Literal["grid", "cone", "bounded-cone"] | None
+    rivals: dict[str, RivalEntry]
+    held_out: HeldOutEntry
+    motion: MotionEntry | None
+    pins: PinsEntry
+    legs: Literal["both", "none"] = "none"
+    torques: dict[str, TorqueEntry] = Field({})
+    why: str | None
+
+
+class AngleEntry(Result):
+    """Statistics of one angle, degrees, over the samples in which the angle is known and has a meaning.
+
+    Plane and axial rotation of the shoulder have no meaning if the elevation is within 15° of 0 or 180°. ``used_share``
+    is the fraction of samples in which the angle is known and has a meaning. ``interval_deg`` is the 95 % interval of
+    ``range_deg``, which is ``high_deg`` minus ``low_deg``. ``sd_deg`` is the typical standard deviation of a change of
+    the angle, and ``constant_sd_deg`` the standard deviation of a constant error from the landmarks; the interval
+    includes both.
+    """
+
+    low_deg: float | None
+    high_deg: float | None
+    range_deg: float | None
+    interval_deg: list[float] | None
+    sd_deg: float | None
+    constant_sd_deg: float | None
+    used_share: float
+    why: str | None
+
+
+class LandmarkEntry(Result):
+    """Position of an anatomical landmark in the frame of its segment; ``sd_m`` applies to each coordinate."""
+
+    segment: str
+    local_m: list[float] | None
+    sd_m: float | None
+    why: str | None
+
+
+class RangeEntry(Result):
+    """Range of one angle, robust against single samples, degrees.
+
+    ``interval_deg`` is the 95 % interval of ``range_deg``. It does not contain constant errors of the angle, because
+    they do not change a range.
+    """
+
+    low_deg: float
+    high_deg: float
+    range_deg: float
+    interval_deg: list[float]
+    low_sd_deg: float
+    high_sd_deg: float
+    used_share: float
+
+
+class VisitedEntry(Result):
+    """Volume reached in the recorded postures and in postures between them.
+
+    ``share`` is this volume divided by the volume for independent limits of the angles; ``meaning`` explains it.
+    """
+
+    volume_m3: float | None = None
+    interval_m3: list[float] | None = None
+    discretisation_m3: float | None = None
+    convergence_m3: list[float] | None = None
+    share: float | None = None
+    meaning: str
+    why: str | None
+
+
+class HeightsEntry(Result):
+    """Highest and lowest position of the wrist above the shoulder, m and as fractions of the arm length.
+
+    ``levels`` says whether the hand reached the height of each part of the body. A value is null if the hand was
+    probably there only while the markers of the arm were missing or not used.
+    """
+
+    highest_m: float | None
+    lowest_m: float | None
+    highest_share: float | None
+    lowest_share: float | None
+    levels: dict[str, bool | None]
+
+
+class TargetEntry(Result):
+    """Number of reaches to one part of the body, and smallest and median distance by which they missed it, m."""
+
+    count: int
+    best_miss_m: float
+    median_miss_m: float
+
+
+class WorkspaceEntry(Result):
+    """Volume that the wrist can reach, its 95 % interval, and the quantities from which it is computed.
+
+    ``box_deg`` contains the independent limits of the angles; ``visited`` is the volume for recorded combinations of
+    them. ``relative_volume`` is the volume divided by the volume of a sphere with the arm length as radius.
+    ``discretisation_m3`` is the change of the volume in the last refinement of the grid, ``sources`` the contribution
+    of every range and length to the variance. ``surface`` has the relative areas of the furthest reach by quadrant.
+    """
+
+    volume_m3: float | None = None
+    interval_m3: list[float] | None = None
+    box_deg: dict[str, list[float]] | None = None
+    sd_m3: float | None = None
+    relative_volume: float | None = None
+    discretisation_m3: float | None = None
+    convergence_m3: list[float] | None = None
+    sources: dict[str, float] | None = None
+    visited: VisitedEntry | None = None
+    surface: dict[str, dict[str, float]] | None = None
+    ranges: dict[str, RangeEntry] | None = None
+    lengths_m: dict[str, float] | None = None
+    arm_length_m: float | None = None
+    shoulder_m: list[float] | None = None
+    glide_m: list[float] | None = None
+    heights: HeightsEntry | None = None
+    tasks: dict[str, TargetEntry] | None = None
+    why: str | None
+
+
+class CompensationEntry(Result):
+    """Motion of one angle that should not change in curls: one value for each curl, null for a failed attempt.
+
+    ``floor_deg`` is the range that errors alone can cause. ``offset_deg`` is the mean angle of the curl minus the mean
+    angle of the first curl. ``sustained_s`` is the longest time beyond the allowed change; 0 if it is shorter than the
+    rule requires. Axial rotation excludes the part that depends on the flexion alone; ``in_step_deg`` is the range of
+    this part in the first curl.
+    """
+
+    range_deg: list[float | None]
+    interval_deg: list[list[float] | None]
+    floor_deg: list[float | None]
+    offset_deg: list[float | None]
+    sustained_s: list[float | None]
+    in_step_deg: float | None = None
+    in_step_interval_deg: list[float] | None = None
+
+
+class TrendEntry(Result):
+    """Change of a quantity per curl with its 95 % interval, in the unit at the end of the quantity's name.
+
+    ``curls`` is the number of curls used.
+    """
+
+    slope: float
+    interval: list[float]
+    curls: int
+
+
+class CurlsEntry(Result):
+    """Number of complete curls before the end of the trial and of failed attempts, and changes from curl to curl.
+
+    ``end_rule`` is the rule that ends the trial: ``stopped``, ``tempo``, ``plane``, or ``recording`` if no rule does.
+    ``after_end`` is the number of complete curls after the end, which are not counted.
+    """
+
+    count: int | None = None
+    partial: int | None = None
+    after_end: int | None = None
+    condition: str | None = None
+    end_s: float | None = None
+    end_rule: str | None = None
+    compensation: dict[str, CompensationEntry] = Field(default_factory=dict)
+    largest_torque_nm: float | None = None
+    largest_torque_sd_nm: float | None = None
+    fatigue: dict[str, TrendEntry] = Field(default_factory=dict)
+    why: str | None
+
+
+class ImuEntry(Result):
+    """Inertial sensor on a segment; its time stamp t is the camera time ``clock_offset_s + t (1 + 1e-6 ppm)``.
+
+    ``sd_s`` is the standard deviation of this time in the middle of the trial; ``observable`` is false if the motion
+    does not determine the clock offset to 2 ms. ``mounting`` is the rotation from the sensor to the segment,
+    ``position_m`` is in the segment's frame, and ``skin_share`` is the fraction of the segment's axial rotation that
+    the skin under the sensor does not follow. Without markers, the clock offset is relative to the first sensor, and
+    ``heading_deg`` is the rotation about the vertical axis between start and end, by the gyroscope alone.
+    """
+
+    used: bool
+    clock_offset_s: float | None = None
+    sd_s: float | None = None
+    ppm: float | None = None
+    observable: bool = False
+    gyro_bias_rad_s: list[float] | None = None
+    gyro_bias_sd_rad_s: list[float] | None = None
+    acc_bias_m_s2: list[float] | None = None
+    acc_bias_sd_m_s2: list[float] | None = None
+    mounting: list[list[float]] | None = None
+    mounting_sd_deg: float | None = None
+    position_m: list[float] | None = None
+    position_sd_m: list[float] | None = None
+    skin_share: float | None = None
+    gyro_residual_rad_s: float | None = None
+    acc_residual_m_s2: float | None = None
+    saturated: float | None = None
+    heading_deg: float | None = None
+    heading_sd_deg: float | None = None
     why: str | None

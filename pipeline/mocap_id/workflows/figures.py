@@ -9,8 +9,8 @@ from pathlib import Path
 from mocap_id import plain_files
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.reporting.contents import PAGE_FILE, PdfFonts
-from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.figure import Drawings
+from mocap_id.reporting.page import read_figures
 from mocap_id.reporting.study.page_data import PAGE_FILE as COHORT
 from mocap_id.store.atomic import write_files
 from mocap_id.store.ownership import check_owner, store_owner

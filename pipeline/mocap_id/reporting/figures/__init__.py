@@ -10,7 +10,17 @@ from dataclasses import dataclass
 
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Drawing, Drawings, Figure
-from mocap_id.reporting.figures import parameters, recovery, repetitions, skeleton, states, wrench
+from mocap_id.reporting.figures.forces import draw_parameters, draw_point_masses, draw_torques, draw_wrench
+from mocap_id.reporting.figures.motion import (
+    draw_angles,
+    draw_phase_portraits,
+    draw_phases,
+    draw_rates,
+    draw_repetitions,
+    draw_states,
+)
+from mocap_id.reporting.figures.reach import draw_reach
+from mocap_id.reporting.figures.skeleton import draw_recovery, draw_residuals, draw_skeleton, draw_spatial_skeleton
 from mocap_id.reporting.report_data import ReportData
 
 
@@ -26,7 +36,7 @@ class FigureEntry:
 
 RESIDUALS = FigureEntry(
     "residuals",
-    recovery.draw_residuals,
+    draw_residuals,
     "Residual of each marker",
     "Distance between measured and predicted markers: root mean square (bar) and 95 % quantile (tick). An "
     "unusually long bar means that the marker slides, is swapped or is assigned to the wrong segment.",
@@ -36,7 +46,7 @@ RESIDUALS = FigureEntry(
 FIGURES: tuple[FigureEntry, ...] = (
     FigureEntry(
         "skeleton",
-        skeleton.draw,
+        draw_skeleton,
         "Skeleton over the markers",
         "Recovered chain, if one was found, in the plane of motion at two instants. Dots: measured markers. Small "
         "circles: the same markers predicted by the chain. Large circles: joint centres. Crosses: markers without a "
@@ -44,7 +54,7 @@ FIGURES: tuple[FigureEntry, ...] = (
     ),
     FigureEntry(
         "recovery",
-        recovery.draw,
+        draw_recovery,
         "How each joint was found",
         "Top: markers of a segment in the frame of the previous segment, where they move on arcs about the joint "
         "(large circle). Pluses: centres of circles fitted to single markers, if near the joint. Bottom: the same "
@@ -53,7 +63,7 @@ FIGURES: tuple[FigureEntry, ...] = (
     ),
     FigureEntry(
         "states",
-        states.draw,
+        draw_states,
         "Joint states",
         "Angle, velocity and acceleration of every joint with 95 % confidence bands. Shaded: intervals in which a "
         "joint angle is not observed by any marker and is bridged; the band shows its uncertainty. The bottom panel "
@@ -61,7 +71,7 @@ FIGURES: tuple[FigureEntry, ...] = (
     ),
     FigureEntry(
         "repetitions",
-        repetitions.draw,
+        draw_repetitions,
         "Repetitions",
         "Joint angles of each repetition (thin lines) over normalised time, with mean (thick line) and one standard "
         "deviation (band). Dotted: mean time of seat-off, if the movement has one. Red: angles from another system, "
@@ -69,7 +79,7 @@ FIGURES: tuple[FigureEntry, ...] = (
     ),
     FigureEntry(
         "phases",
-        repetitions.draw_phases,
+        draw_phases,
         "Wrench and torques over a repetition",
         "Mean and one standard deviation over complete repetitions: ground reaction wrench and centre of pressure "
         "(measured, identified model, allometric reference), and joint torques of the model. During chair contact, "
@@ -79,7 +89,7 @@ FIGURES: tuple[FigureEntry, ...] = (
     RESIDUALS,
     FigureEntry(
         "wrench",
-        wrench.draw,
+        draw_wrench,
         "Ground reaction wrench and centre of pressure",
         "Wrench of the ground on the body about the origin of the plane frame: measured, identified model with its "
         "95 % confidence band, and allometric reference, if one applies. Shaded: samples used for identification. "
@@ -87,7 +97,7 @@ FIGURES: tuple[FigureEntry, ...] = (
     ),
     FigureEntry(
         "torques",
-        wrench.draw_torques,
+        draw_torques,
         "Joint torques",
         "Torque of the lower on the upper segment at each joint, with its 95 % confidence band. Shaded: a chair or "
         "support that no plate measures carries, or may carry, part of the body. The torques of the joints below it "
@@ -95,19 +105,78 @@ FIGURES: tuple[FigureEntry, ...] = (
     ),
     FigureEntry(
         "parameters",
-        parameters.draw,
+        draw_parameters,
         "Base parameters",
         "Identified base parameters with 95 % confidence intervals. Crosses: allometric reference, if one applies.",
     ),
     FigureEntry(
         "point_masses",
-        parameters.draw_point_masses,
+        draw_point_masses,
         "Point masses",
         "One physically consistent set of point masses with the identified base parameters, in the frame of each "
         "segment (origin at its proximal joint, +y towards the next joint). Grey dots: points without mass.",
     ),
 )
 """Figures of a trial in the plane."""
+
+SPATIAL_FIGURES: tuple[FigureEntry, ...] = (
+    FigureEntry(
+        "skeleton",
+        draw_spatial_skeleton,
+        "Skeleton and markers in three views",
+        "Recovered chain, if one was found, at the two extremes of the motion, without perspective: from the side of "
+        "+z, from the side of −x, and from above. Dots: measured markers. Large circles: known joint "
+        "centres. Grey is the base; every other colour is one segment, here and in the figure of the residuals. "
+        "The player above shows the same chain from any side.",
+    ),
+    FigureEntry(
+        "angles",
+        draw_angles,
+        "Angles",
+        "Angles of every joint with 95 % confidence bands of their changes; the table has the constant error due to "
+        "the landmarks. Grey: intervals in which a segment of the joint is not observed and is bridged. Blue: the "
+        "elevation is within 15° of 0 or 180°, where plane and axial rotation of the shoulder have no meaning and are "
+        "not drawn.",
+    ),
+    FigureEntry(
+        "rates",
+        draw_rates,
+        "Velocities and accelerations",
+        "First and second derivatives of the angles above, with 95 % confidence bands. Shades as above.",
+    ),
+    FigureEntry(
+        "reach",
+        draw_reach,
+        "What the wrist can reach",
+        "Furthest reach of the wrist from the shoulder in every direction, in the axes of the thorax: by the "
+        "ranges of all angles taken independently (grey), and by the recorded postures and the postures between "
+        "them (blue). Orange: path of the wrist. Thick: the arm at its furthest reach. Crosses: parts of the body, "
+        "from tables of proportions. On the page, drag the figure or use the arrow keys to rotate it.",
+    ),
+    FigureEntry(
+        "phase_portraits",
+        draw_phase_portraits,
+        "Phase portraits",
+        "Acceleration against angle in every complete curl: first third blue, middle third green, last third orange. "
+        "Bands: 95 % intervals of the acceleration in the first and the last curl. The shape of a curve "
+        "within its band may be noise alone.",
+    ),
+    RESIDUALS,
+    FigureEntry(
+        "wrench",
+        draw_wrench,
+        "Ground reaction wrench",
+        "Wrench of the ground on the base about the origin of the trial's frame: measured, and identified model with "
+        "its 95 % confidence band. Shaded: samples used for identification.",
+    ),
+    FigureEntry(
+        "parameters",
+        draw_parameters,
+        "Base parameters",
+        "Identified base parameters with 95 % confidence intervals.",
+    ),
+)
+"""Figures of a trial in space in reading order."""
 
 _OF_POSES: Mapping[str, str] = {
     "wrench": "The measured wrench is not filtered.",
@@ -124,11 +193,7 @@ _OF_CHAIN: Mapping[str, str] = {
 
 def draw_figures(data: ReportData) -> Drawings:
     """Return all figures of a trial in the plane or in space."""
-    entries = FIGURES
-    if data.in_space:
-        from mocap_id.reporting.space import figures as spatial  # noqa: PLC0415  it imports this package
-
-        entries = spatial.FIGURES
+    entries = SPATIAL_FIGURES if data.in_space else FIGURES
     made = (Drawing(entry.name, entry.title, _complete_caption(entry, data), entry.draw(data)) for entry in entries)
     return Drawings(style.clean(data.trial), tuple(made))
 

@@ -10,8 +10,8 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Item, Line, Panel, Points, arrange_in_lines
+from mocap_id.reporting.figures.reach import make_turnable_panel
 from mocap_id.reporting.reach_study.tables import show_score
-from mocap_id.reporting.space.figures.reach import make_turnable_panel
 from mocap_id.reporting.study import people_rows
 from mocap_id.reporting.study.page_data import CohortData
 

@@ -10,8 +10,16 @@ from mocap_id.reporting import style
 from mocap_id.reporting.explanations import LEVELS
 from mocap_id.reporting.figure import Drawings
 from mocap_id.reporting.grids import GridColumn, text
-from mocap_id.reporting.page import KeyNumber, Page, Section
-from mocap_id.reporting.reasons import ExplainedReason, Prose, explain_reason, split_code, to_sentence
+from mocap_id.reporting.page import (
+    ExplainedReason,
+    KeyNumber,
+    Page,
+    Prose,
+    Section,
+    explain_reason,
+    split_code,
+    to_sentence,
+)
 from mocap_id.reporting.study.page_data import CohortData
 from mocap_id.reporting.summary_schema import ReasonEntry
 

@@ -12,8 +12,8 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.clock_offset import SampledWrench
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData
 from mocap_id.protocols.attempts import Attempt, find_failed_attempts
-from mocap_id.protocols.five_times import PUBLISHED, REQUIRED_RISES, FiveTimes, compute_five_times
-from mocap_id.protocols.load_share import PHASES, LoadShare, compute_load_share, find_foot_plates
+from mocap_id.protocols.five_times import REQUIRED_RISES, compute_five_times
+from mocap_id.protocols.load_share import LOAD_PHASES, LoadShare, Spread, compute_load_share, find_foot_plates
 from mocap_id.protocols.movement import Movement, find_facing
 from mocap_id.protocols.posture import Posture
 from mocap_id.protocols.remarks import add_remarks, explain_repetitions
@@ -75,16 +75,16 @@ def make_sit_to_stand_events(
     attempts = tuple(
         each
         for each in find_failed_attempts(recorded.time, posture, vertical, repetitions, chair=chair)
-        if measured[np.searchsorted(recorded.time, each.time)]
+        if measured[np.searchsorted(recorded.time, each.time_s)]
     )
-    shared = _share_load(plates, recorded, posture, movement, stamped)
+    load_share, shares = _share_load(plates, recorded, posture, movement, stamped)
     rises = tuple(
         replace(
             _describe_rise(k, recorded.time, movement, vertical, share=share, measured=measured, modelled=modelled),
             attempts=_count_attempts_before(k, repetitions, attempts),
-            left_seated=float(shared.phases["seated"][k]),
-            left_rising=float(shared.phases["rising"][k]),
-            left_standing=float(shared.phases["standing"][k]),
+            left_seated=float(shares["seated"][k]),
+            left_rising=float(shares["rising"][k]),
+            left_standing=float(shares["standing"][k]),
         )
         for k in range(len(repetitions))
     )
@@ -105,21 +105,15 @@ def make_sit_to_stand_events(
         each.leave_out(recorded.time, measured, ("start", "stand", "end")).leave_out(recorded.time, modelled, seat)
         for each in repetitions
     )
+    event_sd = None
+    if speed_sd is not None and chair is not False:
+        above_noise = None if contact is None else contact.above_noise
+        event_sd = estimate_event_sd(recorded.time, posture, repetitions, speed_sd, above_noise)
+    five_times = compute_five_times(repetitions, rises, chair=chair, event_sd=event_sd)
     facts = {
-        "five_times": _describe_five_times(
-            compute_five_times(
-                repetitions,
-                rises,
-                chair=chair,
-                event_sd=None
-                if speed_sd is None or chair is False
-                else estimate_event_sd(
-                    recorded.time, posture, repetitions, speed_sd, None if contact is None else contact.above_noise
-                ),
-            )
-        ),
-        "attempts": [_describe_attempt(attempt) for attempt in attempts],
-        "load_share": _describe_load_share(shared),
+        "five_times": {"asked": REQUIRED_RISES, **five_times.model_dump()},
+        "attempts": [attempt.model_dump() for attempt in attempts],
+        "load_share": load_share.model_dump(),
     }
     reasons = explain_repetitions(repetitions, rises, attempts, posture)
     return Table(EVENTS, _make_columns(repetitions, rises), facts, reasons)
@@ -128,7 +122,7 @@ def make_sit_to_stand_events(
 def _count_attempts_before(k: int, repetitions: Sequence[Repetition], attempts: Sequence[Attempt]) -> int:
     """Return the number of failed attempts between the stand of the previous repetition and the stand of ``k``."""
     since = repetitions[k - 1].stand if k else -np.inf
-    return sum(since < attempt.time < repetitions[k].stand for attempt in attempts)
+    return sum(since < attempt.time_s < repetitions[k].stand for attempt in attempts)
 
 
 def _describe_rise(
@@ -196,61 +190,21 @@ def _sample(time: FloatArray, force: FloatArray, stamped: FloatArray) -> FloatAr
 
 def _share_load(
     plates: Table, recorded: TrialData, posture: Posture, movement: Movement, stamped: FloatArray
-) -> LoadShare:
-    nothing = {phase: np.full(len(movement.repetitions), np.nan) for phase in PHASES}
-    feet = [plate for plate in plates.facts.get("plates") or () if plate.get("use") == "feet"]
-    across = [(int(plate["index"]), _number(plate.get("across_m"))) for plate in feet]
+) -> tuple[LoadShare, dict[str, FloatArray]]:
+    """Return the load share over all repetitions, and in each one by phase, (R,), NaN where unknown."""
+    across: list[tuple[int, float]] = []
+    for plate in plates.facts.get("plates") or ():
+        if plate.get("use") == "feet":
+            z = plate.get("across_m")
+            across.append((int(plate["index"]), float(z) if isinstance(z, (int, float)) else float("nan")))
     found = find_foot_plates(across, find_facing(recorded))
     if isinstance(found, str):
-        return LoadShare(None, None, nothing, found)
+        return LoadShare(why=found), {phase: np.full(len(movement.repetitions), np.nan) for phase in LOAD_PHASES}
     left, right = (_sample(recorded.time, plates[f"Fy_p{plate}"], stamped) for plate in found)
-    return LoadShare(*found, compute_load_share(recorded.time, posture, left, right, movement.repetitions))
-
-
-def _number(value: object) -> float:
-    return float(value) if isinstance(value, (int, float)) else float("nan")
-
-
-def _describe_load_share(shared: LoadShare) -> dict[str, Any]:
-    """Return JSON about the load share: means and standard deviations over the repetitions."""
-    return {
-        "left_plate": shared.left_plate,
-        "right_plate": shared.right_plate,
-        "left": {phase: _average(shared.phases[phase]) for phase in PHASES},
-        "why": shared.why,
+    shares = compute_load_share(recorded.time, posture, left, right, movement.repetitions)
+    known = {phase: values[np.isfinite(values)] for phase, values in shares.items()}
+    averages = {
+        phase: Spread(mean=values.mean() if len(values) else None, sd=values.std(ddof=1) if len(values) > 1 else None)
+        for phase, values in known.items()
     }
-
-
-def _average(values: Sequence[float] | FloatArray) -> dict[str, float | None]:
-    known = np.asarray(values, dtype=np.float64)
-    known = known[np.isfinite(known)]
-    return {
-        "mean": float(known.mean()) if len(known) else None,
-        "sd": float(known.std(ddof=1)) if len(known) > 1 else None,
-    }
-
-
-def _describe_five_times(found: FiveTimes) -> dict[str, Any]:
-    return {
-        "asked": REQUIRED_RISES,
-        "repetitions": found.repetitions,
-        "to_fifth_stand_s": found.to_fifth_stand,
-        "to_fifth_seat_contact_s": found.to_fifth_seat_contact,
-        "to_fifth_seated_s": found.to_fifth_seated,
-        "to_fifth_stand_sd_s": found.to_fifth_stand_sd,
-        "to_fifth_seat_contact_sd_s": found.to_fifth_seat_contact_sd,
-        "to_fifth_seated_sd_s": found.to_fifth_seated_sd,
-        "mean_cycle_s": found.mean_cycle,
-        "cycle_sd_s": found.cycle_sd,
-        "failed_attempts": found.attempts,
-        "published": [
-            {"limit_s": one.limit, "people": one.people, "meaning": one.meaning, "stop": one.stop, "source": one.source}
-            for one in PUBLISHED
-        ],
-        "why": found.why,
-    }
-
-
-def _describe_attempt(attempt: Attempt) -> dict[str, float | None]:
-    unloaded = attempt.unloaded if np.isfinite(attempt.unloaded) else None
-    return {"time_s": attempt.time, "height": attempt.height, "unloaded": unloaded}
+    return LoadShare(left_plate=found[0], right_plate=found[1], left=averages), shares

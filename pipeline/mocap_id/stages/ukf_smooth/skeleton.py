@@ -8,8 +8,8 @@ import numpy as np
 
 from mocap_id.anatomy.angles import SHOULDER, AngleDeviations, JointAngles
 from mocap_id.arrays import FloatArray
+from mocap_id.estimation.space import SpatialStates
 from mocap_id.estimation.space.skeleton_smoothing import SkeletonNoise, bridge_gaps, remove_jumps, smooth_skeleton
-from mocap_id.estimation.space.space_smoothing import SpatialStates
 from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.kinematics.space.rigid_body import rigid_poses
 from mocap_id.kinematics.space.skeleton import SensorNoise

@@ -101,7 +101,7 @@ def make_page(data: CohortData, trials: Sequence[ReachResult]) -> bytes:
 
 def make_shape(trial: ReachResult) -> Shape:
     """Return the surface of a trial's reachable volume; the surface of a left arm is mirrored back to the left."""
-    from mocap_id.reporting.space.figures.reach import make_wires  # noqa: PLC0415  as above
+    from mocap_id.reporting.figures.reach import make_wires  # noqa: PLC0415  as above
 
     mesh, mirror = trial.reach["mesh"], [1, 1, -1 if trial.side == "left" else 1]
     shoulder = np.array(trial.reach["shoulder_m"])

@@ -17,7 +17,7 @@ _SETS = {"box_m": ("box of independent limits", style.FAINT, 0.45), "visited_m":
 _EVERY = 2  # every second line of longitude is drawn
 
 
-def draw(data: ReportData) -> Figure | str:
+def draw_reach(data: ReportData) -> Figure | str:
     """Return the surface of the reachable set with the shoulder in the middle, or a sentence if there is none."""
     facts = data.facts("events.parquet").get("reach")
     if facts is None:

@@ -1,0 +1,350 @@
+"""Figures of the motion: joint states, angles in space, and averages over the repetitions (figures 6.2, 6.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray
+from mocap_id.geometry.so3 import shift_to_shortest_arc
+from mocap_id.reporting import style
+from mocap_id.reporting.downsampling import find_spans, thin_band, thin_curve
+from mocap_id.reporting.figure import Band, Bars, Dash, Figure, Item, Line, Panel, Rule, Spans, Text, arrange_in_lines
+from mocap_id.reporting.report_data import ReportData
+from mocap_id.store import Table
+from mocap_id.store.spatial_views import MEANINGLESS_AT_POLE, SpatialAngles
+from mocap_id.store.views import JointStates
+
+_RATES = ("velocity (deg/s)", "acceleration (deg/s²)")
+_STRIP = 0.16  # inches per joint in the panel of gaps
+
+
+def draw_states(data: ReportData) -> Figure | str:
+    """Return angle, velocity and acceleration of all joints, and the intervals in which each joint is bridged."""
+    motion = data.shown_motion
+    if motion is None or not motion.mean.size:
+        return f"No joint states: {data.why_missing('states.parquet')}."
+    names = name_joints(data)
+    curves = [draw_panel(motion, order, names, height=1.9, label=label_angle(data)) for order in range(3)]
+    return Figure(tuple((one,) for one in (*curves, _draw_strips(motion, names))))
+
+
+def name_joints(data: ReportData) -> tuple[str, ...]:
+    """Return a label for each joint in the states; "joint 1" and so on if it has no name."""
+    names = data.skeleton.joints if data.skeleton is not None else ()
+    count = 0 if data.motion is None else data.motion.mean.shape[1]
+    return tuple(style.clean(names[j], 20) if j < len(names) else f"joint {j + 1}" for j in range(count))
+
+
+def label_angle(data: ReportData) -> str:
+    """Return the label of an axis with joint angles, which says where they are zero."""
+    sources = {zero.source for zero in data.zeros}
+    where = {
+        frozenset({"static"}): ", static pose",
+        frozenset({"standing"}): " from standing",
+        frozenset({"segment line"}): ", segment line",
+    }
+    return f"angle{where.get(frozenset(sources), '')} (deg)"
+
+
+def draw_panel(
+    motion: JointStates, order: int, names: tuple[str, ...], height: float, label: str = "angle (deg)"
+) -> Panel:
+    """Return a panel with the derivative ``order`` (0 to 2) of all joint angles, in degrees, with 95 % bands.
+
+    ``label`` is the label of the axis of angles. Bridged intervals are shaded; their bands do not affect the range of
+    the axis.
+    """
+    bands, lines, framed = [], [], []
+    for j, name in enumerate(names):
+        value = np.degrees(motion.mean[:, j, order])
+        half = NORMAL_95 * np.degrees(motion.sd[:, j, order])
+        colour, seen = style.pick_colour(j + 1), motion.observed[:, j]
+        bands.append(Band(*thin_band(motion.time, value - half, value + half), colour))
+        lines.append(Line(*thin_curve(motion.time, value), colour, name, style.pick_dash(j + 1)))
+        framed += [value, (value - half)[seen], (value + half)[seen]]
+    gaps = draw_shades(motion.time, motion.observed.sum(axis=1) < motion.observed.shape[1])
+    items: tuple[Item, ...] = (*gaps, *bands, *lines)
+    ends = _find_ends(motion)
+    quantity = (label, *_RATES)[order]
+    return Panel(items, y=quantity, x_range=ends, y_range=style.find_range(framed), linked=True, height=height)
+
+
+def draw_shades(time: FloatArray, mask: BoolArray) -> tuple[Spans, ...]:
+    """Return shaded intervals where ``mask`` (T,) is true; empty if it is true nowhere."""
+    found = np.array(find_spans(time, mask)).reshape(-1, 2)
+    return (Spans(found[:, 0], found.sum(axis=1), style.GRID),) if len(found) else ()
+
+
+def _draw_strips(motion: JointStates, names: tuple[str, ...]) -> Panel:
+    """Return a panel with one row per joint, marked where the joint is bridged."""
+    gaps = [find_spans(motion.time, ~seen) for seen in motion.observed.T]
+    found = [(j, start, start + wide) for j, own in enumerate(gaps) for start, wide in own]
+    row, low, high = np.array(found, dtype=np.float64).reshape(-1, 3).T
+    ends = _find_ends(motion)
+    note = () if found else (Text(sum(ends) / 2, (len(names) - 1) / 2, "none"),)
+    bars = Bars(row, low, high, tuple(style.pick_colour(j + 1) for j, *_ in found), thick=0.6)
+    rows = tuple(style.clean(name, 9) for name in names)
+    height = 0.65 + _STRIP * len(names)
+    return Panel((bars, *note), "bridged intervals", "time (s)", x_range=ends, rows=rows, linked=True, height=height)
+
+
+def _find_ends(motion: JointStates) -> tuple[float, float]:
+    return float(motion.time[0]), float(motion.time[-1])
+
+
+_SPAN = "time in the repetition (%)"
+_WRENCH = (("Fx", "Fx (N)"), ("Fy", "Fy (N)"), ("tauz", "τz (N·m)"), ("cop_x", "CoP x (m)"))
+_COP_PHASE_TAIL = 0.02
+_PHASE_SOURCES: tuple[tuple[str, str, Dash, str], ...] = (
+    ("", style.MEASURED, "-", "measured"),
+    ("_model", style.MODEL, "-", "identified model"),
+    ("_reference", style.REFERENCE, "--", "allometric reference"),
+)
+_COLUMNS = 3
+_GRID = np.linspace(0.0, 1.0, 101)
+
+
+def draw_repetitions(data: ReportData) -> Figure | str:
+    """Return a panel for each joint: repetitions (thin), mean (thick) and one standard deviation (band)."""
+    motion, events = data.shown_motion, data.table("events.parquet")
+    bounds = np.zeros((0, 2)) if events is None else find_whole_repetitions(events)
+    if motion is None or events is None or not motion.mean.size or not len(bounds):
+        why = "none were found" if events is not None else data.why_missing("events.parquet")
+        return f"No repetitions to compare: {why}."
+    curves = np.degrees(normalise_time(motion, bounds))  # (R, 101, n)
+    names = data.skeleton.joints if data.skeleton is not None else ()
+    panels = []
+    for j in range(curves.shape[2]):
+        items = [
+            *_draw_curves(curves[..., j], style.pick_colour(j + 1)),
+            *_draw_other_system(data, j + 1),
+            *_draw_seat_off(events),
+        ]
+        name = style.clean(names[j], 20) if j < len(names) else f"joint {j + 1}"
+        panels.append(Panel(tuple(items), name, _SPAN, label_angle(data), x_range=(0, 100), linked=True, height=2.4))
+    return Figure(arrange_in_lines(tuple(panels), _COLUMNS))
+
+
+def find_whole_repetitions(events: Table) -> FloatArray:
+    """Return start and end, (R, 2), s, of the repetitions for which both are known."""
+    bounds = events.stack(["start", "end"])
+    whole: FloatArray = bounds[bounds[:, 1] > bounds[:, 0]]  # false if start or end is NaN
+    return whole
+
+
+def normalise_time(motion: JointStates, bounds: FloatArray) -> FloatArray:
+    """Return the angles at 0, 1 … 100 % of each repetition, (R, 101, n), rad; NaN where bridged or unknown."""
+    at = bounds[:, :1] + (bounds[:, 1:] - bounds[:, :1]) * _GRID  # (R, 101)
+    nearest = np.searchsorted(motion.time, at).clip(0, len(motion.time) - 1)
+    curves = np.stack([np.interp(at, motion.time, angle, np.nan, np.nan) for angle in motion.angles.T], axis=-1)
+    return np.where(motion.observed[nearest], curves, np.nan)
+
+
+def _draw_curves(curves: FloatArray, colour: str) -> list[Item]:
+    """Return the curves (R, 101) of all repetitions as one interrupted line, their mean, and one standard deviation."""
+    percent = 100 * _GRID
+    count = np.isfinite(curves).sum(axis=0)
+    mean = np.nansum(curves, axis=0) / np.where(count > 0, count, np.nan)
+    spread = np.sqrt(np.nansum((curves - mean) ** 2, axis=0) / np.where(count > 1, count - 1, np.nan))
+    lifted = np.pad(curves, ((0, 0), (0, 1)), constant_values=np.nan)
+    each = Line(np.tile([*percent, np.nan], len(curves)), lifted.ravel(), colour, width=0.6, opacity=0.6)
+    return [each, Band(percent, mean - spread, mean + spread, colour, 0.2), Line(percent, mean, colour, width=1.8)]
+
+
+def _draw_other_system(data: ReportData, joint: int) -> list[Item]:
+    """Return mean and standard deviation of a joint angle from another system; empty without one."""
+    table = data.table("phases.parquet")
+    if table is None:
+        return []
+    mean, sd, percent = read_average(table, f"theta_{joint}_other")
+    if not np.isfinite(mean).any():
+        return []
+    mean, sd = np.degrees(mean), np.degrees(sd)
+    band = Band(percent, mean - sd, mean + sd, style.OTHER, 0.2)
+    return [band, Line(percent, mean, style.OTHER, "another system", "--", 1.4)]
+
+
+def _draw_seat_off(events: Table) -> list[Item]:
+    """Return a dotted line at the mean time of seat-off; empty if it is unknown."""
+    start, seat_off, end = events.stack(["start", "seat_off", "end"]).T
+    share = (seat_off - start) / np.where(end > start, end - start, np.nan)
+    share = share[np.isfinite(share)]
+    return [Rule("x", 100 * float(share.mean()), style.INK, ":", 0.8)] if len(share) else []
+
+
+def draw_phases(data: ReportData) -> Figure | str:
+    """Return four panels of the wrench and one of the torques, each with mean and one standard deviation."""
+    table = data.table("phases.parquet")
+    if table is None:
+        return f"No averages over repetitions: {data.why_missing('phases.parquet')}."
+    names = data.skeleton.joints if data.skeleton is not None else ()
+    wrench = tuple(_draw_phase_panel(table, name, label) for name, label in _WRENCH)
+    torques = tuple(
+        item
+        for k, name in enumerate(names, start=1)
+        for item in _draw_phase_curve(table, f"tau_{k}", style.pick_colour(k), "-", f"{style.clean(name, 14)} torque")
+    )
+    if not torques and not any(panel.items for panel in wrench):
+        why = data.facts("phases.parquet").get("why") or "forces and torques are unknown"
+        return f"No averages over repetitions: {style.clean(why)}."
+    legs = ", both legs together" if data.facts("dynamics.parquet").get("legs") == "both" else ""
+    shades = _shade_unknown_torques(table, len(names))
+    last = Panel((*shades, *torques), f"joint torques{legs} (N·m)", _SPAN, x_range=(0, 100), linked=True)
+    return Figure((wrench[:2], wrench[2:], *(((last,),) if torques else ())))
+
+
+def _shade_unknown_torques(table: Table, joints: int) -> tuple[Item, ...]:
+    """Return shaded intervals of the repetition in which fewer repetitions than elsewhere have a torque."""
+    unknown = np.zeros(len(_GRID), dtype=np.bool_)
+    for joint in range(1, joints + 1):
+        own = (table["quantity"] == f"tau_{joint}") & (table["span"] == "repetition")
+        if own.any():
+            unknown |= table["count"][own] < table["count"][own].max()
+    return draw_shades(100 * _GRID, unknown)
+
+
+def read_average(table: Table, quantity: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return mean, standard deviation and percent of a quantity over complete repetitions; empty if missing."""
+    own = (table["quantity"] == quantity) & (table["span"] == "repetition")
+    mean, sd, percent = table.stack(["mean", "sd", "percent"])[own].T
+    return mean, sd, percent
+
+
+def _draw_phase_panel(table: Table, name: str, label: str) -> Panel:
+    items, curves = [], []
+    for suffix, colour, dash, what in _PHASE_SOURCES:
+        items += _draw_phase_curve(table, f"{name}{suffix}", colour, dash, what)
+        curves.append(read_average(table, f"{name}{suffix}")[0])
+    framed = style.find_range(curves, _COP_PHASE_TAIL if name == "cop_x" else 0.0)
+    return Panel(tuple(items), label, _SPAN, x_range=(0, 100), y_range=framed, linked=True)
+
+
+def _draw_phase_curve(table: Table, quantity: str, colour: str, dash: Dash, label: str) -> list[Item]:
+    mean, sd, percent = read_average(table, quantity)
+    if not np.isfinite(mean).any():
+        return []
+    return [Band(percent, mean - sd, mean + sd, colour, 0.15), Line(percent, mean, colour, label, dash, 1.2)]
+
+
+_ANATOMICAL = {"upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist"}
+"""Names of the angles of the joints that move these segments."""
+
+
+@dataclass(frozen=True)
+class JointMotion:
+    """The angles of one joint with velocities and accelerations."""
+
+    title: str
+    names: tuple[str, ...]  # names of the angles
+    states: JointStates  # NaN where an angle has no meaning
+    near_gimbal: BoolArray  # (T,) samples in which some of the angles have no meaning
+
+    def draw_panel(self, order: int, height: float, *, below: str = "") -> Panel:
+        """Return angles, velocities or accelerations (``order`` 0, 1 or 2) over time, with 95 % bands and shades.
+
+        ``below`` is the label of the time axis.
+        """
+        drawn = draw_panel(self.states, order, self.names, height)
+        found = np.array(find_spans(self.states.time, self.near_gimbal)).reshape(-1, 2)
+        shade = (Spans(found[:, 0], found.sum(axis=1), style.SKY, 0.25),) if len(found) else ()
+        return replace(drawn, items=(*shade, *drawn.items), title=self.title, x=below)
+
+
+def collect_joint_motions(data: ReportData) -> list[JointMotion]:
+    """Return the angles of each joint, and at the end any other angles; empty if nothing was estimated."""
+    angles = data.angles
+    if angles is None or not angles.names or not len(angles.time):
+        return []
+    found, left, skeleton = [], list(angles.names), data.spatial_skeleton
+    for j, joint in enumerate(() if skeleton is None else skeleton.joints):
+        moved = "" if skeleton is None else skeleton.segments[j + 1]
+        stems = (f"{_ANATOMICAL.get(moved, joint)}_", f"joint_{j + 1}_")
+        own = [name for name in left if name.startswith(stems)]
+        left = [name for name in left if name not in own]
+        if own:
+            found.append(_make_motion(joint, own, angles, _find_observed(data, j)))
+    return [*found, _make_motion("other angles", left, angles, _find_observed(data, None))] if left else found
+
+
+def _make_motion(joint: str, own: list[str], angles: SpatialAngles, observed: BoolArray) -> JointMotion:
+    columns = [angles.names.index(name) for name in own]
+    mean = angles.mean[:, columns].copy()
+    for k, name in enumerate(own):
+        usable = angles.find_usable(name)
+        if name in MEANINGLESS_AT_POLE and usable.any():
+            mean[usable, k, 0] = shift_to_shortest_arc(mean[usable, k, 0])
+        mean[~usable, k] = np.nan
+    states = JointStates(angles.time, mean, angles.sd[:, columns], np.tile(observed[:, None], (1, len(own))))
+    near = angles.near_gimbal & any(name in MEANINGLESS_AT_POLE for name in own)
+    names = tuple(style.clean(name.replace("_", " "), 24) for name in own)
+    return JointMotion(style.clean(joint.replace("_", " "), 24), names, states, near)
+
+
+def _find_observed(data: ReportData, joint: int | None) -> BoolArray:
+    """Return a mask (T,) of the samples in which both segments of a joint are observed; all true for ``joint`` None."""
+    angles, poses, skeleton = data.angles, data.segment_poses, data.spatial_skeleton
+    assert angles is not None
+    if joint is None or poses is None or skeleton is None or len(poses.time) != len(angles.time):
+        return np.ones(len(angles.time), dtype=np.bool_)
+    return np.asarray(poses.observed[:, [skeleton.chain.parents[joint], joint + 1]].all(axis=1))
+
+
+def draw_angles(data: ReportData) -> Figure | str:
+    """Return a panel with the angles of each joint."""
+    return _draw_panels(data, "angles", (0,), 1.9)
+
+
+def draw_rates(data: ReportData) -> Figure | str:
+    """Return velocities and accelerations side by side, one line of panels for each joint."""
+    return _draw_panels(data, "velocities and accelerations", (1, 2), 1.7)
+
+
+def _draw_panels(data: ReportData, what: str, derivatives: tuple[int, ...], height: float) -> Figure | str:
+    found = collect_joint_motions(data)
+    if not found:
+        return f"No {what}: {data.why_missing('angles.parquet')}."
+    below = ["" for _ in found[1:]] + ["time (s)"]
+    rows = zip(found, below, strict=True)
+    return Figure(tuple(tuple(one.draw_panel(order, height, below=x) for order in derivatives) for one, x in rows))
+
+
+_PORTRAITS = ("elbow_flexion", "shoulder_elevation", "shoulder_plane", "shoulder_axial")
+_COLOURS = (style.BLUE, style.GREEN, style.VERMILLION)  # first, middle and last third of the curls
+_HEIGHT = 2.4
+
+
+def draw_phase_portraits(data: ReportData) -> Figure | str:
+    """Return phase portraits of all complete curls, with a 95 % band of the acceleration for the first and the last."""
+    angles, table = data.angles, data.table("events.parquet")
+    if angles is None or table is None or "amplitude" not in table.names:
+        return "No phase portraits: only `protocol: curl` has them."
+    turns = table.stack(["start", "top", "end"])[table["complete"].astype(bool)]
+    names = [name for name in _PORTRAITS if name in angles.names]
+    if not len(turns) or not names:
+        return "No phase portraits: no complete curl was found."
+    panels = []
+    for name in names:
+        items: list[Item] = []
+        for k, (start, top, end) in enumerate(turns):
+            colour = _COLOURS[len(_COLOURS) * k // len(turns)]
+            halves = [(angles.time >= a) & (angles.time <= b) for a, b in ((start, top), (top, end))]
+            if k in {0, len(turns) - 1}:
+                items += [_draw_band(angles, name, half, colour) for half in halves]
+            items.append(_draw_curve(angles, name, halves[0] | halves[1], colour))
+        title = style.clean(name.replace("_", " "), 24)
+        panels.append(Panel(tuple(items), title, "angle (deg)", "acceleration (rad/s²)", height=_HEIGHT))
+    return Figure(arrange_in_lines(tuple(panels), 2))
+
+
+def _draw_curve(angles: SpatialAngles, name: str, within: BoolArray, colour: str) -> Line:
+    mean = angles.mean[within, angles.names.index(name)]
+    return Line(np.degrees(mean[:, 0]), mean[:, 2], colour, width=0.8, opacity=0.7)
+
+
+def _draw_band(angles: SpatialAngles, name: str, within: BoolArray, colour: str) -> Band:
+    j = angles.names.index(name)
+    mean, half = angles.mean[within, j], NORMAL_95 * angles.sd[within, j, 2]
+    order = np.argsort(mean[:, 0], kind="stable")
+    return Band(np.degrees(mean[order, 0]), (mean[:, 2] - half)[order], (mean[:, 2] + half)[order], colour, 0.15)

@@ -1,1 +1,0 @@
-"""Report of a trial in space: summary, tables, figures and player."""
