@@ -155,9 +155,9 @@ def compute_five_times(
             # noise and frames shift the start and the end apart alike, so their standard deviations add
             values[f"to_fifth_{name}_sd_s"] = float(event_sd["start"][k_first] + event_sd[event][k_fifth])
     values["failed_attempts"] = sum(rises[k].attempts for k in range(k_first + 1, k_fifth + 1))
-    why = None
+    unknown: str | None = None
     if np.isnan(first.start):
-        why = f"the start of the first rise is unknown: {first.why or 'its angles are unknown'}"
+        unknown = f"the start of the first rise is unknown: {first.why or 'its angles are unknown'}"
     elif np.isnan([fifth.seat_on, fifth.end]).any() or "stand" in fifth.unmeasured:
-        why = f"the end of the fifth repetition is unknown: {fifth.why or 'its angles are unknown'}"
-    return FiveTimes(**values, why=why)
+        unknown = f"the end of the fifth repetition is unknown: {fifth.why or 'its angles are unknown'}"
+    return FiveTimes(**values, why=unknown)

@@ -153,8 +153,8 @@ def _count_repetitions(summary: Summary) -> KeyNumber:
         return KeyNumber("repetitions", show_fixed(len(summary.repetitions or ()) or None, 0), "found")
     remark = "to the end of the recording"
     if curls.end_rule != "recording":
-        remark = f"to the end of the trial at {show_fixed(curls.end_s, 1, 's')} ({tables.end_rule})"
-    return KeyNumber("curls", str(curls.count), f"{remark}; {tables.partial} failed")
+        remark = f"to the end of the trial at {show_fixed(curls.end_s, 1, 's')} ({curls.end_rule})"
+    return KeyNumber("curls", str(curls.count), f"{remark}; {curls.partial} failed")
 
 
 def _describe_five_times(summary: Summary) -> str:
