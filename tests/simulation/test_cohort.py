@@ -14,10 +14,10 @@ from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.geometry import planar
 from mocap_id.recording import read
-from mocap_id.simulation import Cohort, Options, generate, simulate_cohort, skin
-from mocap_id.simulation.body import draw_subject
-from mocap_id.simulation.cohort import cohort_trials
 from mocap_id.store import Folder
+from mocap_id_simulation import Cohort, Options, generate, simulate_cohort
+from mocap_id_simulation.bodies import draw_subject, draw_subject_skin_motion
+from mocap_id_simulation.studies import cohort_trials
 
 SHORT = Options(seed=5, repetitions=1, analog_rate=100)
 SMALL = Cohort(subjects=2, strategies=("normal", "stable"), options=SHORT)
@@ -97,13 +97,13 @@ def test_markers_stay_where_they_were_glued(cohort):
 
 def test_skin_slides_alike_in_every_motion(monkeypatch):
     """Without drift, the skin depends only on the angles: a part of a motion has the same displacements."""
-    monkeypatch.setattr(skin, "WANDER", 0.0)
+    monkeypatch.setattr("mocap_id.kinematics.skin_motion.WANDER", 0.0)
     made = generate("sit-to-stand", SHORT)
     q, time, markers = made.state.q, made.state.time, made.scene.markers
 
     def places(part: slice) -> np.ndarray:
         rng = (np.random.default_rng(1), np.random.default_rng(2))
-        moved, placed = skin.draw_subject_skin_motion(*rng, markers, q[part], time[part])
+        moved, placed = draw_subject_skin_motion(*rng, markers, q[part], time[part])
         return placed.local + moved
 
     np.testing.assert_allclose(places(slice(100, 250)), places(slice(None))[100:250], atol=1e-15)

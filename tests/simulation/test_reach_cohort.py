@@ -11,14 +11,14 @@ import pytest
 from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError
 from mocap_id.recording import read
-from mocap_id.simulation.arm import ArmOptions, ReachCohort, generate_arm, simulate_arm, simulate_reach_cohort
-from mocap_id.simulation.arm.cohort import reach_cohort_trials
+from mocap_id_simulation import ArmOptions, ReachCohort, generate_arm, simulate_arm, simulate_reach_cohort
+from mocap_id_simulation.studies import reach_cohort_trials
 
 SHORT = ArmOptions(seed=4, cycles=1, rate=30)
 
 
 def test_a_cohort_is_a_study_that_is_valid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mocap_id.simulation.arm.reach_volume.POINTS", 2**8)
+    monkeypatch.setattr("mocap_id_simulation.arm_files.POINTS", 2**8)
     study = load_study(simulate_reach_cohort(tmp_path / "c", ReachCohort(2, 1, options=SHORT)))
     assert study.reach
     assert [(one.name, one.trial.keys.side) for one in study.trials] == [

@@ -11,7 +11,7 @@ import pytest
 
 from mocap_id.geometry import PlaneFrame, planar
 from mocap_id.recording import read
-from mocap_id.simulation import Options, generate, simulate
+from mocap_id_simulation import Options, generate, simulate
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
-from mocap_id.simulation.arm import SpatialTrial, simulate_arm
+from mocap_id_simulation import SpatialTrial, simulate_arm
 
 UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """From laboratory axes with Z up to those of a trial."""

@@ -14,11 +14,10 @@ from mocap_id.estimation.space.chain_model import degrees_of_freedom, make_chain
 from mocap_id.estimation.space.inertial_fusion import SensorResult, smooth_with_sensors
 from mocap_id.estimation.space.space_kernels import Pose, Sensors, predict_sensors
 from mocap_id.geometry import so3
-from mocap_id.simulation.arm import SpatialTrial
-from mocap_id.simulation.arm.arm import generate_arm
-from mocap_id.simulation.arm.options import ArmOptions
-from mocap_id.simulation.arm.sensors import SimulatedSensor, simulate_sensors
 from mocap_id.stages.skin_motion import add_axial_rotation_errors
+from mocap_id_simulation import ArmOptions, SpatialTrial, generate_arm
+from mocap_id_simulation.arm_sensors import simulate_sensors
+from mocap_id_simulation.instruments import SimulatedSensor
 
 ON = (0, 1, 2)
 GAP = slice(840, 960)  # one second

@@ -9,9 +9,8 @@ from spatial_cases import UP, arm, true_chain
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation.space import SpatialStates, smooth_in_space
 from mocap_id.geometry import so3
-from mocap_id.simulation.arm import SpatialTrial
-from mocap_id.simulation.space_robot import SpaceRobotOptions, generate_space_robot
-from mocap_id.simulation.space_robot.trial import FRAME
+from mocap_id_simulation import SpaceRobotOptions, SpatialTrial, generate_space_robot
+from mocap_id_simulation.space_robot import FRAME
 
 GAP = slice(900, 1080)  # 1.5 s
 

@@ -13,8 +13,7 @@ from mocap_id.geometry import so3
 from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.hypotheses import SegmentationRules
 from mocap_id.kinematics.space.segmentation import SpatialSegmentation, segment_in_space
-from mocap_id.simulation.arm import simulate_arm, simulate_chain
-from mocap_id.simulation.arm.trial import SpatialTrial
+from mocap_id_simulation import SpatialTrial, simulate_arm, simulate_chain
 
 UNSURE = 0.5
 

@@ -1,24 +1,99 @@
-"""Truth of a simulated trial in space: a JSON document, and arrays at the frames' times."""
+"""Volume that the wrist of a simulated arm reaches within a box of joint angles (thesis 7.2).
+
+The box limits plane, elevation, axial rotation and hinge angle. For each of many evenly spread points, the angles that
+reach it are computed: the distance from the shoulder gives the hinge angle. At a given elevation, the height gives the
+axial rotation, and the direction gives the plane. A point is reached if these angles are within the box for at least
+one of many elevations.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.simulation.arm.arm import person_seed
-from mocap_id.simulation.arm.body import ArmBody
-from mocap_id.simulation.arm.curl_torque import arm_bodies, body_keys, carried_loads
-from mocap_id.simulation.arm.markers import ArmMarkers
-from mocap_id.simulation.arm.options import PRESETS, ArmOptions, ChainOptions
-from mocap_id.simulation.arm.reach_volume import reach_volume
-from mocap_id.simulation.arm.trial import SpatialTrial
-from mocap_id.simulation.body import GRAVITY
+from mocap_id.geometry import so3
+from mocap_id.prescription.sampling import sobol
+from mocap_id_simulation.arm import (
+    ArmBody,
+    ArmMarkers,
+    arm_bodies,
+    body_keys,
+    carried_loads,
+    curl_keys,
+    device_yaml,
+    generate_arm,
+    person_seed,
+)
+from mocap_id_simulation.arm_sensors import film_skeleton, simulate_sensors
+from mocap_id_simulation.bodies import GRAVITY
+from mocap_id_simulation.chains import SpatialTrial, generate_chain
+from mocap_id_simulation.instruments import csv_bytes
+from mocap_id_simulation.motion import X
+from mocap_id_simulation.options import PRESETS, ArmOptions, ChainOptions
+from mocap_id_simulation.trial_files import json_bytes, npz_bytes, points_bytes, write_trial
 
-CONVENTIONS = """\
+POINTS = 2**14  # number of points, including points beyond the largest reach
+ELEVATIONS = 320
+_HINGES = 500
+
+
+def reach_volume(body: ArmBody, box: FloatArray, pronation: float) -> tuple[float, float]:
+    """Return the volume that the wrist reaches in the thorax frame, and its standard deviation from sampling, m³.
+
+    Parameters
+    ----------
+    body : ArmBody
+    box : (4, 2) array
+        Lowest and highest plane, elevation, axial rotation and hinge angle, rad.
+    pronation : float
+        Constant pronation, rad.
+    """
+    hinge = np.linspace(box[3, 0], box[3, 1], _HINGES)
+    forearm = so3.exp(X * body.carrying) @ so3.exp(body.pronation_axis * pronation)
+    wrist = body.elbow + so3.exp(hinge[:, None] * body.elbow_axis) @ forearm @ np.array([0.0, -body.forearm, 0.0])
+    reach = np.linalg.norm(wrist, axis=1)
+    side = float(reach.max() + np.linalg.norm(body.glide))
+    offsets = side * (2 * sobol(POINTS, 3, 0) - 1)
+    points = body.shoulder + offsets[np.linalg.norm(offsets, axis=1) <= side]
+    reached = np.zeros(len(points), dtype=np.bool_)
+    order = np.argsort(reach)
+    for elevation in np.linspace(box[1, 0], box[1, 1], ELEVATIONS):
+        away = points[~reached] - body.shoulder - (1 - np.cos(elevation)) / 2 * body.glide
+        distance = np.linalg.norm(away, axis=1)
+        arm = np.stack([np.interp(distance, reach[order], each) for each in wrist[order].T], axis=1)
+        near = (distance >= reach.min()) & (distance <= reach.max())
+        reached[~reached] = near & _is_reached(away, arm, elevation, box)
+    share = float(reached.sum() / POINTS)
+    whole = (2 * side) ** 3
+    return whole * share, whole * float(np.sqrt(share * (1 - share) / POINTS))
+
+
+def _is_reached(away: FloatArray, arm: FloatArray, elevation: float, box: FloatArray) -> BoolArray:
+    """Return whether R_y(plane) R_x(-elevation) R_y(axial) within the box rotates ``arm`` into ``away`` (N, 3)."""
+    sine, cosine = np.sin(elevation), np.cos(elevation)
+    forward = (away[:, 1] - cosine * arm[:, 1]) / sine
+    possible = np.abs(forward) <= np.hypot(arm[:, 0], arm[:, 2])
+    spread = np.arccos(np.clip(forward / np.hypot(arm[:, 0], arm[:, 2]), -1, 1))
+    allowed = np.zeros(len(away), dtype=np.bool_)
+    for sign in (-1, 1):
+        axial = sign * spread - np.arctan2(arm[:, 0], arm[:, 2])
+        across = arm[:, 0] * np.cos(axial) + arm[:, 2] * np.sin(axial)
+        plane = np.arctan2(away[:, 0], away[:, 2]) - np.arctan2(across, cosine * forward - sine * arm[:, 1])
+        allowed |= _is_within(axial, box[2]) & _is_within(plane, box[0])
+    return np.asarray(possible & allowed)
+
+
+def _is_within(angle: FloatArray, limits: FloatArray) -> BoolArray:
+    return np.asarray(np.mod(angle - limits[0], 2 * np.pi) <= limits[1] - limits[0])
+
+
+_CONVENTIONS = """\
 SI units unless a name ends in _mm, _deg or _hz. The laboratory's z is up; all vectors are in its axes unless their
 names say otherwise. The file of a left arm contains the mirror image (y negated): the truth is that of the right arm.
 seg_R[n, s] takes segment axes to the laboratory; seg_origin is the origin of the segment's frame.
@@ -44,8 +119,8 @@ Ranges: TypeAlias = Mapping[str, list[float]]
 _STEEP = np.sin(np.radians(15.0))
 
 
-def arrays(trial: SpatialTrial) -> dict[str, np.ndarray[Any, Any]]:
-    """Return arrays for ``truth.npz``."""
+def spatial_arrays(trial: SpatialTrial) -> dict[str, np.ndarray[Any, Any]]:
+    """Return spatial_arrays for ``truth.npz``."""
     common: dict[str, np.ndarray[Any, Any]] = {
         "t": trial.time,
         "seg_R": trial.rotations,
@@ -109,7 +184,7 @@ def chain_document(options: ChainOptions, trial: SpatialTrial) -> dict[str, Any]
 
 def _common(options: ArmOptions | ChainOptions, trial: SpatialTrial, kind: str) -> dict[str, Any]:
     return {
-        "conventions": CONVENTIONS,
+        "conventions": _CONVENTIONS,
         "g": GRAVITY,
         "kind": kind,
         "seed": options.seed,
@@ -176,3 +251,78 @@ def _compensation(trial: SpatialTrial, repetition: Mapping[str, float]) -> dict[
     within = (trial.time >= repetition["start"]) & (trial.time <= repetition["end"])
     names = ("plane", "elevation", "axial")
     return {"compensation_rad": {name: float(np.ptp(trial.angles[f"shoulder_{name}"][within])) for name in names}}
+
+
+_YAML = """\
+# {what}
+# Made by `mocap-id simulate {kind}` with seed {seed}. The exact truth is in truth.json and truth.npz.
+# Paths are relative to this file.
+trial: {name}
+recording: trial.c3d  # markers
+space: 3d
+protocol: {protocol}
+"""
+
+
+def write_arm(folder: Path, options: ArmOptions) -> Path:
+    """Simulate an arm, write it with its exact truth, and return the path of ``trial.yaml``.
+
+    The folder is created if necessary. It receives ``trial.c3d``, ``truth.json``, ``truth.npz``, ``trial.yaml`` and,
+    depending on the options, ``kinect.csv``, ``imu_<segment>.csv`` and ``device.yaml``. The trial is named after it.
+
+    StoreError is raised if the folder already contains a trial, or cannot be written.
+    """
+
+    def make(name: str) -> dict[str, bytes]:
+        trial = generate_arm(options)
+        reach = options.movement == "reach"
+        what = "rounds of reaches" if reach else "curls"
+        count = options.cycles if reach else options.repetitions
+        entries = {"kind": "arm", "seed": options.seed, "protocol": options.movement}
+        text = _yaml(name, what=f"A {options.side} arm, {count} {what}.", **entries)
+        text += f"side: {options.side}\n"
+        document = arm_document(options, trial)
+        more: dict[str, bytes] = {}
+        if options.calibration:
+            text += f"calibration: {json.dumps(options.calibration, ensure_ascii=False)}\n"
+        if not reach:
+            keys = curl_keys(options, trial.document["body"])
+            text += "curl:\n" + "".join(f"  {key}: {json.dumps(value)}\n" for key, value in keys.items())
+            more |= {"device.yaml": device_yaml()} if options.condition != "C" else {}
+        if options.imus:
+            sensors = simulate_sensors(trial, options)
+            document["imu"] = {segment: dict(sensor.truth) for segment, sensor in sensors.items()}
+            more |= {f"imu_{segment}.csv": csv_bytes(sensor) for segment, sensor in sensors.items()}
+            text += "imus: {" + ", ".join(f"{segment}: imu_{segment}.csv" for segment in sensors) + "}\n"
+        if options.skeleton:
+            skeleton = film_skeleton(trial, options)
+            document["kinect"], more["kinect.csv"] = skeleton.document(), skeleton.csv()
+            text += "# from the depth camera alone: recording: {skeleton: kinect.csv}\n"
+        return _contents(trial, document, text) | more
+
+    return write_trial(folder, make)
+
+
+def write_chain(folder: Path, options: ChainOptions) -> Path:
+    """Simulate a chain of bodies, write it with its exact truth, and return the path of ``trial.yaml``."""
+
+    def make(name: str) -> dict[str, bytes]:
+        trial = generate_chain(options)
+        what = f"A chain of {len(options.kinds)} joints ({options.kinds})."
+        text = _yaml(name, what=what, kind="chain", seed=options.seed, protocol="free")
+        return _contents(trial, chain_document(options, trial), text)
+
+    return write_trial(folder, make)
+
+
+def _contents(trial: SpatialTrial, document: dict[str, Any], text: str) -> dict[str, bytes]:
+    return {
+        "trial.c3d": points_bytes(trial.labels, trial.positions, trial.rate),
+        "truth.npz": npz_bytes(spatial_arrays(trial)),
+        "truth.json": json_bytes(document),
+        "trial.yaml": text.encode(),
+    }
+
+
+def _yaml(name: str, **entries: Any) -> str:
+    return _YAML.format(name=json.dumps(name, ensure_ascii=False), **entries)  # the name may be 12 or yes

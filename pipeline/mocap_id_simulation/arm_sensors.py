@@ -9,13 +9,13 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry import so3
-from mocap_id.simulation.arm.body import FOREARM, HAND, THORAX, UPPER_ARM, ArmBody
-from mocap_id.simulation.arm.options import PRESETS, ArmOptions
-from mocap_id.simulation.arm.rotations import Y
-from mocap_id.simulation.arm.trial import SpatialTrial
-from mocap_id.simulation.inertial_sensors import SEED, SimulatedSensor, measure_motion
+from mocap_id_simulation.arm import FOREARM, HAND, THORAX, UPPER_ARM, ArmBody
+from mocap_id_simulation.chains import SpatialTrial
+from mocap_id_simulation.instruments import IMU_SEED, SimulatedSensor, measure_motion
+from mocap_id_simulation.motion import Y
+from mocap_id_simulation.options import PRESETS, ArmOptions
 
-RATE = 30.0  # Hz
+SKELETON_RATE = 30.0  # Hz
 _TRUNK = {
     "SpineBase": (-0.030, -0.270, 0.0),
     "SpineMid": (-0.028, -0.128, 0.0),
@@ -26,18 +26,22 @@ _TRUNK = {
     "HipRight": (-0.012, -0.285, 0.048),
 }
 """Positions in the thorax, as fractions of the stature."""
-_HAND = {"Hand": (0.0, -0.045, 0.0), "HandTip": (0.0, -0.095, 0.0), "Thumb": (0.0, -0.045, 0.03)}
+_HAND_JOINTS = {"Hand": (0.0, -0.045, 0.0), "HandTip": (0.0, -0.095, 0.0), "Thumb": (0.0, -0.045, 0.03)}
 """Positions in the hand, as fractions of the stature."""
 _INFERRED = {"Elbow": 0.02, "Wrist": 0.06, "Hand": 0.11, "HandTip": 0.07, "Thumb": 0.16}
 """Fraction of the frames in which the camera only infers the position of a joint."""
 _BIAS = {"HandTip": 2.0, "Thumb": 2.5, "Hand": 1.3}
 """Factor on the constant error of a joint."""
 _BIAS_SD, _NOISE_SD, _SURFACE = 0.012, 0.0075, -0.012  # m; the camera sees the near side of the body
-_DEPTH = 1.35  # noise along the line of sight, relative to that across it
+_DEPTH_NOISE = 1.35  # noise along the line of sight, relative to that across it
 _WHITE, _MEMORY = 0.12, 0.22  # fraction of the noise's variance that is white; correlation time of the rest, s
 _INFERRED_SD, _JUMP_SD = 0.025, 0.06  # m
 _HARD = 1.5  # factor on all errors
-_LOST, _DROPPED, _JITTER = 0.01, 0.025, 0.0012  # fractions of the frames of a hand and of the rows; jitter of times, s
+_LOST, _DROPPED, _ROW_JITTER = (
+    0.01,
+    0.025,
+    0.0012,
+)  # fractions of the frames of a hand and of the rows; jitter of times, s
 
 
 @dataclass(frozen=True)
@@ -82,8 +86,8 @@ def film_skeleton(trial: SpatialTrial, options: ArmOptions) -> Skeleton:
     rng = np.random.default_rng([options.seed, 30])
     size = {"clean": 0.0, "default": 1.0, "hard": _HARD}[options.preset]
     offset = float(rng.uniform(-0.1, 0.1))
-    count = int((trial.time[-1] - 0.2) * RATE)
-    ticks = 0.1 + np.arange(count) / RATE + rng.uniform(-1, 1, count) * _JITTER
+    count = int((trial.time[-1] - 0.2) * SKELETON_RATE)
+    ticks = 0.1 + np.arange(count) / SKELETON_RATE + rng.uniform(-1, 1, count) * _ROW_JITTER
     at = ticks[rng.random(count) > _DROPPED]
     joints, lab = _true_joints(trial, at, options.side == "left")
     rotation, position = _draw_camera(rng, trial)
@@ -93,7 +97,7 @@ def film_skeleton(trial: SpatialTrial, options: ArmOptions) -> Skeleton:
         kinds = [joint.removesuffix("Right").removesuffix("Left") for joint in joints]
         bias = rng.normal(0, _BIAS_SD, (len(joints), 3)) * np.array([_BIAS.get(kind, 1.0) for kind in kinds])[:, None]
         bias[:, 2] += _SURFACE
-        seen = seen + size * (bias + _draw_noise(rng, len(at), len(joints)))
+        seen = seen + size * (bias + _draw_camera_noise(rng, len(at), len(joints)))
         for k, kind in enumerate(kinds):
             _infer(rng, seen[:, k], state[:, k], size * _INFERRED.get(kind, 0.0), is_hand=kind == "Hand")
     seen[state == 0] = np.nan
@@ -107,7 +111,7 @@ def _true_joints(trial: SpatialTrial, time: FloatArray, left: bool) -> tuple[tup
     arm, other = ("Left", "Right") if left else ("Right", "Left")
     local = {name: (THORAX, height * np.array(share)) for name, share in _TRUNK.items()}
     local[f"Shoulder{other}"] = (THORAX, body.shoulder * [1, 1, -1])
-    local |= {f"{name}{arm}": (HAND, height * np.array(share)) for name, share in _HAND.items()}
+    local |= {f"{name}{arm}": (HAND, height * np.array(share)) for name, share in _HAND_JOINTS.items()}
     points = {name: trial.origins[:, s] + trial.rotations[:, s] @ np.asarray(at) for name, (s, at) in local.items()}
     points |= {
         f"{name}{arm}": trial.origins[:, s]
@@ -133,16 +137,16 @@ def _draw_camera(rng: np.random.Generator, trial: SpatialTrial) -> tuple[FloatAr
     return rotation, position
 
 
-def _draw_noise(rng: np.random.Generator, count: int, joints: int) -> FloatArray:
+def _draw_camera_noise(rng: np.random.Generator, count: int, joints: int) -> FloatArray:
     """Return autocorrelated noise (K, J, 3)."""
-    fades = float(np.exp(-1 / (RATE * _MEMORY)))
+    fades = float(np.exp(-1 / (SKELETON_RATE * _MEMORY)))
     steps = rng.normal(0, 1, (count, joints, 3))
     slow = np.empty_like(steps)
     slow[0] = steps[0]
     for k in range(1, count):
         slow[k] = fades * slow[k - 1] + np.sqrt(1 - fades**2) * steps[k]
     total = np.sqrt(1 - _WHITE) * slow + np.sqrt(_WHITE) * rng.normal(0, 1, steps.shape)
-    return np.asarray(_NOISE_SD * total * [1.0, 1.0, _DEPTH])
+    return np.asarray(_NOISE_SD * total * [1.0, 1.0, _DEPTH_NOISE])
 
 
 def _infer(rng: np.random.Generator, points: FloatArray, state: IntArray, share: float, *, is_hand: bool) -> None:
@@ -185,7 +189,7 @@ def simulate_sensors(trial: SpatialTrial, options: ArmOptions) -> dict[str, Simu
     loss = min(options.soft_tissue, 1.0) * PRESETS[options.preset].twist_loss
     sensors = {}
     for s, name in enumerate(trial.segments):
-        rng = np.random.default_rng([options.seed, SEED, s])
+        rng = np.random.default_rng([options.seed, IMU_SEED, s])
         share = loss * _LOSS.get(name, 0.0)
         angle = axial.get(name, np.zeros(len(trial.time)))
         position = np.array(_POSITION.get(name, _ON_HAND)) * np.where(np.arange(3) == 1, rng.uniform(0.9, 1.1), 1.0)

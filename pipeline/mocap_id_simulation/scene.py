@@ -8,22 +8,56 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import PlaneFrame
-from mocap_id.simulation import ur5
-from mocap_id.simulation.body import GRAVITY, SimulatedBody, Subject, draw_person, draw_robot
-from mocap_id.simulation.faults import Displacement
-from mocap_id.simulation.forces import Chair, Rail, TrueState, compute_state
-from mocap_id.simulation.joint_motion import JointMotion, Swing
-from mocap_id.simulation.markers import MarkerSet, fix_knee_to_shank, place_markers
-from mocap_id.simulation.multibody import DividedBody, divide_body
-from mocap_id.simulation.multibody_forces import DividedPerson, balance_divided, compute_divided_state
-from mocap_id.simulation.multibody_motion import AdditionalMotion, draw_habit, draw_trial_variation
-from mocap_id.simulation.options import Kind, Options
-from mocap_id.simulation.plate import SimulatedPlate, draw_plate
-from mocap_id.simulation.schedule import Schedule
-from mocap_id.simulation.sit_to_stand import balance, draw_plan
+from mocap_id.kinematics.skin_motion import draw_centred_skin_motion
+from mocap_id.recording.plate_types import PlateSignals
+from mocap_id_simulation.bodies import (
+    GRAVITY,
+    MarkerSet,
+    SimulatedBody,
+    Subject,
+    draw_person,
+    draw_robot,
+    draw_subject_skin_motion,
+    fix_knee_to_shank,
+    make_swing,
+    place_markers,
+    place_ur5_markers,
+    ur5_body,
+)
+from mocap_id_simulation.cameras import (
+    Burst,
+    Displacement,
+    Jump,
+    add_camera_faults,
+    add_plate_faults,
+    compute_true_positions,
+    draw_bursts,
+    draw_displacement,
+    draw_jumps,
+    draw_skin_faults,
+    find_visible,
+    jump_displacements,
+    measure_positions,
+)
+from mocap_id_simulation.forces import (
+    AdditionalMotion,
+    DividedBody,
+    DividedPerson,
+    TrueState,
+    balance_divided,
+    compute_divided_state,
+    compute_state,
+    divide_body,
+    draw_habit,
+    draw_trial_variation,
+)
+from mocap_id_simulation.instruments import SimulatedPlate, draw_plate, measure_load
+from mocap_id_simulation.motion import JointMotion, Swing
+from mocap_id_simulation.options import Kind, Options
+from mocap_id_simulation.sit_to_stand import Chair, Rail, Schedule, balance, draw_plan
 
 _OLDEST = ("body", "motion", "place", "markers", "skin", "occlusion", "cameras", "plate", "channels", "encoder")
 _LATER = (
@@ -133,7 +167,7 @@ def draw_scene(kind: Kind, options: Options, rng: Streams, given: JointMotion | 
     movement = _Movement(given) if given else _draw_movement(kind, options, body, divided, rng)
     plate = _draw_plate(options, rng["plate"])
     if ur5_joint is not None:
-        markers = ur5.place_markers(rng["markers"], ur5_joint)
+        markers = place_ur5_markers(rng["markers"], ur5_joint)
     else:
         markers = place_markers(rng["markers"], body, options.marker_set, options.without)
     if options.knee_on_shank:
@@ -157,14 +191,14 @@ def draw_scene(kind: Kind, options: Options, rng: Streams, given: JointMotion | 
 
 def _draw_body(kind: Kind, options: Options, rng: Streams) -> SimulatedBody:
     if kind == "robot":
-        return draw_robot(rng["body"]) if options.joint is None else ur5.ur5_body(options.joint, options.speed)
+        return draw_robot(rng["body"]) if options.joint is None else ur5_body(options.joint, options.speed)
     subject = options.subject
     return draw_person(rng["body"]) if subject is None else draw_person(rng["body"], subject, rng["feet"])
 
 
 def _draw_swing(options: Options, rng: np.random.Generator) -> Swing:
     if options.joint is not None:
-        return ur5.make_swing(options.speed, options.repetitions)
+        return make_swing(options.speed, options.repetitions)
     return Swing(
         frequency=float(rng.uniform(0.4, 0.5)),
         amplitude=float(rng.uniform(0.75, 1.0)),
@@ -242,3 +276,82 @@ def _protocol(options: Options, schedule: Schedule, seated_deg: Sequence[float])
     if options.rail > 0:
         truth["rail_share"] = options.rail
     return truth
+
+
+@dataclass(frozen=True)
+class SimulatedTrial:
+    """A trial in memory, with T frames and M markers."""
+
+    scene: Scene
+    state: TrueState  # true state at the frames
+    positions: FloatArray  # (T, M, 3) true marker positions in the laboratory, m
+    visible: BoolArray  # (T, M) whether the cameras see each marker
+    bursts: tuple[Burst, ...]
+    jumps: tuple[Jump, ...]
+    points: FloatArray  # (T, L, 3) measured positions of the L labels, m; NaN where not visible
+    signals: PlateSignals  # channels of the plate, ``analog_rate / rate`` samples for each frame
+    seat_signals: PlateSignals | None  # channels of the plate under the chair; None without it
+    labels: tuple[str, ...]  # L names in the file: of the M markers, then of trajectories that belong to no marker
+    fault_truth: Mapping[str, Any]  # which markers have a fault, and when
+
+
+def generate(kind: Kind, options: Options, given: JointMotion | None = None) -> SimulatedTrial:
+    """Draw a trial and measure it; the same options give the same numbers.
+
+    With a ``given`` motion, the body performs it without a chair.
+    """
+    rng = random_streams(options.seed, options.subject)
+    return measure_scene(draw_scene(kind, options, rng, given), options, rng)
+
+
+def measure_scene(scene: Scene, options: Options, rng: Streams) -> SimulatedTrial:
+    """Measure a scene with the simulated cameras and plates."""
+    frames = round(scene.motion.duration * options.rate)
+    state = scene.at(np.arange(frames) / options.rate)
+    scene, skin = _draw_skin(scene, options, rng, state)
+    faults, schedule = options.faults, None if scene.chair is None else scene.chair.schedule
+    skin = skin + draw_skin_faults(rng["faults"], faults, scene.markers, state.time)
+    seed = int(rng["displacement"].integers(2**32))
+    positions = compute_true_positions(scene, state, skin, draw_displacement(seed, faults, schedule, state.time))
+    labels = scene.markers.labels
+    hideable = [label for label, hidden in zip(labels, scene.markers.hidden, strict=True) if hidden]
+    bursts = draw_bursts(rng["occlusion"], hideable, frames, options.rate, options.occlusions)
+    jumps = draw_jumps(rng["jumps"], labels, frames, options.jumps)
+    visible = find_visible(labels, bursts, frames)
+    samples = frames * round(options.analog_rate / options.rate)
+    loaded = scene.at(np.arange(samples) / options.analog_rate + options.clock_offset)
+    points = measure_positions(
+        rng["cameras"], positions + jump_displacements(labels, jumps, frames), options.marker_noise, visible
+    )
+    labels, points, fault_truth = add_camera_faults(rng["faults"], faults, scene, points, options.rate)
+    displacement = draw_displacement(seed, faults, schedule, loaded.time)
+    signals = measure_load(
+        rng["channels"], scene.plate, *scene.load_on_plate(loaded, displacement), options.analog_rate
+    )
+    seat_signals = None
+    if scene.seat_plate is not None:
+        load = scene.load_on_seat_plate(loaded, displacement)
+        seat_signals = measure_load(rng["seat channels"], scene.seat_plate, *load, options.analog_rate)
+    return SimulatedTrial(
+        scene=scene,
+        state=state,
+        positions=positions,
+        visible=visible,
+        bursts=bursts,
+        jumps=jumps,
+        points=points,
+        signals=add_plate_faults(faults, signals, scene.plane.axes[0]),
+        seat_signals=seat_signals,
+        labels=labels,
+        fault_truth=fault_truth,
+    )
+
+
+def _draw_skin(scene: Scene, options: Options, rng: Streams, state: TrueState) -> tuple[Scene, FloatArray]:
+    """Return the scene with the markers at their mean positions, and their displacement (T, M, 3) by the skin, m."""
+    if options.subject is None:
+        return scene, draw_centred_skin_motion(
+            rng["skin"], scene.markers.link, scene.markers.softness, state.q, state.time
+        )
+    skin, markers = draw_subject_skin_motion(rng["skin"], rng["wander"], scene.markers, state.q, state.time)
+    return replace(scene, markers=markers), skin

@@ -1,7 +1,9 @@
-"""A simulated chain of bodies without anatomy, connected by ball joints, hinges and two-axis joints."""
+"""A simulated trial in space, in memory: the recording and the exact truth."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -9,14 +11,64 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry import so3
-from mocap_id.simulation.arm.markers import marker_set
-from mocap_id.simulation.arm.options import PRESETS, ChainOptions, Preset
-from mocap_id.simulation.arm.rotations import Attitude, AxisRotation, constant_attitude
-from mocap_id.simulation.arm.trial import SpatialTrial, film_markers, transform_points
-from mocap_id.simulation.joint_motion import STEP, draw_sway, motion_through, ramp_up
-from mocap_id.simulation.skin import draw_skin_motion
+from mocap_id.kinematics.skin_motion import draw_skin_motion
+from mocap_id_simulation.cameras import Burst, draw_bursts, find_visible, measure_positions
+from mocap_id_simulation.motion import (
+    STEP,
+    Attitude,
+    AxisRotation,
+    constant_attitude,
+    draw_sway,
+    motion_through,
+    ramp_up,
+)
+from mocap_id_simulation.options import PRESETS, ChainOptions, Difficulty, Preset
 
-STILL = 1.0  # s of rest at the start
+_OCCLUSIONS = 0.4 / 24  # times the usual number of bursts, for one marker
+
+
+@dataclass(frozen=True)
+class SpatialTrial:
+    """A trial of S segments and M markers at F frames; all vectors are in laboratory axes with z up."""
+
+    labels: tuple[str, ...]  # names of the markers in the file
+    names: tuple[str, ...]  # names of the landmarks and cluster markers, also if the recording is anonymous
+    rate: float  # Hz
+    time: FloatArray  # (F,) s
+    positions: FloatArray  # (F, M, 3) measured positions, m; NaN where a marker was not seen
+    true_positions: FloatArray  # (F, M, 3) positions with soft tissue, without noise and occlusions, m
+    bursts: tuple[Burst, ...]  # occlusions
+    segments: tuple[str, ...]
+    assignment: IntArray  # (M,) segment of every marker
+    local: FloatArray  # (M, 3) positions in the segments' frames while the body is still at the start, m
+    skin: FloatArray  # (F, M, 3) displacement by soft tissue in the segments' frames, m
+    origins: FloatArray  # (F, S, 3) origins of the segments' frames, m
+    rotations: FloatArray  # (F, S, 3, 3) from the segment to the laboratory
+    omega: FloatArray  # (F, S, 3) angular velocities, rad/s
+    alpha: FloatArray  # (F, S, 3) angular accelerations, rad/s²
+    angles: Mapping[str, FloatArray]  # angles (F,) by their names in angles.parquet, rad; empty for a plain chain
+    rates: Mapping[str, FloatArray]  # their first derivatives, rad/s
+    accelerations: Mapping[str, FloatArray]  # their second derivatives, rad/s²
+    arrays: Mapping[str, FloatArray]  # further arrays of truth.npz
+    document: Mapping[str, Any]  # further entries of truth.json
+    still: float  # duration of the rest at the start, s
+
+
+def transform_points(origins: FloatArray, rotations: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
+    """Return points (F, M, 3) in the laboratory from positions ``local`` (F, M, 3) in their segments' frames."""
+    return np.asarray(origins[:, segment] + np.einsum("fmij,fmj->fmi", rotations[:, segment], local))
+
+
+def film_markers(
+    rng: np.random.Generator, labels: tuple[str, ...], positions: FloatArray, rate: float, sizes: Difficulty
+) -> tuple[FloatArray, tuple[Burst, ...]]:
+    """Return measured positions (F, M, 3), m, and the occlusions, in which the positions are NaN."""
+    frames, count = positions.shape[:2]
+    bursts = draw_bursts(rng, labels, frames, rate, sizes.occlusions * count * _OCCLUSIONS)
+    return measure_positions(rng, positions, sizes.marker_noise, find_visible(labels, bursts, frames)), bursts
+
+
+_REST = 1.0  # s of rest at the start
 _AXES = {"S": 3, "T": 2, "H": 1}
 _LEAST_BETWEEN = np.radians(60.0)  # least angle between the axes of a two-axis joint
 _FREQUENCIES = (0.15, 0.6)  # Hz
@@ -83,7 +135,7 @@ def generate_chain(options: ChainOptions) -> SpatialTrial:
             "joint_axes": [each.tolist() for each in axes],
             "lengths_m": lengths.tolist(),
         },
-        still=STILL,
+        still=_REST,
     )
 
 
@@ -129,7 +181,7 @@ def _draw_motion(
     waves = _draw_waves(rng, fine, count) * np.radians(options.arc_deg)
     size = options.sway_mm / 1e3
     base = draw_sway(rng, fine, np.repeat([size * _TILT, size], 3))
-    motion = motion_through(fine, ramp_up(fine, STILL) * np.hstack([waves, base]), options.duration)
+    motion = motion_through(fine, ramp_up(fine, _REST) * np.hstack([waves, base]), options.duration)
     q, dq, ddq, _ = motion.at(time)
     all_axes = np.concatenate([*axes, np.eye(3)], 1).T
     rotations = [AxisRotation(axis, q[:, i], dq[:, i], ddq[:, i]) for i, axis in enumerate(all_axes)]
@@ -157,7 +209,7 @@ def _draw_skin(
     time: FloatArray,
 ) -> FloatArray:
     """Return the displacement (F, M, 3) of all markers by sliding skin, m; it is zero in the first frame."""
-    labels, segment, local = markers
+    labels, segment, _ = markers
     softness = np.full(len(labels), options.soft_tissue_mm / 1e3)
-    moved = draw_skin_motion(rng, marker_set(labels, segment, local, softness), q, time, wander=rng, middle=q[0])
+    moved = draw_skin_motion(rng, segment, softness, q, time, wander=rng, middle=q[0])
     return np.asarray(moved - moved[0])
