@@ -32,7 +32,7 @@ from mocap_id.workflows.sensitivity.runs import CHANGES, PerturbationRun, run_fr
 from mocap_id.workflows.sensitivity.study import sensitivity
 from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs, locate_trial, read_inputs
 from mocap_id_simulation import Options, simulate
-from mocap_id_simulation.bodies import JointName, Speed
+from mocap_id_simulation.options import JointName, Speed
 
 NEGLIGIBLE = 0.5  # %: as the thesis uses the word for the clock
 SUBSTANTIAL = 5.0  # %

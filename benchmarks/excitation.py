@@ -25,8 +25,8 @@ from mocap_id.geometry import planar
 from mocap_id.runner import run_to
 from mocap_id.workflows.advice import AdviceOptions, advise
 from mocap_id_simulation import JointMotion, Options, motion_through, simulate
-from mocap_id_simulation.bodies import draw_subject
 from mocap_id_simulation.motion import smoothstep
+from mocap_id_simulation.options import draw_subject
 
 KINDS, MOVEMENTS = ("robot", "stand", "rise"), ("designed", "simple")
 NOISY: Mapping[str, tuple[float, float]] = {"robot": (0.002, 4.0)}  # m, and times the plate's usual noise

@@ -7,7 +7,7 @@ from pathlib import Path
 from mocap_id.config import load
 from mocap_id.runner.execution import run
 from mocap_id_simulation import Options, simulate
-from mocap_id_simulation.bodies import draw_subject
+from mocap_id_simulation.options import draw_subject
 
 
 def without_recording(configuration: Path, **other: str) -> Path:

@@ -1,7 +1,7 @@
 """``mocap-id simulate``: simulated trials, robot studies and cohorts, whose exact truth is known.
 
 The options of the commands, with their defaults and help texts, are the fields of the option classes in
-:mod:`mocap_id.simulation`.
+:mod:`mocap_id_simulation`.
 """
 
 from __future__ import annotations

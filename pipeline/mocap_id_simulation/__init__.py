@@ -6,7 +6,7 @@ and robots on a force plate. The core package ``mocap_id`` imports this package 
 
 from mocap_id_simulation.arm import generate_arm, simulate_arm
 from mocap_id_simulation.arm_files import write_arm, write_chain
-from mocap_id_simulation.chains import SpatialTrial, simulate_chain
+from mocap_id_simulation.chains import SimulatedSpaceTrial, simulate_chain
 from mocap_id_simulation.motion import JointMotion, motion_through
 from mocap_id_simulation.options import ArmOptions, ChainOptions, Kind, Options, PersonOptions, Strategy
 from mocap_id_simulation.scene import SimulatedTrial, generate
@@ -39,10 +39,10 @@ __all__ = [
     "PersonOptions",
     "ReachCohort",
     "RobotSet",
+    "SimulatedSpaceTrial",
     "SimulatedTrial",
     "SpaceRobotOptions",
     "SpaceRobotTrial",
-    "SpatialTrial",
     "Strategy",
     "generate",
     "generate_arm",

@@ -1,4 +1,8 @@
-"""The simulated arm: bones, joint axes and landmarks of a random person, in axes of the ISB (Wu 2005)."""
+"""A simulated arm on a swaying thorax, with markers, that reaches or curls; in axes of the ISB (Wu 2005).
+
+The coordinates of a movement are plane of elevation, elevation, the sum of plane and axial rotation, hinge angle,
+pronation, wrist flexion and wrist deviation, rad.
+"""
 
 from __future__ import annotations
 
@@ -15,26 +19,33 @@ from mocap_id.geometry import so3
 from mocap_id.kinematics.skin_motion import draw_skin_motion
 from mocap_id.stages.curl_keys import Body
 from mocap_id.stages.device import Condition, DeviceFile
-from mocap_id_simulation.bodies import GRAVITY, Subject, draw_subject
-from mocap_id_simulation.chains import SpatialTrial, film_markers, transform_points
+from mocap_id_simulation.bodies import GRAVITY
+from mocap_id_simulation.chains import SimulatedSpaceTrial, film_markers, transform_points
 from mocap_id_simulation.motion import (
     STEP,
-    Attitude,
     AxisRotation,
     JointMotion,
     X,
     Y,
     Z,
     constant_attitude,
-    constant_rotation,
+    decompose_elbow,
     draw_sway,
     draw_tremor,
-    elbow_angles,
     motion_through,
     ramp_up,
     smoothstep,
 )
-from mocap_id_simulation.options import PRESETS, ArmOptions, CurlCondition, Difficulty, Movement, Preset
+from mocap_id_simulation.options import (
+    PRESETS,
+    ArmOptions,
+    CurlCondition,
+    Difficulty,
+    Movement,
+    Preset,
+    SimulatedSubject,
+    draw_subject,
+)
 
 SEGMENTS = ("thorax", "upper_arm", "forearm", "hand")
 THORAX, UPPER_ARM, FOREARM, HAND = range(4)
@@ -44,7 +55,7 @@ THORAX, UPPER_ARM, FOREARM, HAND = range(4)
 class ArmBody:
     """A right arm on a thorax, in ISB axes: x forward, y up, z to the right."""
 
-    subject: Subject
+    subject: SimulatedSubject
     upper_arm: float  # length from the shoulder centre GH to the elbow centre along y, m
     forearm: float  # length from the elbow centre to the wrist centre along y, m
     shoulder: FloatArray  # (3,) shoulder centre GH in the thorax at zero elevation, m
@@ -76,7 +87,12 @@ def draw_arm(seed: int, glide: float) -> ArmBody:
     forearm = height * rng.normal(0.150, 0.005)
     shoulder = height * rng.normal((-0.022, -0.0155, 0.0965), (0.002, 0.002, 0.003))
     direction = np.array([rng.normal(-0.2, 0.02), 0.9, -0.4])
-    landmarks = _thorax_landmarks(rng, height)
+    # the middle of IJ and C7 is above the middle of PX and T8
+    px = height * rng.normal((0.027, -0.095, 0.0), (0.003, 0.007, 0.0))
+    c7 = height * rng.normal((-0.061, 0.028, 0.0), (0.002, 0.004, 0.0))
+    t8 = np.array([c7[0] - px[0], height * rng.normal(-0.096, 0.003), 0.0])
+    points = {"IJ": np.zeros(3), "PX": px, "C7": c7, "T8": t8}
+    landmarks = {name: (THORAX, point) for name, point in points.items()}
     landmarks["AC"] = (THORAX, shoulder + np.array([-0.004 * height, 0.0258 * height, 0.010]))
     elbow, wrist = height * rng.normal(0.019, 0.001), height * rng.normal(0.0295, 0.001)
     landmarks["EL"] = (UPPER_ARM, np.array([0.0, -upper_arm, elbow]))
@@ -94,15 +110,6 @@ def draw_arm(seed: int, glide: float) -> ArmBody:
         pronation_axis=_normalise(np.insert(rng.normal(0, 0.025, 2), 1, 1.0)),
         landmarks=landmarks,
     )
-
-
-def _thorax_landmarks(rng: np.random.Generator, height: float) -> dict[str, tuple[int, FloatArray]]:
-    """Return the landmarks IJ, PX, C7 and T8; the middle of IJ and C7 is above the middle of PX and T8."""
-    px = height * rng.normal((0.027, -0.095, 0.0), (0.003, 0.007, 0.0))
-    c7 = height * rng.normal((-0.061, 0.028, 0.0), (0.002, 0.004, 0.0))
-    t8 = np.array([c7[0] - px[0], height * rng.normal(-0.096, 0.003), 0.0])
-    points = {"IJ": np.zeros(3), "PX": px, "C7": c7, "T8": t8}
-    return {name: (THORAX, point) for name, point in points.items()}
 
 
 def _normalise(vector: FloatArray) -> FloatArray:
@@ -133,7 +140,7 @@ class ArmMarkers:
     on_glide: BoolArray  # (M,) whether a marker of the thorax moves with the shoulder girdle
 
 
-def draw_markers(rng: np.random.Generator, body: ArmBody, sizes: Difficulty, anonymous: bool) -> ArmMarkers:
+def _draw_markers(rng: np.random.Generator, body: ArmBody, sizes: Difficulty, anonymous: bool) -> ArmMarkers:
     """Place 24 markers: nine landmarks with palpation errors, and clusters on every segment."""
     names, segment, local, slide, loss = [], [], [], [], []
     for name, millimetres in _LANDMARK_SLIDE.items():
@@ -170,25 +177,6 @@ def draw_markers(rng: np.random.Generator, body: ArmBody, sizes: Difficulty, ano
     )
 
 
-def draw_slide(
-    rng: np.random.Generator, wander: np.random.Generator, markers: ArmMarkers, angles: FloatArray, time: FloatArray
-) -> FloatArray:
-    """Return the displacement (F, M, 3) by sliding skin in the segments' frames, m; it is zero in the first frame.
-
-    ``rng`` and ``wander`` are the generators of the slide and of a slow drift. ``angles`` (F, 4) are elevation, elbow
-    flexion, pronation and wrist flexion, rad. The skin of a segment slides with the two angles next to the segment.
-    """
-    moved = draw_skin_motion(rng, markers.segment, markers.slide, angles, time, wander=wander, middle=angles[0])
-    return np.asarray(moved - moved[0])
-
-
-def axial_displacement(markers: ArmMarkers, axial: FloatArray) -> FloatArray:
-    """Return the displacement (F, M, 3), m, because skin follows only a part of ``axial`` (F, 4) rotations, rad."""
-    angle = -markers.twist_loss * (axial - axial[0])[:, markers.segment]
-    rotated: FloatArray = np.einsum("fmij,mj->fmi", so3.exp(angle[..., None] * Y), markers.local)
-    return rotated - markers.local
-
-
 COORDINATES = ("plane", "elevation", "twist", "hinge", "pronation", "wrist_flexion", "wrist_deviation")
 STILL = 2.0  # s at the start
 ROUGHNESS = 4  # order of the smooth step of a movement
@@ -210,15 +198,6 @@ _EXTENDED, _CURL, _ATTEMPT = 21.0, 107.0, 33.0
 _COMPENSATION = np.array([0.10, 0.08, 0.15])  # rad: plane, elevation, axial, in the last curl
 
 
-@dataclass(frozen=True)
-class ArmMovement:
-    """Motion of the arm and the thorax."""
-
-    # 13 columns: the coordinates, then rotations of the thorax about its x, y, z and its translation in the laboratory
-    motion: JointMotion
-    protocol: dict[str, Any]  # entries of the truth for this kind of movement, as JSON values
-
-
 @dataclass
 class _Course:
     """Coordinates over time, composed of smooth moves from one pose to the next."""
@@ -236,8 +215,14 @@ class _Course:
         self.pose = pose
 
 
-def draw_movement(rng: np.random.Generator, options: ArmOptions, tremor_size: float) -> ArmMovement:
-    """Draw the movement of a trial; ``tremor_size`` is a factor on its irregularity."""
+def _draw_movement(
+    rng: np.random.Generator, options: ArmOptions, tremor_size: float
+) -> tuple[JointMotion, dict[str, Any]]:
+    """Draw the movement of a trial, and its entries in truth.json; ``tremor_size`` is a factor on its irregularity.
+
+    The motion has 13 columns: the coordinates, rotations of the thorax about its x, y, z, and its translation in the
+    laboratory.
+    """
     reach = options.movement == "reach"
     course, protocol, end = (_draw_reaches if reach else _draw_curls)(rng, options)
     time = course.time
@@ -248,7 +233,7 @@ def draw_movement(rng: np.random.Generator, options: ArmOptions, tremor_size: fl
     size = np.array([*np.radians((2.0, 2.0, 1.0)), 0.005, 0.004, 0.004]) * (1.0 if reach else 0.25)
     course.values += ramp_up(time, STILL) * (draw_tremor(rng, time, rough) + draw_sway(rng, time, hand))
     trunk = ramp_up(time, STILL) * draw_sway(rng, time, size)
-    return ArmMovement(motion_through(time, np.hstack([course.values, trunk]), end), protocol)
+    return motion_through(time, np.hstack([course.values, trunk]), end), protocol
 
 
 def _start_course(pose: tuple[float, ...], end: float) -> _Course:
@@ -346,15 +331,6 @@ def carried_loads(condition: str) -> dict[str, Body]:
     return {"dumbbell": _DUMBBELL} if condition == "C" else {"dumbbell": _DUMBBELL, "brace": _BRACE}
 
 
-def curl_keys(options: ArmOptions, body: ArmBody) -> dict[str, Any]:
-    """Return the keys of `curl:` in trial.yaml, with the exact inertial parameters of all bodies."""
-    keys: dict[str, Any] = {"condition": options.condition, "metronome_hz": 0.5}
-    if options.condition != "C":
-        keys["device"] = "device.yaml"
-    keys["loads"] = {name: body_keys(one) for name, one in carried_loads(options.condition).items()}
-    return keys | {name: body_keys(one) for name, one in arm_bodies(body).items()}
-
-
 def body_keys(body: Body) -> dict[str, Any]:
     """Return the keys and rounded values of a body in a configuration."""
     keys = body.model_dump(mode="json")
@@ -362,7 +338,7 @@ def body_keys(body: Body) -> dict[str, Any]:
     return {"mass": round(body.mass, 5), **rounded, "segment": body.segment}
 
 
-def curl_torques(options: ArmOptions, trial: SpatialTrial) -> Mapping[str, FloatArray]:
+def curl_torques(options: ArmOptions, trial: SimulatedSpaceTrial) -> Mapping[str, FloatArray]:
     """Return the torques (F,) about the elbow's hinge by name, positive in flexion, N·m: total, device and human."""
     body: ArmBody = trial.document["body"]
     elbow = trial.origins[:, FOREARM]
@@ -382,8 +358,7 @@ def curl_torques(options: ArmOptions, trial: SpatialTrial) -> Mapping[str, Float
         moment += np.cross(centre - elbow, force) + rate(spin)
     total = np.einsum("ti,ti->t", trial.rotations[:, UPPER_ARM] @ body.elbow_axis, moment)
     flexion, velocity = trial.angles["elbow_flexion"], trial.rates["elbow_flexion"]
-    person = options.seed if options.subject is None else options.subject
-    device = device_torque(person, options.condition, flexion, velocity)
+    device = device_torque(person_seed(options), options.condition, flexion, velocity)
     return {"tau_total": total, "tau_device": device, "tau_human": total - device}
 
 
@@ -441,34 +416,12 @@ def device_torque(seed: int, condition: CurlCondition, angle: FloatArray, veloci
 
 MIRROR = np.array([1.0, -1.0, 1.0])
 """Factors that mirror laboratory positions of a right arm to a left arm."""
-_SHOULDER = ("shoulder_plane", "shoulder_elevation", "shoulder_axial")
-_ELBOW = ("elbow_flexion", "elbow_carrying", "elbow_pronation")
-_WRIST = ("wrist_flexion", "wrist_deviation")
 _SEAT = 0.60  # height of IJ, as a fraction of the stature
 
 
-@dataclass(frozen=True)
-class _Scene:
-    """A person with markers, in motion, before the recording."""
-
-    body: ArmBody
-    markers: ArmMarkers
-    movement: ArmMovement
-    time: FloatArray
-
-
-@dataclass(frozen=True)
-class _Skeleton:
-    """Poses of the four segments and joint coordinates at F frames."""
-
-    attitudes: tuple[Attitude, ...]
-    origins: FloatArray  # (F, 4, 3) m
-    coordinates: tuple[FloatArray, FloatArray, FloatArray]  # (F, 7) coordinates, first and second derivatives
-    elbow: tuple[FloatArray, FloatArray, FloatArray]  # (F, 3) angles of the elbow, first and second derivatives
-    shoulder_centre: FloatArray  # (F, 3) in the thorax, m
-
-
-def simulate_arm(seed: int = 0, preset: Preset = "default", movement: Movement = "reach", **more: Any) -> SpatialTrial:
+def simulate_arm(
+    seed: int = 0, preset: Preset = "default", movement: Movement = "reach", **more: Any
+) -> SimulatedSpaceTrial:
     """Simulate an arm; the same arguments give the same numbers. ``more`` are further fields of :class:`ArmOptions`.
 
     Examples
@@ -480,7 +433,7 @@ def simulate_arm(seed: int = 0, preset: Preset = "default", movement: Movement =
     return generate_arm(ArmOptions(seed=seed, preset=preset, movement=movement, **more))
 
 
-def generate_arm(options: ArmOptions) -> SpatialTrial:
+def generate_arm(options: ArmOptions) -> SimulatedSpaceTrial:
     """Simulate an arm with the given options."""
     sizes = PRESETS[options.preset]
     scale = options.soft_tissue
@@ -489,16 +442,90 @@ def generate_arm(options: ArmOptions) -> SpatialTrial:
     of_motion, of_sway, of_cameras = (np.random.default_rng([options.seed, 10 + i]) for i in range(3))
     session = person if options.markers is None else options.markers
     of_markers, of_skin = (np.random.default_rng([session, 20 + i]) for i in range(2))
-    movement = draw_movement(of_motion, options, sizes.tremor)
+    motion, protocol = _draw_movement(of_motion, options, sizes.tremor)
     body = draw_arm(person, options.glide_mm / 1e3 if options.movement == "reach" else 0.0)
-    scene = _Scene(
-        body=body,
-        markers=draw_markers(of_markers, body, sizes, options.anonymous),
-        movement=movement,
-        time=np.arange(round(movement.motion.duration * options.rate)) / options.rate,
+    markers = _draw_markers(of_markers, body, sizes, options.anonymous)
+    time = np.arange(round(motion.duration * options.rate)) / options.rate
+    q, dq, ddq, _ = motion.at(time)
+    frames = len(time)
+
+    def about(axis: FloatArray, column: int, sign: float = 1.0) -> AxisRotation:
+        return AxisRotation(axis, sign * q[:, column], sign * dq[:, column], sign * ddq[:, column])
+
+    # attitudes of thorax, upper arm, forearm and hand; the thorax starts upright within a few degrees, in any direction
+    yaw = of_sway.uniform(-np.pi, np.pi)
+    forward = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    upright = np.stack([forward, Z, np.cross(forward, Z)], axis=1)
+    start = upright @ so3.exp(np.radians(of_sway.normal(0, 1.5, 3)))
+    axial = AxisRotation(Y, *(each[:, 2] - each[:, 0] for each in (q, dq, ddq)))
+    none = np.zeros(frames)
+    carrying = AxisRotation(X, np.full(frames, body.carrying), none, none)
+    joints = (
+        (about(Y, 0), about(X, 1, -1.0), axial),
+        (about(body.elbow_axis, 3), carrying, about(body.pronation_axis, 4)),
+        (about(Z, 5), about(X, 6)),
     )
-    bones = _draw_skeleton(of_sway, scene)
-    trial = _record(of_cameras, options, sizes, scene, bones, skin=_draw_skin(of_skin, of_sway, scene, bones))
+    attitudes = [constant_attitude(start, frames).rotate((about(X, 7), about(Y, 8), about(Z, 9)))]
+    for each in joints:
+        attitudes.append(attitudes[-1].rotate(each))
+    rotations = np.stack([each.rotation for each in attitudes], axis=1)
+    # their origins
+    centre = body.shoulder + (1 - np.cos(q[:, 1:2])) / 2 * body.glide  # of the shoulder in the thorax
+    seat = np.array([*of_sway.uniform(-0.2, 0.2, 2), _SEAT * body.subject.height])
+    at = [seat + q[:, 10:13]]
+    for attitude, step in zip(attitudes, (centre, body.elbow, body.wrist), strict=False):
+        at.append(at[-1] + (attitude.rotation @ np.broadcast_to(step, (frames, 3))[..., None])[..., 0])
+    origins = np.stack(at, axis=1)
+    # Displacement by soft tissue, zero in the first frame: the skin of a segment follows only a part of its axial
+    # rotation, and slides with the two angles next to it, of elevation, elbow flexion, pronation and wrist flexion.
+    turn = np.stack([none, q[:, 2], q[:, 4], none], axis=1)
+    lost = -markers.twist_loss * (turn - turn[0])[:, markers.segment]
+    turned = np.einsum("fmij,mj->fmi", so3.exp(lost[..., None] * Y), markers.local)
+    beside = q[:, (1, 3, 4, 5)]
+    slide = draw_skin_motion(of_skin, markers.segment, markers.slide, beside, time, wander=of_sway, middle=beside[0])
+    skin = np.asarray(turned - markers.local + (slide - slide[0]))
+    girdle = (centre - centre[0])[:, None] * markers.on_glide[:, None]
+    # the recording
+    true = transform_points(origins, rotations, markers.segment, markers.local + skin + girdle)
+    if options.side == "left":
+        true = true * MIRROR
+    positions, bursts = film_markers(of_cameras, markers.labels, true, options.rate, sizes)
+    elbows = decompose_elbow(constant_attitude(np.eye(3), frames).rotate(joints[1]))
+    angles, rates, accelerations = (
+        {
+            "shoulder_plane": c[:, 0],
+            "shoulder_elevation": c[:, 1],
+            "shoulder_axial": c[:, 2] - c[:, 0],
+            **dict(zip(("elbow_flexion", "elbow_carrying", "elbow_pronation"), elbow.T, strict=True)),
+            "wrist_flexion": c[:, 5],
+            "wrist_deviation": c[:, 6],
+        }
+        for c, elbow in zip((q, dq, ddq), elbows, strict=True)
+    )
+    hinge, pronation = (np.stack([c[:, i] for c in (q, dq, ddq)], axis=1) for i in (3, 4))
+    trial = SimulatedSpaceTrial(
+        labels=markers.labels,
+        names=markers.names,
+        rate=options.rate,
+        time=time,
+        positions=positions,
+        true_positions=true,
+        bursts=bursts,
+        segments=SEGMENTS,
+        assignment=markers.segment,
+        local=markers.local,
+        skin=skin,
+        origins=origins,
+        rotations=rotations,
+        omega=np.stack([each.omega for each in attitudes], axis=1),
+        alpha=np.stack([each.alpha for each in attitudes], axis=1),
+        angles=angles,
+        rates=rates,
+        accelerations=accelerations,
+        arrays={"gh_in_thorax": centre, "q_hinge": hinge, "q_pron": pronation},
+        document={"body": body, "markers": markers, "protocol": protocol},
+        still=STILL,
+    )
     if options.movement == "reach":
         return trial
     return replace(trial, arrays={**trial.arrays, **curl_torques(options, trial)})
@@ -507,103 +534,3 @@ def generate_arm(options: ArmOptions) -> SpatialTrial:
 def person_seed(options: ArmOptions) -> int:
     """Return the seed of the person: ``subject``, or the trial's seed if it is omitted."""
     return options.seed if options.subject is None else options.subject
-
-
-def _draw_skeleton(rng: np.random.Generator, scene: _Scene) -> _Skeleton:
-    q, dq, ddq, _ = scene.movement.motion.at(scene.time)
-    body, frames = scene.body, len(scene.time)
-
-    def about(axis: FloatArray, column: int, sign: float = 1.0) -> AxisRotation:
-        return AxisRotation(axis, sign * q[:, column], sign * dq[:, column], sign * ddq[:, column])
-
-    axial = AxisRotation(Y, *(each[:, 2] - each[:, 0] for each in (q, dq, ddq)))
-    joints = (
-        (about(Y, 0), about(X, 1, -1.0), axial),
-        (about(body.elbow_axis, 3), constant_rotation(X, body.carrying, frames), about(body.pronation_axis, 4)),
-        (about(Z, 5), about(X, 6)),
-    )
-    thorax = constant_attitude(_draw_start(rng), frames).rotate((about(X, 7), about(Y, 8), about(Z, 9)))
-    attitudes = [thorax]
-    for rotations in joints:
-        attitudes.append(attitudes[-1].rotate(rotations))
-    centre = body.shoulder + (1 - np.cos(q[:, 1:2])) / 2 * body.glide
-    seat = np.array([*rng.uniform(-0.2, 0.2, 2), _SEAT * body.subject.height])
-    origins = [seat + q[:, 10:13]]
-    for attitude, step in zip(attitudes, (centre, body.elbow, body.wrist), strict=False):
-        origins.append(origins[-1] + (attitude.rotation @ np.broadcast_to(step, (frames, 3))[..., None])[..., 0])
-    return _Skeleton(
-        attitudes=tuple(attitudes),
-        origins=np.stack(origins, axis=1),
-        coordinates=(q[:, :7], dq[:, :7], ddq[:, :7]),
-        elbow=elbow_angles(constant_attitude(np.eye(3), frames).rotate(joints[1])),
-        shoulder_centre=centre,
-    )
-
-
-def _draw_start(rng: np.random.Generator) -> FloatArray:
-    """Return the attitude (3, 3) of the thorax at the start: upright within a few degrees, in any direction."""
-    yaw = rng.uniform(-np.pi, np.pi)
-    forward = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    upright = np.stack([forward, Z, np.cross(forward, Z)], axis=1)
-    return upright @ so3.exp(np.radians(rng.normal(0, 1.5, 3)))
-
-
-def _draw_skin(rng: np.random.Generator, wander: np.random.Generator, scene: _Scene, bones: _Skeleton) -> FloatArray:
-    """Return the displacement (F, M, 3) of all markers in their segments' frames by soft tissue, m."""
-    q, time = bones.coordinates[0], scene.time
-    none = np.zeros(len(time))
-    axial = np.stack([none, q[:, 2], q[:, 4], none], axis=1)
-    slide = draw_slide(rng, wander, scene.markers, q[:, (1, 3, 4, 5)], time)
-    return axial_displacement(scene.markers, axial) + slide
-
-
-def _record(
-    rng: np.random.Generator,
-    options: ArmOptions,
-    sizes: Difficulty,
-    scene: _Scene,
-    bones: _Skeleton,
-    *,
-    skin: FloatArray,
-) -> SpatialTrial:
-    """Return the trial that the cameras record, with its truth."""
-    markers = scene.markers
-    rotations = np.stack([each.rotation for each in bones.attitudes], axis=1)
-    girdle = (bones.shoulder_centre - bones.shoulder_centre[0])[:, None] * markers.on_glide[:, None]
-    true = transform_points(bones.origins, rotations, markers.segment, markers.local + skin + girdle)
-    if options.side == "left":
-        true = true * MIRROR
-    positions, bursts = film_markers(rng, markers.labels, true, options.rate, sizes)
-    hinge, pronation = (np.stack([each[:, i] for each in bones.coordinates], axis=1) for i in (3, 4))
-    angles, rates, accelerations = (
-        _angles(each, elbow) for each, elbow in zip(bones.coordinates, bones.elbow, strict=True)
-    )
-    return SpatialTrial(
-        labels=markers.labels,
-        names=markers.names,
-        rate=options.rate,
-        time=scene.time,
-        positions=positions,
-        true_positions=true,
-        bursts=bursts,
-        segments=SEGMENTS,
-        assignment=markers.segment,
-        local=markers.local,
-        skin=skin,
-        origins=bones.origins,
-        rotations=rotations,
-        omega=np.stack([each.omega for each in bones.attitudes], axis=1),
-        alpha=np.stack([each.alpha for each in bones.attitudes], axis=1),
-        angles=angles,
-        rates=rates,
-        accelerations=accelerations,
-        arrays={"gh_in_thorax": bones.shoulder_centre, "q_hinge": hinge, "q_pron": pronation},
-        document={"body": scene.body, "markers": markers, "protocol": scene.movement.protocol},
-        still=STILL,
-    )
-
-
-def _angles(q: FloatArray, elbow: FloatArray) -> dict[str, FloatArray]:
-    """Return the angles, or their derivatives of one order, by name."""
-    shoulder = (q[:, 0], q[:, 1], q[:, 2] - q[:, 0])
-    return dict(zip((*_SHOULDER, *_ELBOW, *_WRIST), (*shoulder, *elbow.T, q[:, 5], q[:, 6]), strict=True))

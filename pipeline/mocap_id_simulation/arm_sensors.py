@@ -10,7 +10,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry import so3
 from mocap_id_simulation.arm import FOREARM, HAND, THORAX, UPPER_ARM, ArmBody
-from mocap_id_simulation.chains import SpatialTrial
+from mocap_id_simulation.chains import SimulatedSpaceTrial
 from mocap_id_simulation.instruments import IMU_SEED, SimulatedSensor, measure_motion
 from mocap_id_simulation.motion import Y
 from mocap_id_simulation.options import PRESETS, ArmOptions
@@ -45,7 +45,7 @@ _LOST, _DROPPED, _ROW_JITTER = (
 
 
 @dataclass(frozen=True)
-class Skeleton:
+class FilmedSkeleton:
     """Recording of the camera, with K rows of J joints, on the camera's clock."""
 
     joints: tuple[str, ...]
@@ -78,7 +78,7 @@ class Skeleton:
         return ("\n".join(lines) + "\n").encode()
 
 
-def film_skeleton(trial: SpatialTrial, options: ArmOptions) -> Skeleton:
+def film_skeleton(trial: SimulatedSpaceTrial, options: ArmOptions) -> FilmedSkeleton:
     """Return the skeleton of a depth camera in front of a person who was simulated with these options.
 
     With the preset ``clean``, the offset of the clock is the only error.
@@ -101,10 +101,10 @@ def film_skeleton(trial: SpatialTrial, options: ArmOptions) -> Skeleton:
         for k, kind in enumerate(kinds):
             _infer(rng, seen[:, k], state[:, k], size * _INFERRED.get(kind, 0.0), is_hand=kind == "Hand")
     seen[state == 0] = np.nan
-    return Skeleton(joints, at - offset, seen, state, offset, rotation, position)
+    return FilmedSkeleton(joints, at - offset, seen, state, offset, rotation, position)
 
 
-def _true_joints(trial: SpatialTrial, time: FloatArray, left: bool) -> tuple[tuple[str, ...], FloatArray]:
+def _true_joints(trial: SimulatedSpaceTrial, time: FloatArray, left: bool) -> tuple[tuple[str, ...], FloatArray]:
     """Return names and true positions (K, J, 3) of the joints in the laboratory at times (K,)."""
     body: ArmBody = trial.document["body"]
     height = body.subject.height
@@ -125,7 +125,7 @@ def _true_joints(trial: SpatialTrial, time: FloatArray, left: bool) -> tuple[tup
     return tuple(points), np.stack(sampled, axis=1)
 
 
-def _draw_camera(rng: np.random.Generator, trial: SpatialTrial) -> tuple[FloatArray, FloatArray]:
+def _draw_camera(rng: np.random.Generator, trial: SimulatedSpaceTrial) -> tuple[FloatArray, FloatArray]:
     """Return rotation and position of the camera, which looks at the person from the front, tilted by some degrees."""
     forward = trial.rotations[0, THORAX, :, 0] * np.array([1.0, 1.0, 0.0])
     away = -forward / np.linalg.norm(forward)
@@ -170,7 +170,7 @@ _ON_HAND = (-0.03, -0.06, 0.0)
 _LOSS = {"upper_arm": 0.25, "forearm": 0.12}  # fraction of the axial rotation that the skin does not follow
 
 
-def simulate_sensors(trial: SpatialTrial, options: ArmOptions) -> dict[str, SimulatedSensor]:
+def simulate_sensors(trial: SimulatedSpaceTrial, options: ArmOptions) -> dict[str, SimulatedSensor]:
     """Return one sensor for each segment of a simulated arm that was generated with these options, by segment name.
 
     The preset scales the errors of the sensors. The preset and the factor of soft tissue scale the rotation of the skin

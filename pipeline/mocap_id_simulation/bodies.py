@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry import spatial_inertia
 from mocap_id.kinematics.skin_motion import draw_skin_motion
-from mocap_id_simulation.motion import Swing
+from mocap_id_simulation.options import JointName, MarkerSetName, SimulatedSubject, Speed
 
 GRAVITY = 9.81  # m/s²
 
@@ -38,32 +38,6 @@ Centres of mass (from the lower joint) and radii of gyration (about these) are f
 
 BEHIND_ANKLE = 0.24  # fraction of the foot's length behind the ankle
 ANKLE = (-0.03, 0.03)  # m, range of the ankle's position from the plate's centre
-
-Sex: TypeAlias = Literal["female", "male"]
-_SEXES: tuple[Sex, ...] = ("female", "male")
-_HEIGHT = {"female": (1.52, 1.76), "male": (1.64, 1.92)}  # m
-_BODY_MASS_INDEX = (19.0, 29.0)  # kg/m²
-
-
-@dataclass(frozen=True)
-class Subject:
-    """A person who performs several trials with the same body, markers and skin."""
-
-    name: str
-    seed: int  # seed of the body's proportions, the markers' positions and the sliding of the skin
-    sex: Sex
-    height: float  # m
-    mass: float  # kg
-
-
-def draw_subject(seed: int, number: int) -> Subject:
-    """Draw person ``number`` of a cohort, counted from 1; odd numbers are female. The cohort's size has no effect."""
-    source = np.random.SeedSequence([seed, number])
-    rng = np.random.default_rng(source)
-    sex = _SEXES[(number - 1) % len(_SEXES)]
-    height = float(rng.uniform(*_HEIGHT[sex]))
-    mass = float(rng.uniform(*_BODY_MASS_INDEX)) * height**2
-    return Subject(f"s{number:02d}", int(source.generate_state(2)[1]), sex, height, mass)
 
 
 @dataclass(frozen=True)
@@ -143,7 +117,7 @@ class SimulatedBody:
 
 
 def draw_person(
-    rng: np.random.Generator, subject: Subject | None = None, feet: np.random.Generator | None = None
+    rng: np.random.Generator, subject: SimulatedSubject | None = None, feet: np.random.Generator | None = None
 ) -> SimulatedBody:
     """Draw a person who stands on both feet and faces -x: foot, shank, thigh, and one segment for head, arms and trunk.
 
@@ -202,7 +176,6 @@ def draw_robot(rng: np.random.Generator) -> SimulatedBody:
     return SimulatedBody((base, arm), (-0.2, 0.2), {"l1": reach}, {})
 
 
-MarkerSetName: TypeAlias = Literal["clusters", "plug-in-gait", "plug-in-gait-without-wands", "joints"]
 PLACEMENT = 0.006  # m, standard deviation of a marker's placement
 
 
@@ -306,27 +279,42 @@ MARKER_SETS: Mapping[MarkerSetName, tuple[_Site, ...]] = {
 PLATE = ((-0.28, -0.18), (-0.24, 0.20), (-0.06, 0.24), (0.05, -0.22), (0.19, 0.18), (0.27, -0.14), (0.23, 0.02))
 
 
-def place_markers(
-    rng: np.random.Generator, body: SimulatedBody, name: MarkerSetName = "clusters", without: str = ""
+def place_body_markers(
+    rng: np.random.Generator,
+    body: SimulatedBody,
+    name: MarkerSetName = "clusters",
+    without: str = "",
+    joint: JointName | None = None,
 ) -> MarkerSet:
     """Place the body's markers with random placement errors; the set ``clusters`` adds seven markers on the plate.
 
-    ``name`` is the marker set of a person; a robot has a fixed one. ``without`` lists markers to leave out, separated
-    by commas: on both sides (``KNE``), on one side (``LKNE``), or all of one side (``R*``).
+    ``name`` is the marker set of a person; a robot has a fixed one, and the thesis's robot with the moving ``joint``
+    eighteen markers. ``without`` lists markers to leave out, separated by commas: on both sides (``KNE``), on one side
+    (``LKNE``), or all of one side (``R*``).
     """
+    if joint is not None:
+        distance, count = REFERENCE[joint].distance, len(_UR5_SITES)
+        link = np.array([height > distance for _, _, height, _ in _UR5_SITES]).astype(np.int64)
+        local = np.array([(x, height - distance * (height > distance), z) for _, x, height, z in _UR5_SITES])
+        labels = tuple(label for label, *_ in _UR5_SITES)
+        softness, at_joint = np.zeros(count), (None,) * count
+        return add_plate_markers(rng, labels, link, local, softness=softness, hidden=link > 0, at_joint=at_joint)
     person = len(body.links) > 2
     left_out = {each.strip() for each in without.split(",")}
-    sites = tuple(
-        one
-        for site in (MARKER_SETS[name] if person else _ROBOT)
-        for one in _sides(site)
-        if not {site.name, one.name, f"{one.name[0]}*" if site.paired else site.name} & left_out
-    )
+    sites: list[_Site] = []
+    for site in MARKER_SETS[name] if person else _ROBOT:
+        # both sides of the body; left is +z, because the person faces -x
+        pair = replace(site, name=f"L{site.name}"), replace(site, name=f"R{site.name}", z=-site.z)
+        for one in pair if site.paired else (site,):
+            side = f"{one.name[0]}*" if site.paired else site.name
+            sites += [] if {site.name, one.name, side} & left_out else [one]
+    ankle = body.links[1].centre[0]  # for the base, x of a site is measured from the first joint
+    nominal = [(s.x + ankle if s.link == 0 else s.x, s.y * body.links[s.link].length, s.z) for s in sites]
     return add_plate_markers(
         rng,
         tuple(site.name for site in sites),
         np.array([site.link for site in sites]),
-        np.array([_local_position(body, site) for site in sites]),
+        np.array(nominal),
         softness=np.array([site.soft_mm for site in sites]) / 1e3,
         hidden=np.array([site.hidden for site in sites]),
         at_joint=tuple(site.at_joint for site in sites),
@@ -371,23 +359,6 @@ def add_plate_markers(
         at_joint=at_joint + (None,) * count,
     )
 
-
-def _sides(site: _Site) -> tuple[_Site, ...]:
-    """Return the left and right marker of a site, or its only marker; left is +z, because the person faces -x."""
-    if not site.paired:
-        return (site,)
-    return replace(site, name=f"L{site.name}"), replace(site, name=f"R{site.name}", z=-site.z)
-
-
-def _local_position(body: SimulatedBody, site: _Site) -> tuple[float, float, float]:
-    """Return the position in the link's frame, m; for the base, x of the site is measured from the first joint."""
-    link = body.links[site.link]
-    start = body.links[1].centre[0] if site.link == 0 else 0.0
-    return start + site.x, site.y * link.length, site.z
-
-
-JointName: TypeAlias = Literal["shoulder", "elbow", "wrist"]
-Speed: TypeAlias = Literal["slow", "fast"]
 
 TOTAL = 26.633  # kg
 AMPLITUDE = np.pi / 4
@@ -435,7 +406,7 @@ _UR5_SITES = (
 
 
 def ur5_body(joint: JointName, speed: Speed) -> SimulatedBody:
-    """Return the robot with all joints locked except one."""
+    """Return the thesis's robot with all joints locked except one."""
     known = REFERENCE[joint]
     com = known.my / known.mass
     base = Link("base", None, (0, 0), known.distance, TOTAL - known.mass, (0.0, known.distance / 2), 0.1)
@@ -460,21 +431,6 @@ def ur5_body(joint: JointName, speed: Speed) -> SimulatedBody:
         },
     }
     return SimulatedBody((base, arm), (-0.2, 0.2), {"l1": known.distance}, description)
-
-
-def make_swing(speed: Speed, periods: int) -> Swing:
-    """Return the motion of the joint about the stretched posture."""
-    return Swing(FREQUENCY[speed], AMPLITUDE, 0.0, periods, LEAD)
-
-
-def place_ur5_markers(rng: np.random.Generator, joint: JointName) -> MarkerSet:
-    """Place eighteen markers on the robot and seven on the plate, with random placement errors."""
-    distance, count = REFERENCE[joint].distance, len(_UR5_SITES)
-    link = np.array([height > distance for _, _, height, _ in _UR5_SITES]).astype(np.int64)
-    local = np.array([(x, height - distance * (height > distance), z) for _, x, height, z in _UR5_SITES])
-    labels = tuple(label for label, *_ in _UR5_SITES)
-    softness = np.zeros(count)
-    return add_plate_markers(rng, labels, link, local, softness=softness, hidden=link > 0, at_joint=(None,) * count)
 
 
 MIDDLE = np.array([0.35, -1.12, 1.10])  # rad, mid-range of ankle, knee and hip in sit-to-stands

@@ -1,4 +1,9 @@
-"""Exact state and forces of a simulated trial, by recursive dynamics of the chain in SE(3), with chair and rail."""
+"""Exact state and forces of a simulated person or robot in the plane, by recursive dynamics in SE(3).
+
+The body is the pinned chain of rigid segments, or a person with separate pelvis, trunk and arms, a foot that rotates
+and a weight in the hands. Without a hip gap and without rotations of foot, lumbar joint and shoulders, the separate
+bodies equal the pinned chain of four rigid segments exactly.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +18,7 @@ from mocap_id.geometry import Chain, Revolute, inverse_dynamics, link_motion, pl
 from mocap_id_simulation.bodies import GRAVITY, Link, MarkerSet, SimulatedBody
 from mocap_id_simulation.motion import JointMotion, motion_through, smoothstep
 from mocap_id_simulation.options import PersonOptions
-from mocap_id_simulation.sit_to_stand import BalancedMotion, Chair, Plan, Rail, Schedule, balance
+from mocap_id_simulation.sit_to_stand import Chair, Plan, Rail, Schedule, balance_lean
 
 UP = np.array([0.0, GRAVITY, 0.0, 0.0, 0.0, 0.0])
 THIGH = 2  # the link that the chair pushes on
@@ -61,26 +66,6 @@ class TrueState:
         return np.asarray(self.wrench[:, 2] / self.wrench[:, 1])
 
 
-@dataclass(frozen=True)
-class SegmentPoses:
-    """Poses of the chain's segments, and the joint centres."""
-
-    angle: FloatArray  # (T, n + 1) angles of the segments, base first, rad
-    origin: FloatArray  # (T, n + 1, 2) origins of the segments' frames, m
-    joints: FloatArray  # (T, J, 2) joint centres, m
-    distal: IntArray  # (J,) first segment distal to each joint
-
-
-@dataclass(frozen=True)
-class LoadShares:
-    """Loads after the division of the total wrench between ground, chair and rail."""
-
-    force: FloatArray  # (T, 2) force of the chair, N
-    point: FloatArray  # (T, 2) its point of application, m
-    ground: FloatArray  # (T, 3) wrench of the ground, N and N·m
-    tau: FloatArray  # (T, J) joint torques, N·m
-
-
 def compute_state(
     body: SimulatedBody, motion: JointMotion, chair: Chair | None, time: FloatArray, rail: Rail | None = None
 ) -> TrueState:
@@ -90,8 +75,9 @@ def compute_state(
     angle, origin = planar.segment_poses(q, centres)
     loads = inverse_dynamics(planar.spatial_chain(centres), body.inertias, q, qd, qdd, base_acceleration=UP)
     total, tau = loads.base_wrench[:, [0, 1, 5]], loads.effort
-    poses = SegmentPoses(angle, origin, origin[:, 1:], np.arange(1, len(centres) + 1))
-    shared = share_load(poses, total, tau, time, chair=chair, rail=rail)
+    force, point, ground, tau = _share_load(
+        (angle, origin), (origin[:, 1:], np.arange(1, len(centres) + 1)), total, tau, time, chair=chair, rail=rail
+    )
     coms = planar.marker_positions(q, centres, np.arange(len(body.links)), body.coms)
     return TrueState(
         time=time,
@@ -103,24 +89,30 @@ def compute_state(
         joint_xy=origin[:, 1:],
         com=np.einsum("l,tlx->tx", body.masses / body.mass, coms),
         wrench_total=total,
-        chair_force=shared.force,
-        chair_point=shared.point,
-        wrench=shared.ground,
-        tau=shared.tau,
+        chair_force=force,
+        chair_point=point,
+        wrench=ground,
+        tau=tau,
     )
 
 
-def share_load(
-    poses: SegmentPoses,
+def _share_load(
+    segments: tuple[FloatArray, FloatArray],
+    joints: tuple[FloatArray, IntArray],
     total: FloatArray,
     tau: FloatArray,
     time: FloatArray,
     *,
     chair: Chair | None,
     rail: Rail | None,
-) -> LoadShares:
-    """Return ``total`` (T, 3) divided between ground, chair and rail, and ``tau`` (T, J) corrected for the division."""
-    angle, origin, joints = poses.angle, poses.origin, poses.joints
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Divide the wrench ``total`` (T, 3) between ground, chair and rail, and correct the torques ``tau`` (T, J).
+
+    ``segments`` are angles (T, n + 1) and origins (T, n + 1, 2) of the chain's segments, base first; ``joints`` are the
+    centres (T, J, 2) and, for each joint, the first segment distal to it (J,). Return the force of the chair (T, 2),
+    its point of application (T, 2), the wrench of the ground (T, 3) and the corrected torques.
+    """
+    (angle, origin), (centres, distal) = segments, joints
     force, point = np.zeros((len(time), 2)), np.full((len(time), 2), np.nan)
     ground = total
     if chair is not None:
@@ -128,14 +120,14 @@ def share_load(
         vertical = chair.load(time) * total[:, 1]
         force = np.column_stack([chair.friction * vertical, vertical])
         # the plate and the joints below the point of contact do not carry the chair's part of the load
-        tau = tau - np.where(poses.distal <= THIGH, _moment(point[:, None] - joints, force), 0)
+        tau = tau - np.where(distal <= THIGH, _moment(point[:, None] - centres, force), 0)
         ground = total - np.column_stack([force, _moment(point[:, None], force)])
     if rail is not None:
         hand = origin[:, TRUNK] + planar.rotate(angle[:, TRUNK], np.array(HAND))
         on_rail = np.column_stack([np.zeros(len(time)), rail.load(time) * total[:, 1]])
-        tau = tau - np.where(poses.distal <= TRUNK, _moment(hand[:, None] - joints, on_rail), 0)
+        tau = tau - np.where(distal <= TRUNK, _moment(hand[:, None] - centres, on_rail), 0)
         ground = ground - np.column_stack([on_rail, _moment(hand[:, None], on_rail)])
-    return LoadShares(force, point, ground, tau)
+    return force, point, ground, tau
 
 
 def _moment(arm: FloatArray, force: FloatArray) -> FloatArray:
@@ -234,14 +226,6 @@ class DividedBody:
         """(B, 2) origin of each part's frame in its link's frame, m; zero except for the weight."""
         return np.array([part.centre if part.name == "weight" else (0.0, 0.0) for part in self.parts])
 
-    @property
-    def in_segment(self) -> FloatArray:
-        """(B, 2) origin of each part's frame in its segment of the pinned chain, without joint displacements, m."""
-        origins = np.zeros((len(self.parts), 2))
-        for i in range(TORSO + 1, len(self.parts)):
-            origins[i] = origins[i - 1] + self.parts[i].centre
-        return origins
-
     def part_of(self, markers: MarkerSet) -> IntArray:
         """Return the index (M,) of the part that carries each marker; -1 for the plate."""
         names = self.names
@@ -255,7 +239,11 @@ class DividedBody:
     def local(self, markers: MarkerSet) -> FloatArray:
         """Return the markers' positions (M, 3) in the frames of their parts, m; in the plane frame for the plate."""
         part, local = self.part_of(markers), markers.local.copy()
-        local[:, :2] -= np.where(part[:, None] >= 0, self.in_segment[part], 0.0)
+        # origin of each part's frame in its segment of the pinned chain, without joint displacements
+        origins = np.zeros((len(self.parts), 2))
+        for i in range(TORSO + 1, len(self.parts)):
+            origins[i] = origins[i - 1] + self.parts[i].centre
+        local[:, :2] -= np.where(part[:, None] >= 0, origins[part], 0.0)
         return local
 
 
@@ -319,31 +307,21 @@ WAVES = 5
 
 
 @dataclass(frozen=True)
-class Habit:
-    """Dependence of a person's hip gap and spine on the posture."""
+class AdditionalMotion:
+    """Motion of a person with R repetitions in addition to the chain's angles: gap, bending spine, arms, heels.
 
+    The motion that depends on the posture belongs to the person: it is the same at the same angles in all trials.
+    Variations between repetitions, and drifts of W sine waves each, belong to the trial.
+    """
+
+    people: PersonOptions
+    schedule: Schedule
+    foot: float  # length from toe to heel, m
     sink: float  # unevenness of the torso's sinking during the rise, -0.3 … 0.3
     ripple: FloatArray  # (2,) number of periods over the rise of the gap's oscillation in x and y
-    phase: FloatArray  # (2,) initial phase of this oscillation, rad
+    ripple_phase: FloatArray  # (2,) initial phase of this oscillation, rad
     forward: float  # amplitude of the gap along the thigh's x, as a fraction of the gap's range
     slump: float  # fraction of the spine's bend that depends on the knee; the rest depends on the lean
-
-
-def draw_habit(rng: np.random.Generator) -> Habit:
-    """Draw the dependence of a person's hip gap and spine on the posture."""
-    return Habit(
-        sink=float(rng.uniform(-0.3, 0.3)),
-        ripple=rng.uniform(1.0, 1.8, 2),
-        phase=rng.uniform(0, 2 * np.pi, 2),
-        forward=float(rng.uniform(0.3, 0.5)),
-        slump=float(rng.uniform(0.4, 0.6)),
-    )
-
-
-@dataclass(frozen=True)
-class TrialVariation:
-    """Variations of one trial with R repetitions, relative to the usual size 1, and its drifts of W sine waves each."""
-
     swing: FloatArray  # (R, 3) size of the arms' swing while rising, while sitting down, and while standing
     late: FloatArray  # (R, 2) delay of the first two swings, s
     heel: FloatArray  # (R,) size of the heel's lift
@@ -356,29 +334,6 @@ class TrialVariation:
         waves = np.sin(2 * np.pi * self.frequency[i] * time[:, None] + self.phase[i])
         return np.asarray(waves.sum(axis=1) * np.sqrt(2 / WAVES))
 
-
-def draw_trial_variation(rng: np.random.Generator, repetitions: int) -> TrialVariation:
-    """Draw the variations of a trial with this number of repetitions."""
-    shape = (len(DRIFTS), WAVES)
-    return TrialVariation(
-        swing=rng.uniform(0.75, 1.25, (repetitions, 3)),
-        late=rng.uniform(-0.12, 0.12, (repetitions, 2)),
-        heel=rng.uniform(0.8, 1.2, repetitions),
-        frequency=1 / np.exp(rng.uniform(np.log(PERIODS[0]), np.log(PERIODS[1]), shape)),
-        phase=rng.uniform(0, 2 * np.pi, shape),
-    )
-
-
-@dataclass(frozen=True)
-class AdditionalMotion:
-    """Conversion of the pinned chain's angles into the coordinates of a divided body."""
-
-    people: PersonOptions
-    habit: Habit
-    variation: TrialVariation
-    schedule: Schedule
-    foot: float  # length from toe to heel, m
-
     def motion(self, time: FloatArray, angles: FloatArray, duration: float) -> JointMotion:
         """Return the divided body's motion for ankle, knee and hip angles (T, 3) at evenly spaced times (T,)."""
         foot, gap, bend = self._foot(time), self._gap(time, angles), self._bend(time, angles)
@@ -387,30 +342,27 @@ class AdditionalMotion:
 
     def _gap(self, time: FloatArray, angles: FloatArray) -> FloatArray:
         """Return the hip gap along the thigh's axes, (T, 2) m: the torso sinks and oscillates during the rise."""
-        habit, size = self.habit, 1e-3 * self.people.hip_gap_mm
+        size = 1e-3 * self.people.hip_gap_mm
         risen, bent = 1 - angles[:, 1] / SEATED_KNEE, angles[:, 2] / SEATED_HIP
-        (periods_x, periods_y), (phase_x, phase_y) = habit.ripple, habit.phase
-        sinking = risen + habit.sink * risen * (1 - risen)
+        (periods_x, periods_y), (phase_x, phase_y) = self.ripple, self.ripple_phase
+        sinking = risen + self.sink * risen * (1 - risen)
         y = -0.7 * sinking + 0.1 * np.sin(2 * np.pi * periods_y * risen + phase_y)
-        x = habit.forward * np.sin(np.pi * periods_x * bent + phase_x)
-        drift = [0.05 * self.variation.drift(name, time) for name in ("gap x", "gap y")]
+        x = self.forward * np.sin(np.pi * periods_x * bent + phase_x)
+        drift = [0.05 * self.drift(name, time) for name in ("gap x", "gap y")]
         return size * (np.column_stack([x, y]) + np.column_stack(drift))
 
     def _bend(self, time: FloatArray, angles: FloatArray) -> FloatArray:
         """Return the trunk's rotation relative to the pelvis, forwards positive, (T,) rad."""
         seated, lean = angles[:, 1] / SEATED_KNEE, angles.sum(axis=1) / LEANING
-        slump = self.habit.slump
+        slump = self.slump
         shape = slump * seated + (1 - slump) * np.tanh(lean) / np.tanh(1.0)
-        bend: FloatArray = np.radians(self.people.lumbar_deg) * (
-            0.9 * shape + 0.04 * self.variation.drift("lumbar", time)
-        )
-        return bend
+        return np.asarray(np.radians(self.people.lumbar_deg) * (0.9 * shape + 0.04 * self.drift("lumbar", time)))
 
     def _arms(self, time: FloatArray) -> FloatArray:
         """Return the arms' swing (T,), rad: forwards (negative) on rising and sitting down, backwards in between."""
-        level = 0.02 * self.variation.drift("arms", time)
+        level = 0.02 * self.drift("arms", time)
         for each, (up, down, rest), (late_up, late_down) in zip(
-            self.schedule.repetitions, self.variation.swing, self.variation.late, strict=True
+            self.schedule.repetitions, self.swing, self.late, strict=True
         ):
             rise, sit = each.rise_end - each.legs_start, each.legs_end - each.sit_start
             level -= 0.6 * up * _bump(time, (each.legs_start + each.rise_end) / 2 + late_up, 1.6 * rise)
@@ -422,10 +374,32 @@ class AdditionalMotion:
     def _foot(self, time: FloatArray) -> FloatArray:
         """Return the foot's rotation about the toe, (T,) rad, largest between seat-off and standing."""
         level = np.zeros_like(time)
-        for each, size in zip(self.schedule.repetitions, self.variation.heel, strict=True):
+        for each, size in zip(self.schedule.repetitions, self.heel, strict=True):
             length = each.rise_end - each.seat_off
             level += size * _bump(time, each.seat_off + length / 2, 1.3 * length)
         return np.asarray(np.arcsin(1e-3 * self.people.heel_lift_mm / self.foot * level))
+
+
+def draw_additional_motion(
+    person: np.random.Generator, trial: np.random.Generator, people: PersonOptions, schedule: Schedule, foot: float
+) -> AdditionalMotion:
+    """Draw the additional motion; the generators are those of the person's habits and of the trial's variations."""
+    repetitions, shape = len(schedule.repetitions), (len(DRIFTS), WAVES)
+    return AdditionalMotion(
+        people=people,
+        schedule=schedule,
+        foot=foot,
+        sink=float(person.uniform(-0.3, 0.3)),
+        ripple=person.uniform(1.0, 1.8, 2),
+        ripple_phase=person.uniform(0, 2 * np.pi, 2),
+        forward=float(person.uniform(0.3, 0.5)),
+        slump=float(person.uniform(0.4, 0.6)),
+        swing=trial.uniform(0.75, 1.25, (repetitions, 3)),
+        late=trial.uniform(-0.12, 0.12, (repetitions, 2)),
+        heel=trial.uniform(0.8, 1.2, repetitions),
+        frequency=1 / np.exp(trial.uniform(np.log(PERIODS[0]), np.log(PERIODS[1]), shape)),
+        phase=trial.uniform(0, 2 * np.pi, shape),
+    )
 
 
 def _bump(time: FloatArray, middle: float, width: float) -> FloatArray:
@@ -450,28 +424,28 @@ class DividedPerson:
 
 def balance_divided(
     body: SimulatedBody, divided: DividedBody, plan: Plan, additional: AdditionalMotion
-) -> tuple[BalancedMotion, DividedPerson]:
-    """Return the balanced motion of the chain, and the person whose separate bodies balance about the plan's ``push``.
+) -> tuple[JointMotion, tuple[float, ...], DividedPerson]:
+    """Return motion and seated angles of the chain, and the person whose bodies balance about the plan's ``push``.
 
     The difference between the moments of the bodies and of the chain depends slightly on the lean. The difference and
     the lean are therefore computed in turn until the angles settle.
 
     NumericalError is raised if no lean of the trunk balances the body.
     """
-    balanced = balance(body, plan)
+    motion, seated = balance_lean(body, plan)
     duration = plan.chair.schedule.duration
-    angles = balanced.motion.at(plan.time)[0]
+    angles = motion.at(plan.time)[0]
     for _ in range(ROUNDS):
         person = DividedPerson(divided, additional.motion(plan.time, angles, duration))
         difference = (
             compute_divided_state(person, None, plan.time).wrench_total
-            - compute_state(body, balanced.motion, None, plan.time).wrench_total
+            - compute_state(body, motion, None, plan.time).wrench_total
         )
-        balanced = balance(body, plan, difference[:, 2] - plan.push * difference[:, 1])
-        before, angles = angles, balanced.motion.at(plan.time)[0]
+        motion, seated = balance_lean(body, plan, difference[:, 2] - plan.push * difference[:, 1])
+        before, angles = angles, motion.at(plan.time)[0]
         if np.abs(angles - before).max() < SETTLED:
             break
-    return balanced, DividedPerson(divided, additional.motion(plan.time, angles, duration))
+    return motion, seated, DividedPerson(divided, additional.motion(plan.time, angles, duration))
 
 
 def compute_divided_state(
@@ -489,11 +463,13 @@ def compute_divided_state(
     # the shank's angle is the sum of foot and ankle; the trunk's angle from the thigh the sum of hip and lumbar joint
     q, qd, qdd, qddd = (np.column_stack([c[:, 0] + c[:, 1], c[:, 2], c[:, 5] + c[:, 6]]) for c in coordinates)
     angle = np.cumsum(q, axis=1)
-    joints = _joint_centres(body, pose)
-    still = np.zeros((len(time), 1))
-    origin = np.concatenate([np.zeros((len(time), 1, 2)), joints[:, :3]], axis=1)
-    poses = SegmentPoses(np.column_stack([still, angle]), origin, joints, _DISTAL)
-    shared = share_load(poses, total, torques, time, chair=chair, rail=rail)
+    # ankle, knee, hip, lumbar joint and shoulder in the proximal bodies
+    joints = pose[:, :5, :2] + planar.rotate(pose[:, :5, 2], np.array([part.centre for part in body.parts[1:6]]))
+    angles = np.column_stack([np.zeros(len(time)), angle])
+    origins = np.concatenate([np.zeros((len(time), 1, 2)), joints[:, :3]], axis=1)
+    force, point, ground, tau = _share_load(
+        (angles, origins), (joints, _DISTAL), total, torques, time, chair=chair, rail=rail
+    )
     masses = np.array([part.mass for part in body.parts])
     coms = pose[..., :2] + planar.rotate(pose[..., 2], np.array([part.com for part in body.parts]))
     return TrueState(
@@ -506,18 +482,12 @@ def compute_divided_state(
         joint_xy=joints[:, :3],
         com=np.einsum("b,tbx->tx", masses / masses.sum(), coms),
         wrench_total=total,
-        chair_force=shared.force,
-        chair_point=shared.point,
-        wrench=shared.ground,
-        tau=shared.tau[:, :3],
-        bodies=BodiesState(pose, velocity, acceleration, gap, shared.tau),
+        chair_force=force,
+        chair_point=point,
+        wrench=ground,
+        tau=tau[:, :3],
+        bodies=BodiesState(pose, velocity, acceleration, gap, tau),
     )
-
-
-def _joint_centres(body: DividedBody, pose: FloatArray) -> FloatArray:
-    """Return the positions (T, 5, 2) of ankle, knee, hip, lumbar joint and shoulder in the proximal bodies, m."""
-    centres = np.array([part.centre for part in body.parts[1:6]])
-    return pose[:, :5, :2] + planar.rotate(pose[:, :5, 2], centres)
 
 
 def _body_motion(

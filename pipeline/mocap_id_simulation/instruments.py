@@ -7,7 +7,7 @@ ORIGIN points from the transducer to the centre of the working surface: M_sensor
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from mocap_id.kinematics.skin_motion import WANDER, draw_slide, draw_wander, mid
 from mocap_id.recording.imu_log import ImuLog, format_imu_csv
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id_simulation.bodies import GRAVITY, MIDDLE
+from mocap_id_simulation.motion import draw_direction
 from mocap_id_simulation.options import Sense
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def measure_load(
     return PlateSignals(2, read, in_file, plate.corners, rate)
 
 
-ENCODER_RATE = 125.0  # Hz
+_ENCODER_RATE = 125.0  # Hz
 _SENSOR_RATE = 500.0  # Hz
 _FORCE_NOISE, _MOMENT_NOISE = 0.1, 0.002  # N, N·m: a small six-axis sensor with strain gauges
 _FORCE_ZERO, _MOMENT_ZERO = 0.05, 0.001  # N, N·m: standard deviations of the zero
@@ -106,48 +107,26 @@ _STAMP, _DELAY = 0.01, 0.004  # s: resolution of the time stamps, and mean delay
 _STALLS, _STALL = 0.004, 0.06  # fraction of the samples followed by a pause, and the longest pause, s
 _STEP_KG, _NOISE_KG, _TARE_KG, _CELL_GAIN = 0.1, 0.05, 0.15, 0.005
 _CENTRE_M, _YAW = 0.02, 0.02  # m and rad: largest errors of position and direction
-DIRECTIONS = {"forwards": 0.0, "left": np.pi / 2, "backwards": np.pi, "right": -np.pi / 2}
+_DIRECTIONS = {"forwards": 0.0, "left": np.pi / 2, "backwards": np.pi, "right": -np.pi / 2}
 
 
-@dataclass(frozen=True)
-class Encoder:
-    """Errors of the robot's own record of its joint.
-
-    The row at ``time_s`` contains the state at ``time_s + clock_offset`` on the markers' clock, s.
-    """
-
-    clock_offset: float
-    position_sd: float = 1e-4  # standard deviations of the noise: rad
-    velocity_sd: float = 1e-3  # rad/s
-    torque_sd: float = 0.3  # N·m
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return JSON values for truth.json."""
-        note = "the row at time_s is the state at the markers' time time_s + clock_offset_s; the torque has no friction"
-        return {
-            "rate_hz": ENCODER_RATE,
-            "clock_offset_s": self.clock_offset,
-            "position_sd": self.position_sd,
-            "velocity_sd": self.velocity_sd,
-            "torque_sd": self.torque_sd,
-            "note": note,
-        }
-
-
-def draw_encoder(rng: np.random.Generator) -> Encoder:
-    """Draw an encoder with a clock offset of up to 2 ms."""
-    return Encoder(float(rng.uniform(-0.002, 0.002)))
-
-
-def encoder_csv(rng: np.random.Generator, scene: Scene, encoder: Encoder) -> str:
-    """Return CSV text with position, velocity and torque of the first joint, without friction."""
-    time = np.arange(round(scene.motion.duration * ENCODER_RATE)) / ENCODER_RATE
-    state = scene.at(time + encoder.clock_offset)
+def measure_encoder(rng: np.random.Generator, scene: Scene) -> tuple[str, dict[str, Any]]:
+    """Return CSV text with position, velocity and torque of the first joint, and its errors as JSON values."""
+    errors = {
+        "clock_offset_s": float(rng.uniform(-0.002, 0.002)),
+        "position_sd": 1e-4,  # rad
+        "velocity_sd": 1e-3,  # rad/s
+        "torque_sd": 0.3,  # N·m
+    }
+    clock_offset, *sizes = errors.values()
+    time = np.arange(round(scene.motion.duration * _ENCODER_RATE)) / _ENCODER_RATE
+    state = scene.at(time + clock_offset)
     exact = np.column_stack([state.q[:, 0], state.qd[:, 0], state.tau[:, 0]])
-    sizes = np.array([encoder.position_sd, encoder.velocity_sd, encoder.torque_sd])
     rows = np.column_stack([time, exact + rng.normal(0, 1, exact.shape) * sizes])
     lines = [",".join(f"{value:.8f}" for value in row) for row in rows]
-    return "\n".join(["time_s,position_rad,velocity_rad_s,torque_Nm", *lines]) + "\n"
+    note = "the row at time_s is the state at the markers' time time_s + clock_offset_s; the torque has no friction"
+    text = "\n".join(["time_s,position_rad,velocity_rad_s,torque_Nm", *lines]) + "\n"
+    return text, {"rate_hz": _ENCODER_RATE, **errors, "note": note}
 
 
 def joint_position(scene: Scene) -> FloatArray:
@@ -172,69 +151,48 @@ def joint_sensor_csv(rng: np.random.Generator, scene: Scene) -> str:
     return "\n".join(["time_s,Fx_N,Fy_N,Fz_N,Mx_Nm,My_Nm,Mz_Nm", *lines]) + "\n"
 
 
-@dataclass(frozen=True)
-class SimulatedBoard:
-    """Position and errors of a board.
+def measure_board(rng: np.random.Generator, scene: Scene, clock_offset: float) -> tuple[str, dict[str, Any]]:
+    """Return CSV text with a board's time stamps, s, and cells, kg, and its position and errors as JSON values.
 
     On average, the row with time stamp ``time_s`` was measured at ``time_s + clock_offset`` on the markers' clock, s.
     """
-
-    clock_offset: float
-    top: str  # direction of the board's top, seen by the person
-    centre: tuple[float, float]  # position of its centre relative to the plate's, forwards and to the left, m
-    yaw: float  # error of its direction, rad
-    tare: tuple[float, ...]  # reading of the cells tl, tr, bl, br without load, kg
-    gain: tuple[float, ...]  # factor on the load of these cells
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return JSON values for truth.json."""
-        return asdict(self) | {"cells_below_surface_m": _HEIGHT}
-
-
-def draw_board(rng: np.random.Generator, clock_offset: float) -> SimulatedBoard:
-    """Draw a board with small errors of its position and direction, and of the zero and gain of its cells."""
-    return SimulatedBoard(
-        clock_offset,
-        str(rng.choice(list(DIRECTIONS))),
-        (float(rng.uniform(-_CENTRE_M, _CENTRE_M)), float(rng.uniform(-_CENTRE_M, _CENTRE_M))),
-        float(rng.uniform(-_YAW, _YAW)),
-        tuple(rng.normal(0.0, _TARE_KG, 4).tolist()),
-        tuple((1.0 + rng.normal(0.0, _CELL_GAIN, 4)).tolist()),
-    )
-
-
-def board_csv(rng: np.random.Generator, scene: Scene, board: SimulatedBoard) -> str:
-    """Return CSV text with the time stamps, s, and the readings of the cells, kg."""
+    errors: dict[str, Any] = {
+        "clock_offset": clock_offset,
+        "top": str(rng.choice(list(_DIRECTIONS))),  # direction of the board's top, seen by the person
+        # position of its centre relative to the plate's, forwards and to the left, m; error of its direction, rad
+        "centre": [float(rng.uniform(-_CENTRE_M, _CENTRE_M)), float(rng.uniform(-_CENTRE_M, _CENTRE_M))],
+        "yaw": float(rng.uniform(-_YAW, _YAW)),
+        # reading of the cells tl, tr, bl, br without load, kg, and factor on their load
+        "tare": rng.normal(0.0, _TARE_KG, 4).tolist(),
+        "gain": (1.0 + rng.normal(0.0, _CELL_GAIN, 4)).tolist(),
+        "cells_below_surface_m": _HEIGHT,
+    }
     steps = np.maximum(rng.normal(_PERIOD, _JITTER, int(scene.motion.duration / _PERIOD) + 1), _PERIOD / 2)
     steps += np.where(rng.random(len(steps)) < _STALLS, rng.uniform(0.0, _STALL, len(steps)), 0.0)
     time = np.cumsum(steps)
     time = time[time < scene.motion.duration]
     received = np.maximum.accumulate(time + rng.exponential(_DELAY, len(time)))
     stamps = np.round(received / _STAMP) * _STAMP
-    stamps -= np.mean(stamps - time) + board.clock_offset
-    cells = _cell_loads(*scene.load_on_plate(scene.at(time)), scene, board)
-    readings = cells * board.gain + board.tare + rng.normal(0.0, _NOISE_KG, cells.shape)
-    rows = np.column_stack([stamps, np.round(readings / _STEP_KG) * _STEP_KG])
-    lines = [",".join((f"{row[0]:.4f}", *(f"{value:.1f}" for value in row[1:]))) for row in rows]
-    return "\n".join(["time_s,tl_kg,tr_kg,bl_kg,br_kg", *lines]) + "\n"
-
-
-def _cell_loads(force: FloatArray, moment: FloatArray, scene: Scene, board: SimulatedBoard) -> FloatArray:
-    """Return the loads (T, 4) of the cells, kg, from force and moment about the plate's centre in laboratory axes."""
+    stamps -= np.mean(stamps - time) + clock_offset
+    # loads of the cells from force and moment about the plate's centre, in laboratory axes
+    force, moment = scene.load_on_plate(scene.at(time))
     forwards = -scene.plane.axes[0, :2]  # people face the plane's -x
     left = np.array([-forwards[1], forwards[0]])
-    angle = DIRECTIONS[board.top] + board.yaw
+    angle = _DIRECTIONS[errors["top"]] + errors["yaw"]
     top = np.cos(angle) * forwards + np.sin(angle) * left
     right = np.array([top[1], -top[0]])
-    at = np.array([*(board.centre[0] * forwards + board.centre[1] * left), -_HEIGHT])
+    at = np.array([*(errors["centre"][0] * forwards + errors["centre"][1] * left), -_HEIGHT])
     about = moment - np.cross(at, force)
     pressure = np.column_stack([-about[:, 1], about[:, 0]]) / force[:, 2:]
     share = np.stack([pressure @ right / (_WIDTH / 2), pressure @ top / (_DEPTH / 2)], axis=1)
-    return np.asarray(force[:, 2:] / 4 * np.prod(1.0 + _SIGNS * share[:, None], axis=2) / GRAVITY)
+    cells = force[:, 2:] / 4 * np.prod(1.0 + _SIGNS * share[:, None], axis=2) / GRAVITY
+    readings = cells * errors["gain"] + errors["tare"] + rng.normal(0.0, _NOISE_KG, cells.shape)
+    rows = np.column_stack([stamps, np.round(readings / _STEP_KG) * _STEP_KG])
+    lines = [",".join((f"{row[0]:.4f}", *(f"{value:.1f}" for value in row[1:]))) for row in rows]
+    return "\n".join(["time_s,tl_kg,tr_kg,bl_kg,br_kg", *lines]) + "\n", errors
 
 
-IMU_RATE = 100.0
-"""Samples per second of a sensor's own clock."""
+_IMU_RATE = 100.0  # samples per second of a sensor's own clock
 IMU_SEED = 30
 """Number that, together with the seed of the trial, seeds the errors of the sensors."""
 _IMU_STEPS = (0.001065, 0.00958)  # rad/s and m/s²; 16 bits of ±2000 °/s and ±16 g
@@ -273,7 +231,12 @@ def simulate_plane_sensors(
         rng = np.random.default_rng([seed, IMU_SEED, s])
         kept = None if person is None else np.random.default_rng([person, IMU_SEED, s])
         position = np.array([-_FORWARDS, _ALONG * link.length, _ACROSS]) * (kept or rng).uniform(0.6, 1.4, 3)
-        skin = _draw_skin_rotation(rng, s + 1, softness * _SKIN_ROTATION, state.q, state.time, kept)
+        # Rotation vectors of the skin, about one size at the ends of the motion: in all trials of a person the same
+        # function of the angles, with a drift of the trial.
+        middle = mid_range(state.q) if kept is None else MIDDLE
+        slide = draw_slide(kept or rng, s + 1, state.q, middle)
+        skin = slide + WANDER * draw_wander(rng, state.time)
+        skin = softness * _SKIN_ROTATION * (skin - skin.mean(axis=0) if kept is None else skin)
         segment = so3.exp(state.seg_angle[:, s, None] * np.array([0.0, 0.0, 1.0]))
         points = np.column_stack([state.joint_xy[:, s], np.full(len(segment), scene.offset)]) + segment @ position
         truth = {"position_in_segment_m": position.tolist(), "skin_turn_rad": float(np.ptp(skin[:, 2]))}
@@ -282,25 +245,6 @@ def simulate_plane_sensors(
             rng, state.time, rotations, points, error_factor=1.0, truth=truth, kept=kept
         )
     return sensors
-
-
-def _draw_skin_rotation(  # noqa: PLR0917
-    rng: np.random.Generator,
-    link: int,
-    size: float,
-    q: FloatArray,
-    time: FloatArray,
-    person: np.random.Generator | None = None,
-) -> FloatArray:
-    """Return the rotation vectors (T, 3) of the skin on a link, rad, of about ``size`` at the ends of the motion.
-
-    With the generator ``person``, the rotation is the same function of the angles in all trials of a person, and
-    ``rng`` only adds a drift.
-    """
-    if person is not None:
-        return np.asarray(size * (draw_slide(person, link, q, MIDDLE) + WANDER * draw_wander(rng, time)))
-    moved = draw_slide(rng, link, q, mid_range(q)) + WANDER * draw_wander(rng, time)
-    return np.asarray(size * (moved - moved.mean(axis=0)))
 
 
 def measure_motion(
@@ -332,10 +276,10 @@ def measure_motion(
         Generator of the properties that are the same in all trials: mounting, scale and the larger part of the biases.
     """
     own = kept or rng
-    mount = so3.exp(own.uniform(0, np.pi) * _draw_direction(own))
+    mount = so3.exp(own.uniform(0, np.pi) * draw_direction(own))
     offset, ppm = error_factor * _OFFSET * rng.standard_normal(), error_factor * _PPM * rng.standard_normal()
-    first = np.ceil((time[0] - offset) * IMU_RATE)
-    stamps = np.arange(first, (time[-1] - offset) / (1 + 1e-6 * ppm) * IMU_RATE) / IMU_RATE
+    first = np.ceil((time[0] - offset) * _IMU_RATE)
+    stamps = np.arange(first, (time[-1] - offset) / (1 + 1e-6 * ppm) * _IMU_RATE) / _IMU_RATE
     at = offset + stamps * (1 + 1e-6 * ppm)
     attitude = make_interp_spline(time, rotations.reshape(-1, 9), k=5)
     turn = attitude(at).reshape(-1, 3, 3)
@@ -348,12 +292,12 @@ def measure_motion(
         (("gyro", omega / 2 @ mount), ("acc", np.einsum("fji,fj->fi", turn, force) @ mount))
     ):
         scale = 1 + error_factor * _SCALE * own.standard_normal(3)
-        walk = np.cumsum(rng.standard_normal((len(at), 3)), axis=0) * error_factor * _DRIFTS[k] / np.sqrt(IMU_RATE)
+        walk = np.cumsum(rng.standard_normal((len(at), 3)), axis=0) * error_factor * _DRIFTS[k] / np.sqrt(_IMU_RATE)
         bias = error_factor * _BIASES[k] * own.standard_normal(3) + walk
         if kept is not None:
             bias += error_factor * _SWITCHED_ON * _BIASES[k] * rng.standard_normal(3)
         density = error_factor * _DENSITIES[k] * rng.uniform(0.8, 1.5)
-        noisy = scale * pure + bias + density * np.sqrt(IMU_RATE / 2) * rng.standard_normal(pure.shape)
+        noisy = scale * pure + bias + density * np.sqrt(_IMU_RATE / 2) * rng.standard_normal(pure.shape)
         signals.append(np.round(noisy / _IMU_STEPS[k]) * _IMU_STEPS[k] if error_factor else noisy)
         errors |= {f"{name}_bias_start": bias[0].tolist(), f"{name}_bias_end": bias[-1].tolist()}
         errors |= {f"{name}_scale": scale.tolist(), f"{name}_nd": density}
@@ -361,12 +305,6 @@ def measure_motion(
     return SimulatedSensor(stamps, signals[0], signals[1], clock | dict(truth) | errors)
 
 
-def csv_bytes(sensor: SimulatedSensor) -> bytes:
+def imu_csv(sensor: SimulatedSensor) -> bytes:
     """Return the log as a CSV file."""
     return format_imu_csv(ImuLog(sensor.time, sensor.gyro, sensor.acc))
-
-
-def _draw_direction(rng: np.random.Generator) -> FloatArray:
-    """Return a random unit vector (3,)."""
-    v = rng.standard_normal(3)
-    return np.asarray(v / np.linalg.norm(v))

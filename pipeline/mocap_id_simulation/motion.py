@@ -51,6 +51,12 @@ def _draw_waves(rng: np.random.Generator, band: tuple[float, float], count: int)
     return rng.uniform(*band, (_WAVES, count)), rng.uniform(0, 2 * np.pi, (_WAVES, count))
 
 
+def draw_direction(rng: np.random.Generator) -> FloatArray:
+    """Return a random unit vector (3,)."""
+    vector = rng.normal(size=3)
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
 @dataclass(frozen=True)
 class JointMotion:
     """Joint angles as a function of time.
@@ -144,13 +150,7 @@ def constant_attitude(rotation: FloatArray, frames: int) -> Attitude:
     return Attitude(np.broadcast_to(rotation, (frames, 3, 3)), zero, zero)
 
 
-def constant_rotation(axis: FloatArray, angle: float, frames: int) -> AxisRotation:
-    """Return a rotation by a constant angle, rad, at ``frames`` frames."""
-    zero = np.zeros(frames)
-    return AxisRotation(axis, np.full(frames, angle), zero, zero)
-
-
-def elbow_angles(forearm: Attitude) -> tuple[FloatArray, FloatArray, FloatArray]:
+def decompose_elbow(forearm: Attitude) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return flexion, carrying angle and pronation (F, 3), rad, with their rates and accelerations (F, 3) each.
 
     ``forearm`` is the attitude of the forearm in the upper arm: ``R_z(flexion) R_x(carrying) R_y(pronation)``.

@@ -7,14 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, TypeVar, get_args
+
+import numpy as np
 
 from mocap_id.errors import ConfigError
-from mocap_id_simulation.bodies import FREQUENCY, MARKER_SETS, REFERENCE, JointName, MarkerSetName, Speed, Subject
 
 Kind: TypeAlias = Literal["sit-to-stand", "robot"]
 Strategy: TypeAlias = Literal["normal", "dynamic", "stable"]
 Sense: TypeAlias = Literal["reaction", "action"]
+MarkerSetName: TypeAlias = Literal["clusters", "plug-in-gait", "plug-in-gait-without-wands", "joints"]
+JointName: TypeAlias = Literal["shoulder", "elbow", "wrist"]
+Speed: TypeAlias = Literal["slow", "fast"]
 LARGEST = float("inf")
 
 
@@ -124,6 +128,33 @@ class FaultOptions:
         return {name: value for name, value in vars(self).items() if value}
 
 
+Sex: TypeAlias = Literal["female", "male"]
+_SEXES: tuple[Sex, ...] = ("female", "male")
+_HEIGHT = {"female": (1.52, 1.76), "male": (1.64, 1.92)}  # m
+_BODY_MASS_INDEX = (19.0, 29.0)  # kg/m²
+
+
+@dataclass(frozen=True)
+class SimulatedSubject:
+    """A person who performs several trials with the same body, markers and skin."""
+
+    name: str
+    seed: int  # seed of the body's proportions, the markers' positions and the sliding of the skin
+    sex: Sex
+    height: float  # m
+    mass: float  # kg
+
+
+def draw_subject(seed: int, number: int) -> SimulatedSubject:
+    """Draw person ``number`` of a cohort, counted from 1; odd numbers are female. The cohort's size has no effect."""
+    source = np.random.SeedSequence([seed, number])
+    rng = np.random.default_rng(source)
+    sex = _SEXES[(number - 1) % len(_SEXES)]
+    height = float(rng.uniform(*_HEIGHT[sex]))
+    mass = float(rng.uniform(*_BODY_MASS_INDEX)) * height**2
+    return SimulatedSubject(f"s{number:02d}", int(source.generate_state(2)[1]), sex, height, mass)
+
+
 @dataclass(frozen=True)
 class Options:
     """Options of a simulated trial; the same options give the same files.
@@ -172,18 +203,18 @@ class Options:
     marker_set: MarkerSetName = option(
         "clusters",
         "Markers of the person: clusters on every segment and on the plate, Plug-in-Gait, or one at each joint.",
-        choices=MARKER_SETS,
+        choices=get_args(MarkerSetName),
     )
     without: str = option("", "Markers to leave out, separated by commas, such as `KNE`, `LKNE` or `R*`.")
     knee_on_shank: bool = option(False, "Fix the knee marker of Plug-in-Gait to the shank instead of the thigh.")
     faults: FaultOptions = field(default_factory=FaultOptions)
     joint: JointName | None = option(
-        None, "Moving joint of the thesis's UR5 robot; a random robot if omitted.", choices=(None, *REFERENCE)
+        None, "Moving joint of the thesis's UR5 robot; a random robot if omitted.", choices=(None, *get_args(JointName))
     )
-    speed: Speed = option("fast", "Speed of that joint: 0.25 or 0.5 Hz.", choices=FREQUENCY)
+    speed: Speed = option("fast", "Speed of that joint: 0.25 or 0.5 Hz.", choices=get_args(Speed))
     orientation: float = option(0.0, "Yaw of the plane of that robot, degrees.", (-180, 180), "degrees")
     joint_sensor: bool = option(False, "Add a wrench sensor in the robot's joint (sensor.csv).")
-    subject: Subject | None = None
+    subject: SimulatedSubject | None = None
 
     def __post_init__(self) -> None:
         check_options(self, "simulate")
@@ -198,9 +229,12 @@ class Options:
             _refuse("simulate", "attempts", self.attempts, f"0 … {self.repetitions}, the number of `repetitions`")
 
 
+_Numbers = TypeVar("_Numbers", PersonOptions, FaultOptions)
+
+
 def read_people(text: str) -> PersonOptions:
     """Read a person's options from text like ``hip_gap_mm=10,held_mass_kg=2``; errors as for :func:`read_faults`."""
-    return PersonOptions(**_read_numbers(text, "people", [each.name for each in fields(PersonOptions)]))
+    return _read_numbers(text, "people", PersonOptions)
 
 
 def read_faults(text: str) -> FaultOptions:
@@ -208,10 +242,11 @@ def read_faults(text: str) -> FaultOptions:
 
     ConfigError is raised if an entry is not ``name=number``, a name is repeated, or a value is out of range.
     """
-    return FaultOptions(**_read_numbers(text, "faults", [each.name for each in fields(FaultOptions)]))
+    return _read_numbers(text, "faults", FaultOptions)
 
 
-def _read_numbers(text: str, option: str, names: list[str]) -> dict[str, float]:
+def _read_numbers(text: str, option: str, model: type[_Numbers]) -> _Numbers:
+    names = [each.name for each in fields(model)]
     values: dict[str, float] = {}
     for pair in filter(None, (part.strip() for part in text.split(","))):
         name, _, number = (part.strip() for part in pair.partition("="))
@@ -224,7 +259,7 @@ def _read_numbers(text: str, option: str, names: list[str]) -> dict[str, float]:
             values[name] = float(number)
         except ValueError:
             _refuse(f"simulate: `{option}`", name, number, "a number")
-    return values
+    return model(**values)
 
 
 Preset: TypeAlias = Literal["clean", "default", "hard"]

@@ -1,95 +1,80 @@
-"""The scene of a simulated trial before measurement: body, motion, chair, plates and markers."""
+"""A simulated trial in the plane: the scene with body, motion, chair, plates and markers, and its measurement."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import ConfigError
-from mocap_id.geometry import PlaneFrame
+from mocap_id.geometry import PlaneFrame, planar
 from mocap_id.kinematics.skin_motion import draw_centred_skin_motion
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id_simulation.bodies import (
+    AMPLITUDE,
+    FREQUENCY,
     GRAVITY,
+    LEAD,
     MarkerSet,
     SimulatedBody,
-    Subject,
     draw_person,
     draw_robot,
     draw_subject_skin_motion,
     fix_knee_to_shank,
-    make_swing,
-    place_markers,
-    place_ur5_markers,
+    place_body_markers,
     ur5_body,
 )
 from mocap_id_simulation.cameras import (
-    Burst,
     Displacement,
-    Jump,
+    MarkerEpisode,
     add_camera_faults,
     add_plate_faults,
-    compute_true_positions,
-    draw_bursts,
     draw_displacement,
     draw_jumps,
+    draw_occlusions,
     draw_skin_faults,
     find_visible,
-    jump_displacements,
     measure_positions,
 )
 from mocap_id_simulation.forces import (
-    AdditionalMotion,
-    DividedBody,
     DividedPerson,
     TrueState,
     balance_divided,
     compute_divided_state,
     compute_state,
     divide_body,
-    draw_habit,
-    draw_trial_variation,
+    draw_additional_motion,
 )
 from mocap_id_simulation.instruments import SimulatedPlate, draw_plate, measure_load
 from mocap_id_simulation.motion import JointMotion, Swing
-from mocap_id_simulation.options import Kind, Options
-from mocap_id_simulation.sit_to_stand import Chair, Rail, Schedule, balance, draw_plan
+from mocap_id_simulation.options import Kind, Options, SimulatedSubject
+from mocap_id_simulation.sit_to_stand import Chair, Rail, Schedule, balance_lean, draw_plan
 
-_OLDEST = ("body", "motion", "place", "markers", "skin", "occlusion", "cameras", "plate", "channels", "encoder")
-_LATER = (
-    "jumps",
-    "seat",
-    "seat channels",
-    "feet",
-    "wander",
-    "people",
-    "people here",
-    "faults",
-    "displacement",
-    "board",
-)
-_STREAMS = (*_OLDEST, *_LATER)  # append new streams at the end, so that a seed always gives the same trial
+_STREAMS = (
+    *("body", "motion", "place", "markers", "skin", "occlusion", "cameras", "plate", "channels", "encoder", "jumps"),
+    *("seat", "seat channels", "feet", "wander", "people", "people here", "faults", "displacement", "board"),
+)  # append new streams at the end, so that a seed always gives the same trial
 _OF_SUBJECT = ("body", "markers", "skin", "people")
 
 Streams: TypeAlias = Mapping[str, np.random.Generator]
 """Independent random generators by purpose: changing the noise leaves body and motion unchanged."""
 
 
-def random_streams(seed: int, subject: Subject | None = None) -> Streams:
+def random_streams(seed: int, subject: SimulatedSubject | None = None) -> Streams:
     """Return fresh generators for a seed; the generators of a subject's properties use the subject's seed."""
-    streams = _generators(seed)
+
+    def spawn(seed: int) -> dict[str, np.random.Generator]:
+        children = np.random.SeedSequence(seed).spawn(len(_STREAMS))
+        return {name: np.random.default_rng(child) for name, child in zip(_STREAMS, children, strict=True)}
+
+    streams = spawn(seed)
     if subject is not None:
-        streams |= {name: _generators(subject.seed)[name] for name in _OF_SUBJECT}
+        own = spawn(subject.seed)
+        streams |= {name: own[name] for name in _OF_SUBJECT}
     return streams
-
-
-def _generators(seed: int) -> dict[str, np.random.Generator]:
-    children = np.random.SeedSequence(seed).spawn(len(_STREAMS))
-    return {name: np.random.default_rng(child) for name, child in zip(_STREAMS, children, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -115,6 +100,29 @@ class Scene:
         if self.divided is not None:
             return compute_divided_state(self.divided, self.chair, time, self.rail)
         return compute_state(self.body, self.motion, self.chair, time, self.rail)
+
+    def marker_positions(
+        self, state: TrueState, skin: FloatArray, displacement: Displacement | None = None
+    ) -> FloatArray:
+        """Return marker positions (T, M, 3) in the laboratory without measurement error, m.
+
+        ``skin`` (T, M, 3) is the displacement of the markers in their links' frames, m. ``displacement`` moves all
+        markers except those on the plate.
+        """
+        if self.divided is None or state.bodies is None:
+            link, local = self.markers.link, self.markers.local
+            angle, origin = planar.segment_poses(state.q, self.body.centres)
+        else:
+            pose, body = state.bodies.pose, self.divided.body
+            pose = np.concatenate([np.zeros_like(pose[:, :1]), pose], axis=1)  # the plate first
+            link, local = body.part_of(self.markers) + 1, body.local(self.markers)
+            angle, origin = pose[..., 2], pose[..., :2]
+        local = local + skin
+        flat = origin[:, link] + planar.rotate(angle[:, link], local[..., :2])
+        positions = np.concatenate([flat, local[..., 2:] + self.offset], axis=-1)
+        if displacement is not None:
+            positions = np.where(self.markers.on_plate[:, None], positions, displacement.positions(positions))
+        return self.plane.from_plane(positions)
 
     def load_on_plate(
         self, state: TrueState, displacement: Displacement | None = None
@@ -160,45 +168,70 @@ def draw_scene(kind: Kind, options: Options, rng: Streams, given: JointMotion | 
     people = kind == "sit-to-stand" and options.people.differs_from_chain
     if people and given is not None:
         raise ConfigError("simulate: `people` is set and a motion is given; expected only one of the two")
-    body, ur5_joint = _draw_body(kind, options, rng), options.joint if kind == "robot" else None
-    divided = None
-    if people:
-        divided, body = divide_body(rng["people"], body, options.people.held_mass_kg)
-    movement = _Movement(given) if given else _draw_movement(kind, options, body, divided, rng)
-    plate = _draw_plate(options, rng["plate"])
+    # the body
+    ur5_joint = options.joint if kind == "robot" else None
     if ur5_joint is not None:
-        markers = place_ur5_markers(rng["markers"], ur5_joint)
+        body = ur5_body(ur5_joint, options.speed)
+    elif kind == "robot":
+        body = draw_robot(rng["body"])
+    elif options.subject is None:
+        body = draw_person(rng["body"])
     else:
-        markers = place_markers(rng["markers"], body, options.marker_set, options.without)
+        body = draw_person(rng["body"], options.subject, rng["feet"])
+    # its motion, the chair, and entries of truth.json
+    chair: Chair | None = None
+    divided: DividedPerson | None = None
+    protocol: Mapping[str, Any] = {"reps": []}
+    if given is not None:
+        motion = given
+    elif kind == "robot":
+        swing = _draw_swing(options, rng["motion"])
+        motion = swing.motion()
+        protocol = {"freq_hz": swing.frequency, "amplitude_rad": swing.amplitude, "reps": swing.repetitions()}
+    else:
+        if people:
+            parts, body = divide_body(rng["people"], body, options.people.held_mass_kg)
+        plan = draw_plan(rng["motion"], body, options)
+        chair = plan.chair
+        if people:
+            foot = body.support[1] - body.support[0]
+            additional = draw_additional_motion(rng["people"], rng["people here"], options.people, chair.schedule, foot)
+            motion, seated_deg, divided = balance_divided(body, parts, plan, additional)
+        else:
+            motion, seated_deg = balance_lean(body, plan)
+        protocol = _describe_protocol(options, chair.schedule, seated_deg)
+    # the laboratory
+    plate = _draw_plate(options, rng["plate"])
+    markers = place_body_markers(rng["markers"], body, options.marker_set, options.without, ur5_joint)
     if options.knee_on_shank:
         markers = fix_knee_to_shank(markers, body)
     yaw = float(rng["place"].uniform(-np.pi, np.pi))
-    chair = movement.chair
     scene = Scene(
         body=body,
-        motion=movement.motion,
+        motion=motion,
         chair=chair,
         markers=replace(markers, softness=markers.softness * options.soft_tissue),
         plate=plate,
         plane=PlaneFrame(yaw if ur5_joint is None else np.radians(options.orientation), plate.centre),
         offset=float(rng["place"].normal(0, 0.01)),
-        protocol=movement.protocol,
+        protocol=protocol,
         rail=Rail(options.rail, chair.schedule) if options.rail > 0 and chair is not None else None,
-        divided=movement.divided,
+        divided=divided,
     )
-    return _add_seat_plate(scene, options, rng["seat"]) if options.seat_plate and chair is not None else scene
-
-
-def _draw_body(kind: Kind, options: Options, rng: Streams) -> SimulatedBody:
-    if kind == "robot":
-        return draw_robot(rng["body"]) if options.joint is None else ur5_body(options.joint, options.speed)
-    subject = options.subject
-    return draw_person(rng["body"]) if subject is None else draw_person(rng["body"], subject, rng["feet"])
+    if not options.seat_plate or chair is None:
+        return scene
+    # a plate under the chair, centred where the chair's force at rest meets the ground
+    seat_plate = _draw_plate(options, rng["seat"])
+    seated = scene.at(np.zeros(1))
+    (x, y), (fx, fy) = seated.chair_point[0], seated.chair_force[0]
+    below = scene.plane.from_plane(np.array([x - y * fx / fy, 0.0, 0.0]))
+    seat_plate = replace(seat_plate, centre=np.array([below[0], below[1], seat_plate.centre[2]]))
+    return replace(scene, seat_plate=seat_plate, chair_weight=options.chair_mass * GRAVITY)
 
 
 def _draw_swing(options: Options, rng: np.random.Generator) -> Swing:
     if options.joint is not None:
-        return make_swing(options.speed, options.repetitions)
+        return Swing(FREQUENCY[options.speed], AMPLITUDE, 0.0, options.repetitions, LEAD)
     return Swing(
         frequency=float(rng.uniform(0.4, 0.5)),
         amplitude=float(rng.uniform(0.75, 1.0)),
@@ -219,47 +252,7 @@ def _draw_plate(options: Options, rng: np.random.Generator) -> SimulatedPlate:
     )
 
 
-def _add_seat_plate(scene: Scene, options: Options, rng: np.random.Generator) -> Scene:
-    """Return the scene with a plate under the chair, centred where the chair's force at rest meets the ground."""
-    plate = _draw_plate(options, rng)
-    seated = scene.at(np.zeros(1))
-    (x, y), (fx, fy) = seated.chair_point[0], seated.chair_force[0]
-    below = scene.plane.from_plane(np.array([x - y * fx / fy, 0.0, 0.0]))
-    plate = replace(plate, centre=np.array([below[0], below[1], plate.centre[2]]))
-    return replace(scene, seat_plate=plate, chair_weight=options.chair_mass * GRAVITY)
-
-
-@dataclass(frozen=True)
-class _Movement:
-    """A motion with its chair, its entries in truth.json, and the separate bodies of a person of several bodies."""
-
-    motion: JointMotion
-    chair: Chair | None = None
-    protocol: Mapping[str, Any] = field(default_factory=lambda: {"reps": []})
-    divided: DividedPerson | None = None
-
-
-def _draw_movement(
-    kind: Kind, options: Options, body: SimulatedBody, divided: DividedBody | None, rng: Streams
-) -> _Movement:
-    if kind == "robot":
-        swing = _draw_swing(options, rng["motion"])
-        truth = {"freq_hz": swing.frequency, "amplitude_rad": swing.amplitude, "reps": swing.repetitions()}
-        return _Movement(swing.motion(), None, truth)
-    plan, person = draw_plan(rng["motion"], body, options), None
-    schedule = plan.chair.schedule
-    if divided is None:
-        balanced = balance(body, plan)
-    else:
-        habit = draw_habit(rng["people"])
-        variation = draw_trial_variation(rng["people here"], len(schedule.repetitions))
-        foot = body.support[1] - body.support[0]
-        additional = AdditionalMotion(options.people, habit, variation, schedule, foot)
-        balanced, person = balance_divided(body, divided, plan, additional)
-    return _Movement(balanced.motion, balanced.chair, _protocol(options, schedule, balanced.seated_deg), person)
-
-
-def _protocol(options: Options, schedule: Schedule, seated_deg: Sequence[float]) -> Mapping[str, Any]:
+def _describe_protocol(options: Options, schedule: Schedule, seated_deg: Sequence[float]) -> Mapping[str, Any]:
     """Return the entries of truth.json about the sit-to-stands."""
     repetitions = [vars(each) for each in schedule.repetitions]
     truth: dict[str, Any] = {
@@ -286,8 +279,8 @@ class SimulatedTrial:
     state: TrueState  # true state at the frames
     positions: FloatArray  # (T, M, 3) true marker positions in the laboratory, m
     visible: BoolArray  # (T, M) whether the cameras see each marker
-    bursts: tuple[Burst, ...]
-    jumps: tuple[Jump, ...]
+    bursts: tuple[MarkerEpisode, ...]  # occlusions
+    jumps: tuple[tuple[MarkerEpisode, FloatArray], ...]  # with their shifts (3,), m
     points: FloatArray  # (T, L, 3) measured positions of the L labels, m; NaN where not visible
     signals: PlateSignals  # channels of the plate, ``analog_rate / rate`` samples for each frame
     seat_signals: PlateSignals | None  # channels of the plate under the chair; None without it
@@ -308,26 +301,30 @@ def measure_scene(scene: Scene, options: Options, rng: Streams) -> SimulatedTria
     """Measure a scene with the simulated cameras and plates."""
     frames = round(scene.motion.duration * options.rate)
     state = scene.at(np.arange(frames) / options.rate)
-    scene, skin = _draw_skin(scene, options, rng, state)
+    markers, labels = scene.markers, scene.markers.labels
+    if options.subject is None:
+        skin = draw_centred_skin_motion(rng["skin"], markers.link, markers.softness, state.q, state.time)
+    else:  # the markers are then at their mean positions
+        skin, markers = draw_subject_skin_motion(rng["skin"], rng["wander"], markers, state.q, state.time)
+        scene = replace(scene, markers=markers)
     faults, schedule = options.faults, None if scene.chair is None else scene.chair.schedule
-    skin = skin + draw_skin_faults(rng["faults"], faults, scene.markers, state.time)
+    skin = skin + draw_skin_faults(rng["faults"], faults, markers, state.time)
     seed = int(rng["displacement"].integers(2**32))
-    positions = compute_true_positions(scene, state, skin, draw_displacement(seed, faults, schedule, state.time))
-    labels = scene.markers.labels
-    hideable = [label for label, hidden in zip(labels, scene.markers.hidden, strict=True) if hidden]
-    bursts = draw_bursts(rng["occlusion"], hideable, frames, options.rate, options.occlusions)
+    positions = scene.marker_positions(state, skin, draw_displacement(seed, faults, schedule, state.time))
+    hideable = [label for label, hidden in zip(labels, markers.hidden, strict=True) if hidden]
+    bursts = draw_occlusions(rng["occlusion"], hideable, frames, options.rate, options.occlusions)
     jumps = draw_jumps(rng["jumps"], labels, frames, options.jumps)
     visible = find_visible(labels, bursts, frames)
     samples = frames * round(options.analog_rate / options.rate)
     loaded = scene.at(np.arange(samples) / options.analog_rate + options.clock_offset)
-    points = measure_positions(
-        rng["cameras"], positions + jump_displacements(labels, jumps, frames), options.marker_noise, visible
-    )
+    jumped = np.zeros_like(positions)
+    for jump, shift in jumps:
+        jumped[jump.frames, labels.index(jump.label)] += shift
+    points = measure_positions(rng["cameras"], positions + jumped, options.marker_noise, visible)
     labels, points, fault_truth = add_camera_faults(rng["faults"], faults, scene, points, options.rate)
     displacement = draw_displacement(seed, faults, schedule, loaded.time)
-    signals = measure_load(
-        rng["channels"], scene.plate, *scene.load_on_plate(loaded, displacement), options.analog_rate
-    )
+    load = scene.load_on_plate(loaded, displacement)
+    signals = measure_load(rng["channels"], scene.plate, *load, options.analog_rate)
     seat_signals = None
     if scene.seat_plate is not None:
         load = scene.load_on_seat_plate(loaded, displacement)
@@ -345,13 +342,3 @@ def measure_scene(scene: Scene, options: Options, rng: Streams) -> SimulatedTria
         labels=labels,
         fault_truth=fault_truth,
     )
-
-
-def _draw_skin(scene: Scene, options: Options, rng: Streams, state: TrueState) -> tuple[Scene, FloatArray]:
-    """Return the scene with the markers at their mean positions, and their displacement (T, M, 3) by the skin, m."""
-    if options.subject is None:
-        return scene, draw_centred_skin_motion(
-            rng["skin"], scene.markers.link, scene.markers.softness, state.q, state.time
-        )
-    skin, markers = draw_subject_skin_motion(rng["skin"], rng["wander"], scene.markers, state.q, state.time)
-    return replace(scene, markers=markers), skin

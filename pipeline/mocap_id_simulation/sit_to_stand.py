@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_banded
@@ -46,7 +46,7 @@ LOADED_ORDER = 4  # the chair's force has three continuous derivatives
 
 
 @dataclass(frozen=True)
-class Repetition:
+class SitToStand:
     """Times of one repetition, s, named as in truth.json."""
 
     rise_start: float
@@ -70,7 +70,7 @@ class Repetition:
 
 
 @dataclass(frozen=True)
-class Attempt:
+class FailedRise:
     """A failed rise: the chair is unloaded, the hips rise a little, and the person falls back; times in s."""
 
     start: float
@@ -83,16 +83,6 @@ class Attempt:
         """Duration of unloading the chair, s; loading it again takes equally long."""
         return 0.4 * (self.top - self.start)
 
-    def chair_release(self, time: FloatArray) -> FloatArray:
-        """Return the relative decrease of the chair's load at times (T,): 0 if fully loaded, 1 if free."""
-        released = smoothstep((time - self.start) / self.unload, LOADED_ORDER)
-        return released - smoothstep((time - (self.end - self.unload)) / self.unload, LOADED_ORDER)
-
-    def height_at(self, time: FloatArray) -> FloatArray:
-        """Return the relative height of the hips at times (T,): 0 seated, 1 standing."""
-        up = smoothstep((time - self.start) / (self.top - self.start))
-        return self.height * (up - smoothstep((time - self.top) / (self.end - self.top)))
-
 
 @dataclass(frozen=True)
 class Hold:
@@ -101,20 +91,14 @@ class Hold:
     repetition: int  # counted from 0
     length: float  # duration, s
 
-    def progress(self, time: FloatArray, begin: float, finish: float) -> FloatArray:
-        """Return the progress of the rise at times (T,), from 0 at ``begin`` to 1 at ``finish``; it pauses at 0.5."""
-        half = 0.5 * (finish - begin - self.length)
-        first, second = smoothstep((time - begin) / half), smoothstep((time - finish + half) / half)
-        return 0.5 * (first + second)
-
 
 @dataclass(frozen=True)
 class Schedule:
     """Repetitions of a trial and its duration, s, with failed attempts and at most one pause."""
 
-    repetitions: tuple[Repetition, ...]
+    repetitions: tuple[SitToStand, ...]
     duration: float
-    attempts: tuple[Attempt, ...] = ()
+    attempts: tuple[FailedRise, ...] = ()
     hold: Hold | None = None
 
     def height_at(self, time: FloatArray, late: float = 0.0, early: float = 0.0) -> FloatArray:
@@ -122,12 +106,16 @@ class Schedule:
 
         ``late`` delays the start of the rise and ``early`` advances the end of sitting down, s.
         """
-        level = sum((attempt.height_at(time) for attempt in self.attempts), np.zeros_like(time))
+        level = np.zeros_like(time)
+        for failed in self.attempts:
+            up = smoothstep((time - failed.start) / (failed.top - failed.start))
+            level += failed.height * (up - smoothstep((time - failed.top) / (failed.end - failed.top)))
         for k, each in enumerate(self.repetitions):
             begin, finish = each.legs_start + late, each.legs_end - early
             up = smoothstep((time - begin) / (each.rise_end - begin))
             if self.hold is not None and self.hold.repetition == k:
-                up = self.hold.progress(time, begin, each.rise_end)
+                half = 0.5 * (each.rise_end - begin - self.hold.length)
+                up = 0.5 * (smoothstep((time - begin) / half) + smoothstep((time - each.rise_end + half) / half))
             level += up - smoothstep((time - each.sit_start) / (finish - each.sit_start))
         return level
 
@@ -142,48 +130,45 @@ class Schedule:
 
     def chair_load(self, time: FloatArray) -> FloatArray:
         """Return the relative load of the chair at times (T,): 1 seated at rest, exactly 0 from seat-off to seat-on."""
-        level = 1.0 - sum((attempt.chair_release(time) for attempt in self.attempts), np.zeros_like(time))
+        released = np.zeros_like(time)
+        for failed in self.attempts:
+            off = smoothstep((time - failed.start) / failed.unload, LOADED_ORDER)
+            on = smoothstep((time - (failed.end - failed.unload)) / failed.unload, LOADED_ORDER)
+            released += off - on
+        level = 1.0 - released
         for each in self.repetitions:
             level -= smoothstep((time - (each.seat_off - each.unload)) / each.unload, LOADED_ORDER)
             level += smoothstep((time - each.seat_on) / each.load, LOADED_ORDER)
         return np.where(np.abs(level) < 1e-15, 0.0, level)
 
 
-def draw_schedule(
-    rng: np.random.Generator,
-    strategy: StrategyParameters,
-    repetitions: int,
-    *,
-    attempts: int = 0,
-    hold: float = 0.0,
-    rests: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> Schedule:
+def _draw_schedule(rng: np.random.Generator, options: Options) -> Schedule:
     """Draw a sequence of repetitions whose durations vary by up to 6 %.
 
     A failed rise precedes each of the last ``attempts`` repetitions; the last rise stops half-way for ``hold`` seconds.
-    ``rests`` are additional rests before the first rise, while first standing and after the last repetition, s.
     """
+    strategy, repetitions, hold = STRATEGIES[options.strategy], options.repetitions, options.hold
 
     def vary(value: float) -> float:
         return value * float(rng.uniform(0.94, 1.06))
 
-    completed: list[Repetition] = []
-    failed: list[Attempt] = []
-    now = 1.5 + rests[0]
+    completed: list[SitToStand] = []
+    failed: list[FailedRise] = []
+    now = 1.5 + options.rest_before
     for k in range(repetitions):
-        if k >= repetitions - attempts:
-            failed.append(Attempt(now, now + 1.0, now + 2.0))
+        if k >= repetitions - options.attempts:
+            failed.append(FailedRise(now, now + 1.0, now + 2.0))
             now = failed[-1].end + 0.8
         rise, unload, sit, load = (vary(x) for x in (strategy.rise, strategy.unload, strategy.sit, strategy.load))
         seat_off = now + vary(0.8) + unload
         rise_end = seat_off - unload + rise + (hold if k == repetitions - 1 else 0.0)
-        sit_start = rise_end + float(rng.uniform(0.8, 1.3)) + (rests[1] if k == 0 else 0.0)
+        sit_start = rise_end + float(rng.uniform(0.8, 1.3)) + (options.rest_standing if k == 0 else 0.0)
         seat_on = sit_start + sit - load
         sit_end = seat_on + load + vary(0.7)
-        completed.append(Repetition(now, seat_off, rise_end, unload, sit_start, seat_on, sit_end, load))
+        completed.append(SitToStand(now, seat_off, rise_end, unload, sit_start, seat_on, sit_end, load))
         now = sit_end + float(rng.uniform(0.8, 1.2))
     stop = Hold(repetitions - 1, hold) if hold > 0 else None
-    return Schedule(tuple(completed), now + 0.5 + rests[2], tuple(failed), stop)
+    return Schedule(tuple(completed), now + 0.5 + options.rest_after, tuple(failed), stop)
 
 
 SEATED_THIGH = -np.pi / 2  # horizontal, pointing backwards
@@ -227,15 +212,6 @@ class Rail:
 
 
 @dataclass(frozen=True)
-class BalancedMotion:
-    """Motion and chair of a sit-to-stand trial."""
-
-    motion: JointMotion
-    chair: Chair
-    seated_deg: tuple[float, float, float]  # seated angles of shank, thigh and trunk from the vertical, degrees
-
-
-@dataclass(frozen=True)
 class Plan:
     """A trial before the trunk's lean is computed, on the solver's grid of K times."""
 
@@ -246,52 +222,41 @@ class Plan:
     trunk: float  # initial guess of the lean, rad
 
 
-@dataclass(frozen=True)
-class _TrunkTask:
-    """Moments that the trunk has to balance, at K times."""
-
-    moment: FloatArray  # (K,) moment of foot and legs about ``push``, N·m
-    push: FloatArray  # (K,) as in Plan
-    hip: FloatArray  # (K, 2) hip positions, m
-
-
 def draw_plan(rng: np.random.Generator, body: SimulatedBody, options: Options) -> Plan:
     """Draw the motion of the legs, the chair and the point ``push``; the trunk's lean is computed later."""
     strategy = STRATEGIES[options.strategy]
-    schedule = draw_schedule(
-        rng,
-        strategy,
-        options.repetitions,
-        attempts=options.attempts,
-        hold=options.hold,
-        rests=(options.rest_before, options.rest_standing, options.rest_after),
-    )
+    schedule = _draw_schedule(rng, options)
     time = np.arange(-MARGIN, schedule.duration + MARGIN, STEP)
     legs = _leg_angles(body, strategy, schedule, time)
     under_feet = _draw_pressure_centre(rng, body, strategy, schedule, time)
-    trunk, chair = np.radians(strategy.trunk), _draw_chair(rng, body, schedule)
-    seat = _seat_force_on_ground(body, chair, legs[:, 0], legs[:, 1])
+    trunk, thigh = np.radians(strategy.trunk), body.links[2].length
+    point = (rng.uniform(0.05, 0.08), thigh * rng.uniform(0.90, 0.97))
+    friction = rng.uniform(-0.05, 0.05)
+    # position at which the line of the chair's force meets the ground
+    _, origin = planar.segment_poses(np.column_stack([legs[:, 0], legs[:, 1] - legs[:, 0]]), body.centres[:2])
+    contact = origin[:, 2] + planar.rotate(legs[:, 1], np.array(point))
+    seat = contact[:, 0] - friction * contact[:, 1]
+    # the chair's share of the load follows from the balance at rest
     at_rest = _com_x(body, legs[0, 0], legs[0, 1], trunk)
-    share = (at_rest - under_feet[0]) / (seat[0] - under_feet[0])
-    chair = Chair(chair.point, float(share), chair.friction, schedule)
+    chair = Chair(point, float((at_rest - under_feet[0]) / (seat[0] - under_feet[0])), friction, schedule)
     push = under_feet + chair.load(time) * (seat - under_feet)
     return Plan(time, legs, push, chair, trunk)
 
 
-def balance(body: SimulatedBody, plan: Plan, additional: FloatArray | None = None) -> BalancedMotion:
-    """Return the motion with the lean that balances a plan; ``additional`` (K,) is another moment about ``push``, N·m.
+def balance_lean(
+    body: SimulatedBody, plan: Plan, additional: FloatArray | None = None
+) -> tuple[JointMotion, tuple[float, ...]]:
+    """Return the motion with the lean that balances a plan, and the seated angles of shank, thigh and trunk.
 
+    ``additional`` (K,) is another moment about ``push``, N·m. The angles are from the vertical, degrees.
     NumericalError is raised if no lean of the trunk balances the body.
     """
-    task, legs, schedule = _trunk_task(body, plan.legs, plan.push), plan.legs, plan.chair.schedule
-    if additional is not None:
-        task = replace(task, moment=task.moment + additional)
-    lean = _solve_lean(body, task, plan.trunk)
+    legs = plan.legs
+    moment, hip = _leg_moment(body, legs, plan.push)
+    lean = _solve_lean(body, moment if additional is None else moment + additional, plan, hip)
     angles = np.column_stack([legs[:, 0], legs[:, 1] - legs[:, 0], lean - legs[:, 1]])
     seated = tuple(float(x) for x in np.degrees([legs[0, 0], legs[0, 1], lean[0]]))
-    return BalancedMotion(
-        motion_through(plan.time, angles, schedule.duration), plan.chair, (seated[0], seated[1], seated[2])
-    )
+    return motion_through(plan.time, angles, plan.chair.schedule.duration), seated
 
 
 def _leg_angles(body: SimulatedBody, strategy: StrategyParameters, schedule: Schedule, time: FloatArray) -> FloatArray:
@@ -329,19 +294,6 @@ def _draw_pressure_centre(
     return body.links[1].centre[0] + shift + np.asarray(sway)
 
 
-def _draw_chair(rng: np.random.Generator, body: SimulatedBody, schedule: Schedule) -> Chair:
-    """Draw point and friction of the chair; ``share`` is preliminary, because it follows from the balance at rest."""
-    thigh = body.links[2].length
-    return Chair((rng.uniform(0.05, 0.08), thigh * rng.uniform(0.90, 0.97)), 1.0, rng.uniform(-0.05, 0.05), schedule)
-
-
-def _seat_force_on_ground(body: SimulatedBody, chair: Chair, shank: FloatArray, thigh: FloatArray) -> FloatArray:
-    """Return the position (K,) at which the line of the chair's force meets the ground, m."""
-    _, origin = planar.segment_poses(np.column_stack([shank, thigh - shank]), body.centres[:2])
-    point = origin[:, 2] + planar.rotate(thigh, np.array(chair.point))
-    return point[:, 0] - chair.friction * point[:, 1]
-
-
 def _com_x(body: SimulatedBody, shank: float, thigh: float, trunk: float) -> float:
     """Return the horizontal position of the centre of mass, m, given the segments' angles from the vertical."""
     q = np.array([shank, thigh - shank, trunk - thigh])
@@ -355,8 +307,11 @@ def _second_difference(values: FloatArray) -> FloatArray:
     return np.asarray((padded[2:] - 2 * values + padded[:-2]) / STEP**2)
 
 
-def _trunk_task(body: SimulatedBody, legs: FloatArray, push: FloatArray) -> _TrunkTask:
-    """Return the moment of foot and legs that the trunk has to balance, for leg angles ``legs`` (K, 2), rad."""
+def _leg_moment(body: SimulatedBody, legs: FloatArray, push: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the moment (K,) of foot and legs about ``push``, N·m, and the positions (K, 2) of the hip, m.
+
+    ``legs`` (K, 2) are the angles of shank and thigh from the vertical, rad. The trunk has to balance the moment.
+    """
     q = np.column_stack([legs[:, 0], legs[:, 1] - legs[:, 0], -legs[:, 1]])
     _, origin = planar.segment_poses(q, body.centres)
     coms = planar.marker_positions(q, body.centres, np.arange(3), body.coms[:3])
@@ -367,14 +322,29 @@ def _trunk_task(body: SimulatedBody, legs: FloatArray, push: FloatArray) -> _Tru
         moment += body.masses[i] * (arm * (change[:, i, 1] + GRAVITY) - coms[:, i, 1] * change[:, i, 0])
     for i in (1, 2):
         moment += body.links[i].inertia * _second_difference(legs[:, i - 1])
-    return _TrunkTask(moment, push, origin[:, 3])
+    return moment, origin[:, 3]
 
 
-def _solve_lean(body: SimulatedBody, task: _TrunkTask, start: float) -> FloatArray:
-    """Return the trunk's lean (K,), rad, with which the moments about ``push`` vanish (tridiagonal Newton steps)."""
-    lean = np.full(len(task.push), start)
+def _solve_lean(body: SimulatedBody, moment: FloatArray, plan: Plan, hip: FloatArray) -> FloatArray:
+    """Return the trunk's lean (K,), rad, with which the moments about ``push`` vanish (tridiagonal Newton steps).
+
+    The residual is the moment of trunk, foot and legs. It depends on the lean at the same and both neighbouring times.
+    """
+    mass, com, inertia = body.links[3].mass, body.coms[3], body.links[3].inertia
+    lean = np.full(len(plan.push), plan.trunk)
     for _ in range(50):
-        error, jacobian = _imbalance(body.links[3].mass, body.coms[3], body.links[3].inertia, task, lean)
+        arm = planar.rotate(lean, com)  # from the hip to the trunk's centre of mass
+        centre = hip + arm
+        change, rotation = _second_difference(centre), _second_difference(lean)
+        x, y, rise = centre[:, 0] - plan.push, centre[:, 1], change[:, 1] + GRAVITY
+        error = moment + mass * (x * rise - y * change[:, 0]) + inertia * rotation
+        dx, dy = -arm[:, 1], arm[:, 0]  # derivative of the arm with respect to the lean
+        jacobian = np.zeros((3, len(lean)))  # bands
+        jacobian[0, 1:] = (mass * (x[:-1] * dy[1:] - y[:-1] * dx[1:]) + inertia) / STEP**2
+        jacobian[2, :-1] = (mass * (x[1:] * dy[:-1] - y[1:] * dx[:-1]) + inertia) / STEP**2
+        own = (mass * (x * dy - y * dx) + inertia) / STEP**2
+        jacobian[1] = mass * (dx * rise - dy * change[:, 0]) - 2 * own
+        jacobian[1, [0, -1]] += own[[0, -1]]
         step = solve_banded((1, 1), jacobian, -error)
         largest = float(np.abs(step).max())
         lean += step * min(1.0, 0.3 / max(largest, 1e-300))
@@ -384,22 +354,3 @@ def _solve_lean(body: SimulatedBody, task: _TrunkTask, start: float) -> FloatArr
         f"the lean of the trunk that balances the simulated body was not found: the last iteration changed it by "
         f"{largest:.2g} rad"
     )
-
-
-def _imbalance(
-    mass: float, com: FloatArray, inertia: float, task: _TrunkTask, lean: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the residual moment (K,), N·m, and its banded derivative (3, K) with respect to the lean, N·m/rad."""
-    arm = planar.rotate(lean, com)  # from the hip to the trunk's centre of mass
-    centre = task.hip + arm
-    change, rotation = _second_difference(centre), _second_difference(lean)
-    x, y, rise = centre[:, 0] - task.push, centre[:, 1], change[:, 1] + GRAVITY
-    error = task.moment + mass * (x * rise - y * change[:, 0]) + inertia * rotation
-    dx, dy = -arm[:, 1], arm[:, 0]  # derivative of the arm with respect to the lean
-    jacobian = np.zeros((3, len(lean)))
-    jacobian[0, 1:] = (mass * (x[:-1] * dy[1:] - y[:-1] * dx[1:]) + inertia) / STEP**2
-    jacobian[2, :-1] = (mass * (x[1:] * dy[:-1] - y[1:] * dx[:-1]) + inertia) / STEP**2
-    own = (mass * (x * dy - y * dx) + inertia) / STEP**2
-    jacobian[1] = mass * (dx * rise - dy * change[:, 0]) - 2 * own
-    jacobian[1, [0, -1]] += own[[0, -1]]
-    return error, jacobian

@@ -1,8 +1,7 @@
-"""A random robot in space: options, chain, inertial parameters, markers and movement."""
+"""A random robot in space on a force plate, whose joints move together: in memory, and on disk with its exact truth."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -20,10 +19,10 @@ from mocap_id.geometry import PlaneFrame, se3, so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id_simulation.bodies import GRAVITY
-from mocap_id_simulation.instruments import FORCE_BIAS, MOMENT_BIAS, SIZE, SimulatedPlate, draw_plate, measure_load
-from mocap_id_simulation.motion import STEP, JointMotion, motion_through, smoothstep
+from mocap_id_simulation.instruments import FORCE_BIAS, MOMENT_BIAS, SIZE, draw_plate, measure_load
+from mocap_id_simulation.motion import STEP, JointMotion, draw_direction, motion_through, smoothstep
 from mocap_id_simulation.options import Sense, check_options, option
-from mocap_id_simulation.trial_files import json_bytes, npz_bytes, points_bytes, write_trial
+from mocap_id_simulation.trial_files import points_bytes, trial_contents, write_trial, yaml_head
 
 ErrorPreset = Literal["clean", "default"]
 POSITION = 1e-3  # m: error of the plate's position in the default preset
@@ -112,30 +111,39 @@ def draw_space_robot(rng: np.random.Generator, joints: int, payload: float, dura
     """
     along = np.array([0.0, 1.0, 0.0])  # long axis of a segment in its frame
     base = se3.pose(so3.exp(rng.normal(0, 0.5, 3) * [0, 1, 0]), np.array([*rng.uniform(-0.05, 0.05, 3)]) * [1, 0, 1])
-    axis, links, parameters = _draw_direction(rng), [], [_draw_parameters(rng, _MASS[0], _PEDESTAL, 0.12)]
+    axis, links, parameters = draw_direction(rng), [], [_draw_parameters(rng, _MASS[0], _PEDESTAL, 0.12)]
     for k in range(joints):
         before = axis
         while np.linalg.norm(np.cross(before, axis)) < np.sin(_LEAST_ANGLE) or abs(axis @ along) > np.cos(_LEAST_ANGLE):
-            axis = _draw_direction(rng)
+            axis = draw_direction(rng)
         height = _PEDESTAL if k == 0 else _LENGTH[k - 1]
         centre = height * along + rng.normal(0, 0.02, 3)
         offset = so3.exp(rng.normal(0, 0.35, 3))
         links.append(SpatialJoint("hinge", k, centre, first_axis=axis, offset=offset))
         parameters.append(_draw_parameters(rng, _MASS[k + 1], _LENGTH[k], 0.05))
         axis = offset.T @ axis
+    # markers around the long axis of every segment
+    local = []
+    for length in (_PEDESTAL, *_LENGTH[:joints]):
+        angle = np.arange(_MARKERS) * 2.4 + rng.uniform(0, 2 * np.pi)
+        radius = rng.uniform(0.06, 0.11, _MARKERS)
+        heights = length * (0.15 + 0.75 * np.arange(_MARKERS) / (_MARKERS - 1)) + rng.normal(0, 0.01, _MARKERS)
+        local.append(np.column_stack([radius * np.cos(angle), heights, radius * np.sin(angle)]))
     segment = np.repeat(np.arange(joints + 1), _MARKERS)
-    local = np.concatenate([_draw_positions(rng, length) for length in (_PEDESTAL, *_LENGTH[:joints])])
-    chain = SpatialChain(tuple(links), segment, local, np.zeros(len(segment), dtype=np.bool_))
-    motion = _draw_motion(rng, joints, duration)
+    chain = SpatialChain(tuple(links), segment, np.concatenate(local), np.zeros(len(segment), dtype=np.bool_))
+    # a movement of all joints together, at rest in the first and last second
+    time = np.arange(-1.0, duration + 1.0, STEP)
+    envelope = smoothstep((time - _REST) / 2) * smoothstep((duration - _REST - time) / 2)
+    angles = np.zeros((len(time), joints))
+    for j in range(joints):
+        frequency, phase = rng.uniform(*_FREQUENCIES, _WAVES), rng.uniform(0, 2 * np.pi, _WAVES)
+        share = rng.dirichlet(np.full(_WAVES, 3.0)) * _WAVES
+        waves = np.sin(2 * np.pi * frequency * time[:, None] + phase) * share
+        angles[:, j] = _AMPLITUDE / np.sqrt(_WAVES / 2) * waves.sum(axis=1)
+    motion = motion_through(time, envelope[:, None] * angles, duration)
     load = payload * _draw_parameters(rng, 1.0, 0.08, 0.05, _LENGTH[joints - 1])
     parameters[-1] = parameters[-1] + load
     return SpaceRobot(chain, base, np.array(parameters), load, motion)
-
-
-def _draw_direction(rng: np.random.Generator) -> FloatArray:
-    """Return a random unit vector (3,)."""
-    vector = rng.normal(size=3)
-    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def _draw_parameters(
@@ -145,27 +153,6 @@ def _draw_parameters(
     positions = rng.uniform(-1, 1, (_POINTS, 3)) * [width, length / 2, width] + [0, start + length / 2, 0]
     share = rng.dirichlet(np.full(_POINTS, 2.0))
     return np.asarray(sum(mass * part * point_mass(position) for part, position in zip(share, positions, strict=True)))
-
-
-def _draw_positions(rng: np.random.Generator, length: float) -> FloatArray:
-    """Return the positions (M, 3) of a segment's markers, around its long axis, m."""
-    angle = np.arange(_MARKERS) * 2.4 + rng.uniform(0, 2 * np.pi)
-    radius = rng.uniform(0.06, 0.11, _MARKERS)
-    height = length * (0.15 + 0.75 * np.arange(_MARKERS) / (_MARKERS - 1)) + rng.normal(0, 0.01, _MARKERS)
-    return np.column_stack([radius * np.cos(angle), height, radius * np.sin(angle)])
-
-
-def _draw_motion(rng: np.random.Generator, joints: int, duration: float) -> JointMotion:
-    """Return a movement of all joints together, at rest in the first and last second."""
-    time = np.arange(-1.0, duration + 1.0, STEP)
-    envelope = smoothstep((time - _REST) / 2) * smoothstep((duration - _REST - time) / 2)
-    angles = np.zeros((len(time), joints))
-    for j in range(joints):
-        frequency, phase = rng.uniform(*_FREQUENCIES, _WAVES), rng.uniform(0, 2 * np.pi, _WAVES)
-        share = rng.dirichlet(np.full(_WAVES, 3.0)) * _WAVES
-        waves = np.sin(2 * np.pi * frequency * time[:, None] + phase) * share
-        angles[:, j] = _AMPLITUDE / np.sqrt(_WAVES / 2) * waves.sum(axis=1)
-    return motion_through(time, envelope[:, None] * angles, duration)
 
 
 MARKER_NOISE = 5e-4  # m, each axis
@@ -217,102 +204,57 @@ def generate_space_robot(options: SpaceRobotOptions) -> SpaceRobotTrial:
     robot = draw_space_robot(of_robot, options.joints, options.payload, options.duration)
     sense: Sense = "reaction" if of_laboratory.random() < 0.5 else "action"
     plate = draw_plate(of_laboratory, sense, moved=True, flipped=False, noise=options.noise, bias=options.noise)
-    errors = _draw_errors(of_laboratory, options.errors)
+    sd = options.errors
+    errors = InstrumentErrors(
+        gain=float(of_laboratory.normal(0, sd.gain)),
+        moments=float(of_laboratory.normal(0, sd.moments)),
+        position=of_laboratory.normal(0, sd.position, 3),
+        yaw=float(of_laboratory.normal(0, sd.yaw)),
+        lengths=float(of_laboratory.normal(0, sd.lengths)),
+        tilt=of_laboratory.normal(0, sd.tilt, 2),
+    )
+    # the true motion and forces
     origin = FRAME.to_plane(plate.centre)
     time = np.arange(round(options.duration * options.rate)) / options.rate
     base = robot.base.copy()
     base[:3, 3] += origin
-    states = robot.motion.at(time)[:3]
-    motion = move_joints(robot.chain, base, *states)
+    q, dq, ddq, _ = robot.motion.at(time)
+    motion = move_joints(robot.chain, base, q, dq, ddq)
     regressor = segment_regressor(motion, GRAVITY)
-    offset = float(of_recording.uniform(-CLOCK_OFFSET, CLOCK_OFFSET)) * options.noise
-    loaded = _wrench(robot, np.arange(round(options.duration * options.analog_rate)) / options.analog_rate + offset)
     parameters = robot.parameters.ravel()
+    # the plate's samples have their own clock; the wrench is about the plate's centre
+    offset = float(of_recording.uniform(-CLOCK_OFFSET, CLOCK_OFFSET)) * options.noise
+    at = np.arange(round(options.duration * options.analog_rate)) / options.analog_rate + offset
+    loaded = segment_regressor(move_joints(robot.chain, robot.base, *robot.motion.at(at)[:3]), GRAVITY) @ parameters
+    # markers in the laboratory
+    segment = robot.chain.segment
+    rotated = np.einsum("tmij,mj->tmi", motion.rotation[:, segment], robot.chain.local)
+    true = np.asarray(motion.origin[:, segment] + rotated)
+    tilt = so3.exp(np.array([errors.tilt[0], 0.0, errors.tilt[1]]))
+    noise = of_recording.normal(0, 1, true.shape) * MARKER_NOISE * options.noise
+    points = FRAME.from_plane((1 + errors.lengths) * true @ tilt.T + noise)
+    # the plate's channels with their errors, and its corners with the error of the file
+    force, moment = (loaded[:, part] @ FRAME.axes * (1 + errors.gain) for part in (slice(3), slice(3, 6)))
+    signals = measure_load(of_recording, plate, force, (1 + errors.moments) * moment, options.analog_rate)
+    placed = replace(plate, centre=plate.centre + errors.position, yaw=plate.yaw + errors.yaw)
     return SpaceRobotTrial(
         options=options,
         robot=replace(robot, base=base),
         origin=origin,
         time=time,
-        q=states[0],
-        dq=states[1],
-        ddq=states[2],
+        q=q,
+        dq=dq,
+        ddq=ddq,
         motion=motion,
         wrench=regressor @ parameters,
         torque=torque_regressor(motion, regressor) @ parameters,
-        points=_measure_markers(of_recording, options, errors, _markers(robot, motion)),
-        signals=_measure_wrench(of_recording, options, errors, plate, loaded),
+        points=points,
+        signals=replace(signals, corners=placed.corners),
         clock_offset=offset,
         errors=errors,
     )
 
 
-def _draw_errors(rng: np.random.Generator, sd: SpatialCalibration) -> InstrumentErrors:
-    """Draw the errors of cameras and plate."""
-    return InstrumentErrors(
-        gain=float(rng.normal(0, sd.gain)),
-        moments=float(rng.normal(0, sd.moments)),
-        position=rng.normal(0, sd.position, 3),
-        yaw=float(rng.normal(0, sd.yaw)),
-        lengths=float(rng.normal(0, sd.lengths)),
-        tilt=rng.normal(0, sd.tilt, 2),
-    )
-
-
-def _markers(robot: SpaceRobot, motion: SpatialMotion) -> FloatArray:
-    """Return the true positions of the markers (T, M, 3), m."""
-    segment = robot.chain.segment
-    rotated = np.einsum("tmij,mj->tmi", motion.rotation[:, segment], robot.chain.local)
-    return np.asarray(motion.origin[:, segment] + rotated)
-
-
-def _measure_markers(
-    rng: np.random.Generator, options: SpaceRobotOptions, errors: InstrumentErrors, points: FloatArray
-) -> FloatArray:
-    """Return the measured positions of the markers (T, M, 3) in the laboratory, m."""
-    tilt = so3.exp(np.array([errors.tilt[0], 0.0, errors.tilt[1]]))
-    noise = rng.normal(0, 1, points.shape) * MARKER_NOISE * options.noise
-    return FRAME.from_plane((1 + errors.lengths) * points @ tilt.T + noise)
-
-
-def _wrench(robot: SpaceRobot, time: FloatArray) -> FloatArray:
-    """Return the true wrench (K, 6) of the ground about the plate's centre at times (K,), s."""
-    motion = move_joints(robot.chain, robot.base, *robot.motion.at(time)[:3])
-    return np.asarray(segment_regressor(motion, GRAVITY) @ robot.parameters.ravel())
-
-
-def _measure_wrench(
-    rng: np.random.Generator,
-    options: SpaceRobotOptions,
-    errors: InstrumentErrors,
-    plate: SimulatedPlate,
-    wrench: FloatArray,
-) -> PlateSignals:
-    """Return the plate's channels with their errors, and the plate's corners with the error of the file."""
-    force, moment = (wrench[:, part] @ FRAME.axes * (1 + errors.gain) for part in (slice(3), slice(3, 6)))
-    signals = measure_load(rng, plate, force, (1 + errors.moments) * moment, options.analog_rate)
-    placed = replace(plate, centre=plate.centre + errors.position, yaw=plate.yaw + errors.yaw)
-    return replace(signals, corners=placed.corners)
-
-
-_YAML = """\
-# A robot of {joints} hinges in space on a force plate{load}.
-# Made by `mocap-id simulate robot-in-space` with seed {seed}. The exact truth is in truth.json and truth.npz.
-# Paths are relative to this file.
-trial: {name}
-space: 3d
-protocol: free
-recording: trial.c3d  # markers and force plate
-{settings}"""
-_SETTINGS = """\
-identify-dim:  # standard deviations of the instruments' errors
-  plate_gain_sd: {gain:g}
-  plate_moments_sd: {moments:g}
-  plate_zero_sd_n: {force:g}  # N
-  plate_zero_sd_nm: {moment:g}  # N*m
-  plate_position_sd_m: {position:g}  # m
-  camera_scale_sd: {lengths:g}
-  camera_tilt_sd_deg: {degrees:.3g}
-"""
 _CONVENTIONS = (
     "Laboratory axes, Z up, SI. seg_R takes segment axes to the laboratory; seg_origin is the segment's joint, or the "
     "base's origin. Ten parameters of a segment in its own frame about its origin: m, mx, my, mz, Ixx, Iyy, Izz, Ixy, "
@@ -331,31 +273,33 @@ def simulate_space_robot(folder: Path, options: SpaceRobotOptions) -> Path:
 
     StoreError is raised if the folder already contains a trial, or cannot be written.
     """
-    return write_trial(folder, lambda name: _contents(generate_space_robot(options), name))
+
+    def make(name: str) -> dict[str, bytes]:
+        trial, sd = generate_space_robot(options), options.errors
+        load = f", with a payload of {options.payload:g} kg" if options.payload else ""
+        what = f"A robot of {options.joints} hinges in space on a force plate{load}."
+        text = yaml_head(what, "mocap-id simulate robot-in-space", options.seed, name)
+        text += f"""\
+space: 3d
+protocol: free
+recording: trial.c3d  # markers and force plate
+identify-dim:  # standard deviations of the instruments' errors
+  plate_gain_sd: {sd.gain:g}
+  plate_moments_sd: {sd.moments:g}
+  plate_zero_sd_n: {sd.force:g}  # N
+  plate_zero_sd_nm: {sd.moment:g}  # N*m
+  plate_position_sd_m: {sd.position:g}  # m
+  camera_scale_sd: {sd.lengths:g}
+  camera_tilt_sd_deg: {np.degrees(sd.tilt):.3g}
+"""
+        recording = points_bytes(trial.robot.labels, trial.points, options.rate, [trial.signals])
+        return trial_contents(recording, _describe(trial), _arrays(trial), text)
+
+    return write_trial(folder, make)
 
 
-def _contents(trial: SpaceRobotTrial, name: str) -> dict[str, bytes]:
-    return {
-        "trial.c3d": points_bytes(trial.robot.labels, trial.points, trial.options.rate, [trial.signals]),
-        "truth.json": json_bytes(_truth(trial)),
-        "truth.npz": npz_bytes(_arrays(trial)),
-        "trial.yaml": _yaml(trial, name).encode(),
-    }
-
-
-def _yaml(trial: SpaceRobotTrial, name: str) -> str:
-    options, sd = trial.options, trial.options.errors
-    values = asdict(sd) | {"degrees": np.degrees(sd.tilt)}
-    return _YAML.format(
-        joints=options.joints,
-        load=f", with a payload of {options.payload:g} kg" if options.payload else "",
-        seed=options.seed,
-        name=json.dumps(name, ensure_ascii=False),
-        settings=_SETTINGS.format(**values),
-    )
-
-
-def _truth(trial: SpaceRobotTrial) -> dict[str, Any]:
+def _describe(trial: SpaceRobotTrial) -> dict[str, Any]:
+    """Return JSON values for ``truth.json``."""
     robot, options = trial.robot, trial.options
     structure = structural_base(robot.chain, se3.pose(robot.base[:3, :3], np.zeros(3)))
     joints = robot.chain.joints

@@ -1,43 +1,114 @@
-"""Simulated cohorts on disk: recordings of several persons with their truth, and a study that is ready to run.
+"""Simulated studies on disk: recordings of several people or of a robot, with their truth, and a study ready to run.
 
-A person has the same body, markers and skin in all trials. Motion, foot position, direction in the laboratory, drift of
-the skin, occlusions and noise differ between trials. The seed of each trial follows from the cohort's seed, so that
-additional persons, strategies or trials leave the other trials unchanged.
+A person has the same body in all trials. The seed of each trial follows from the study's seed, so that additional
+people, conditions or repeats leave the other trials unchanged. The four studies:
+
+- a cohort that stands up and sits down: markers and skin of a person are the same in all trials; motion, foot position,
+  direction in the laboratory, drift of the skin, occlusions and noise differ;
+- a cohort that reaches, each person more limited than the one before: markers are placed again in every session and on
+  each arm, so that palpation errors differ;
+- people who curl with a pneumatic device: the number of curls until an attempt fails is the capacity of the person,
+  times the effect of the condition, the response of the person to it, and a variation between trials; compensation
+  increases with fatigue;
+- the thesis's robot study: three joints, two speeds, two orientations, several repeats. The thesis did not move the
+  shoulder fast, because the robot might have tipped over; the simulation does.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import get_args
+from typing import Any, Generic, TypeVar, get_args
 
 import numpy as np
 
-from mocap_id.errors import ConfigError
-from mocap_id.store.atomic import replace_together, write_files
+from mocap_id.errors import ConfigError, StoreError
+from mocap_id.store.atomic import converting_errors, replace_together, write_files
 from mocap_id_simulation.arm import body_keys, carried_loads, device_yaml, generate_arm
 from mocap_id_simulation.arm_files import arm_document, spatial_arrays
 from mocap_id_simulation.arm_sensors import film_skeleton
-from mocap_id_simulation.bodies import FREQUENCY, REFERENCE, JointName, SimulatedBody, Speed, Subject, draw_subject
-from mocap_id_simulation.options import ArmOptions, CurlCondition, Options, Side, Strategy, check_options, option
-from mocap_id_simulation.scene import generate
-from mocap_id_simulation.sit_to_stand import STRATEGIES
+from mocap_id_simulation.bodies import REFERENCE, TOTAL, draw_person
+from mocap_id_simulation.chains import SimulatedSpaceTrial
+from mocap_id_simulation.options import (
+    ArmOptions,
+    CurlCondition,
+    JointName,
+    Options,
+    Side,
+    Speed,
+    Strategy,
+    check_options,
+    draw_subject,
+    option,
+)
+from mocap_id_simulation.scene import generate, random_streams
 from mocap_id_simulation.trial_files import (
-    arrays,
     c3d_bytes,
-    create_folder,
-    document,
+    flow_mapping,
+    json_bytes,
+    npz_bytes,
+    plane_arrays,
+    plane_document,
     points_bytes,
-    robot_study_yaml,
     simulate,
-    study_yaml,
-    write_study_trial,
 )
 
-FILE = "study.yaml"
-_STRATEGIES = tuple(STRATEGIES)
+FILE, ROBOT_FILE = "study.yaml", "robot-study.yaml"
+_STRATEGIES: tuple[Strategy, ...] = get_args(Strategy)
+_Options = TypeVar("_Options", Options, ArmOptions)
+_Measured = tuple[bytes, Mapping[str, Any], Mapping[str, np.ndarray[Any, Any]]]
+
+
+@dataclass(frozen=True)
+class PlannedTrial(Generic[_Options]):
+    """One trial of a study of people."""
+
+    name: str  # such as s01-normal-1
+    subject: str
+    file: str  # path of the recording in the study's folder
+    options: _Options
+    keys: Mapping[str, str]  # further keys of the trial in study.yaml
+    person: Mapping[str, object]  # keys of the person in study.yaml
+
+
+def _write_people(
+    folder: Path, head: str, trials: Iterable[PlannedTrial[_Options]], measure: Callable[[_Options], _Measured]
+) -> Path:
+    """Write recording and truth of every trial, and finally ``study.yaml``; ``measure`` returns both for a trial."""
+    people, rows = {}, []
+    for trial in trials:
+        recording, truth, values = measure(trial.options)
+        beside = f"truth/{trial.name}/truth"
+        contents = {trial.file: recording, f"{beside}.json": json_bytes(truth), f"{beside}.npz": npz_bytes(values)}
+        write_files(folder, contents)
+        people[trial.subject] = trial.person
+        rows.append({"trial": trial.name, "subject": trial.subject, **trial.keys})
+    replace_together(folder, {FILE: _study_yaml(head, people, rows).encode()})
+    return folder / FILE
+
+
+def _study_yaml(head: str, entries: Mapping[str, Mapping[str, object]], trials: Iterable[Mapping[str, object]]) -> str:
+    """Return the text of a study: its ``head``, which ends with a key, the entries of that key, and the trials."""
+    text = head + "".join(f"  {name}: {flow_mapping(keys)}\n" for name, keys in entries.items())
+    return text + "trials:\n" + "".join(f"  - {flow_mapping(keys)}\n" for keys in trials)
+
+
+def _create_folder(folder: Path) -> None:
+    """Create a folder; raise StoreError if it exists and is not empty."""
+    with converting_errors(folder):
+        if folder.exists() and any(folder.iterdir()):
+            raise StoreError(f"{folder} is not empty: choose a new folder")
+        folder.mkdir(parents=True, exist_ok=True)
+
+
+def _derive_seeds(*key: int) -> tuple[int, ...]:
+    """Return three seeds that follow from the numbers ``key``, such as the study's seed and the person's number."""
+    return tuple(int(each) for each in np.random.SeedSequence(key).generate_state(3))
+
+
+# --- people who stand up and sit down
 
 
 @dataclass(frozen=True)
@@ -53,42 +124,30 @@ class Cohort:
     def __post_init__(self) -> None:
         check_options(self, "simulate cohort")
         names = ",".join(self.strategies)
-        if not self.strategies or not set(self.strategies) <= set(STRATEGIES):
-            raise ConfigError(f"simulate cohort: `strategies` is {names!r}; expected some of {', '.join(STRATEGIES)}")
+        if not self.strategies or not set(self.strategies) <= set(_STRATEGIES):
+            raise ConfigError(f"simulate cohort: `strategies` is {names!r}; expected some of {', '.join(_STRATEGIES)}")
         if len(set(self.strategies)) < len(self.strategies):
             raise ConfigError(f"simulate cohort: `strategies` is {names!r}; expected each strategy only once")
 
 
-@dataclass(frozen=True)
-class CohortTrial:
-    """One trial of a cohort."""
-
-    subject: Subject
-    strategy: Strategy
-    number: int
-    options: Options
-
-    @property
-    def name(self) -> str:
-        """Name of the trial, such as ``s01-normal-1``."""
-        return f"{self.subject.name}-{self.strategy}-{self.number}"
-
-    @property
-    def file(self) -> str:
-        """Path of the recording in the cohort's folder."""
-        return f"{self.subject.name}/{self.strategy}-{self.number}.c3d"
-
-
-def cohort_trials(cohort: Cohort) -> Iterator[CohortTrial]:
+def cohort_trials(cohort: Cohort) -> Iterator[PlannedTrial[Options]]:
     """Yield every trial, person by person."""
-    for person in range(1, cohort.subjects + 1):
-        subject = draw_subject(cohort.options.seed, person)
+    for number in range(1, cohort.subjects + 1):
+        subject = draw_subject(cohort.options.seed, number)
+        lengths = draw_person(random_streams(0, subject)["body"], subject).scored_lengths
+        person = {
+            "height": f"{subject.height:.3f}",
+            "mass": f"{subject.mass:.2f}",
+            "sex": subject.sex,
+            "landmarks_m": flow_mapping({name: f"{lengths[name]:.4f}" for name in ("shank", "thigh")}),
+        }
         for strategy in cohort.strategies:
-            for number in range(1, cohort.trials + 1):
-                key = [cohort.options.seed, person, 1 + _STRATEGIES.index(strategy), number]
-                seed = int(np.random.SeedSequence(key).generate_state(1)[0])
+            for trial in range(1, cohort.trials + 1):
+                seed, *_ = _derive_seeds(cohort.options.seed, number, 1 + _STRATEGIES.index(strategy), trial)
                 options = replace(cohort.options, seed=seed, strategy=strategy, subject=subject)
-                yield CohortTrial(subject, strategy, number, options)
+                file = f"{subject.name}/{strategy}-{trial}.c3d"
+                keys = {"strategy": strategy, "recording": file}
+                yield PlannedTrial(f"{subject.name}-{strategy}-{trial}", subject.name, file, options, keys, person)
 
 
 def simulate_cohort(folder: Path, cohort: Cohort) -> Path:
@@ -104,22 +163,221 @@ def simulate_cohort(folder: Path, cohort: Cohort) -> Path:
     NumericalError
         No lean of the trunk balances one of the bodies.
     """
-    create_folder(folder)
-    bodies: dict[Subject, SimulatedBody] = {}
-    trials = tuple(cohort_trials(cohort))
-    for trial in trials:
-        simulated = generate("sit-to-stand", trial.options)
-        bodies.setdefault(trial.subject, simulated.scene.body)
-        truth = document("sit-to-stand", trial.options, simulated)
-        recording = c3d_bytes(trial.options, simulated)
-        write_study_trial(folder, trial.name, trial.file, recording, truth, arrays(simulated))
-    rows = [(trial.name, trial.subject.name, trial.strategy, trial.file) for trial in trials]
-    text = study_yaml(cohort.options, bodies, rows)
-    replace_together(folder, {FILE: text.encode()})
-    return folder / FILE
+    _create_folder(folder)
+    options = cohort.options
+    count = cohort.subjects * len(cohort.strategies) * cohort.trials
+    chair = "the chair stands on no plate"
+    if options.seat_plate:
+        chair = "the force of the chair's own plate is included as measured"
+    head = f"""\
+# {cohort.subjects} simulated persons, {count} trials of {options.repetitions} sit-to-stands each.
+# Made by `mocap-id simulate cohort` with seed {options.seed}. The exact truth of each trial is in truth/<trial>/.
+# Paths are relative to this file.
+study: simulated-cohort
+out: runs
+defaults: {{protocol: sit-to-stand}}  # {chair}
+subjects:  # m, kg; the lengths between landmarks are the true ones
+"""
+
+    def measure(options: Options) -> _Measured:
+        simulated = generate("sit-to-stand", options)
+        return (
+            c3d_bytes(options, simulated),
+            plane_document("sit-to-stand", options, simulated),
+            plane_arrays(simulated),
+        )
+
+    return _write_people(folder, head, cohort_trials(cohort), measure)
 
 
-ROBOT_FILE = "robot-study.yaml"
+# --- people who reach
+
+_MOST = 0.8  # severity of the last person
+_SCORES = {1: 1, 2: 2, 3: 3, 4: 5}  # by severity / 0.2
+_SPREAD = 0.02  # half of the difference in severity between the arms
+
+
+@dataclass(frozen=True)
+class ReachCohort:
+    """A cohort of people, from healthy ones to severely limited ones; a value out of range raises ConfigError."""
+
+    subjects: int = option(5, "Number of people, with severities evenly spaced from 0 to 0.8.", (1, 99))
+    sessions: int = option(2, "Sessions of each person, with one trial of each arm.", (1, 9))
+    skeletons: bool = False  # skeletons of a depth camera instead of markers
+    # Common options. The seed is the cohort's; each trial has its own seed, subject, side and severity.
+    options: ArmOptions = field(default_factory=lambda: ArmOptions(seed=1))
+
+    def __post_init__(self) -> None:
+        check_options(self, "simulate reach-cohort")
+
+
+def reach_cohort_trials(cohort: ReachCohort) -> Iterator[PlannedTrial[ArmOptions]]:
+    """Yield every trial, person by person, named such as ``s01-session1-left``."""
+    seed = cohort.options.seed
+    for number in range(1, cohort.subjects + 1):
+        severity = _MOST * (number - 1) / max(cohort.subjects - 1, 1)
+        score = _SCORES.get(round(severity / 0.2))
+        person = {} if score is None else {"score": score}
+        body, odd, _ = _derive_seeds(seed, number, 0, 0)
+        sign = 1 if odd % 2 else -1
+        for session in range(1, cohort.sessions + 1):
+            for k, side in enumerate(get_args(Side)):
+                own, markers, _ = _derive_seeds(seed, number, session, 1 + k)
+                limited = float(np.clip(severity + _SPREAD * (sign if k else -sign), 0, 1))
+                options = replace(cohort.options, seed=own, subject=body, markers=markers, side=side, severity=limited)
+                subject, name = f"s{number:02d}", f"session{session}"
+                file = f"{subject}/{name}/{side}.{'csv' if cohort.skeletons else 'c3d'}"
+                recording = flow_mapping({"skeleton": file}) if cohort.skeletons else file
+                keys = {"session": name, "side": side, "recording": recording}
+                yield PlannedTrial(f"{subject}-{name}-{side}", subject, file, options, keys, person)
+
+
+def simulate_reach_cohort(folder: Path, cohort: ReachCohort) -> Path:
+    """Simulate a cohort, write it with its exact truth, and return the path of ``study.yaml``.
+
+    The folder must be new or empty. It receives ``<subject>/<session>/<side>.c3d`` (``.csv`` for skeletons),
+    ``truth/<trial>/truth.json`` and ``truth.npz``, and finally ``study.yaml``.
+
+    StoreError is raised if the folder is not empty, or cannot be written.
+    """
+    _create_folder(folder)
+    people, seed = cohort.subjects, cohort.options.seed
+    head = f"""\
+# {people} simulated people, each more limited than the one before; reaches of both arms in {cohort.sessions} sessions.
+# Made by `mocap-id simulate reach-cohort` with seed {seed}. The exact truth of each trial is in truth/<trial>/.
+# Paths are relative to this file.
+study: simulated-reach-cohort
+out: runs
+defaults: {{space: 3d, protocol: reach}}
+subjects:  # score: an estimate of Brooke's score for such a limitation; the first person has none
+"""
+
+    def measure(options: ArmOptions) -> _Measured:
+        simulated = generate_arm(options)
+        recording = film_skeleton(simulated, options).csv() if cohort.skeletons else _markers(simulated)
+        return recording, arm_document(options, simulated), spatial_arrays(simulated)
+
+    return _write_people(folder, head, reach_cohort_trials(cohort), measure)
+
+
+def _markers(trial: SimulatedSpaceTrial) -> bytes:
+    return points_bytes(trial.labels, trial.positions, trial.rate)
+
+
+# --- people who curl
+
+EFFECTS: Mapping[CurlCondition, float] = {"C": 0.0, "AC": 0.0, "2": -0.23, "3": 0.0, "4": 0.0, "5": 0.82}
+"""Relative change of the number of repetitions in each condition, compared with AC (thesis 8.3)."""
+_CAPACITY = (8.0, 14.0)  # curls of a person in AC
+_RESPONSE, _VARIATION = 0.06, 0.07  # standard deviations of the logarithms of the response and of the variation
+_COMPENSATION: Mapping[CurlCondition, float] = {"C": 0.3, "AC": 0.3, "2": 0.6, "3": 0.3, "4": 0.3, "5": 0.3}
+_KEPT = ("t", "isb_shoulder", "isb_elbow", "tau_total", "tau_device", "tau_human")
+
+
+@dataclass(frozen=True)
+class CurlStudy:
+    """A study of curls; a value out of range or an unknown condition raises ConfigError."""
+
+    subjects: int = option(6, "Number of people.", (1, 99))
+    trials: int = option(3, "Trials of each person and condition.", (1, 9))
+    conditions: tuple[CurlCondition, ...] = get_args(CurlCondition)
+    # Common options. The seed is the study's; each trial has its own seed, repetitions and compensation.
+    options: ArmOptions = field(default_factory=lambda: ArmOptions(seed=1, movement="curl", rate=100.0, failed=1))
+
+    def __post_init__(self) -> None:
+        check_options(self, "simulate curl-study")
+        if not set(self.conditions) <= set(EFFECTS) or "AC" not in self.conditions:
+            expected = f"expected AC and, if needed, others of {', '.join(EFFECTS)}"
+            raise ConfigError(f"simulate curl-study: `conditions` is {', '.join(self.conditions)!r}; {expected}")
+
+
+def curl_study_trials(study: CurlStudy) -> Iterator[PlannedTrial[ArmOptions]]:
+    """Yield every trial, person by person; a trial does not depend on the numbers of people and trials."""
+    for number in range(1, study.subjects + 1):
+        subject = f"s{number:02d}"
+        body, markers, _ = _derive_seeds(study.options.seed, number, 0, 0)
+        drawn = draw_subject(body, 1 + body % 2)
+        person = {"mass": f"{drawn.mass:.2f}", "sex": drawn.sex}
+        of_person = np.random.default_rng([study.options.seed, number])
+        capacity, moves = of_person.uniform(*_CAPACITY), np.exp(of_person.normal(0, 0.2))
+        response = dict(zip(EFFECTS, np.exp(of_person.normal(0, _RESPONSE, len(EFFECTS))), strict=True))
+        for condition in study.conditions:
+            curl: dict[str, object] = {"condition": condition}
+            if condition == "C":
+                curl["loads"] = _loads(condition)
+            for trial in range(1, study.trials + 1):
+                own, *_ = _derive_seeds(study.options.seed, number, 1 + list(EFFECTS).index(condition), trial)
+                varied = np.exp(np.random.default_rng(own).normal(0, _VARIATION))
+                expected = capacity * (1 + EFFECTS[condition]) * response[condition] * varied
+                options = replace(
+                    study.options,
+                    seed=own,
+                    subject=body,
+                    markers=markers,
+                    condition=condition,
+                    repetitions=max(1, round(expected)),
+                    compensation=min(_COMPENSATION[condition] * moves, 2.0),
+                )
+                name = f"{subject}-{condition}-{trial}"
+                file = f"{subject}/{name}.c3d"
+                calibration = f"calibration/{subject}.yaml"
+                keys = {"recording": file, "calibration": calibration, "curl": json.dumps(curl)}
+                yield PlannedTrial(name, subject, file, options, keys, person)
+
+
+def _loads(condition: CurlCondition) -> dict[str, Any]:
+    """Return the keys of the carried loads in a configuration."""
+    return {name: body_keys(body) for name, body in carried_loads(condition).items()}
+
+
+def simulate_curl_study(folder: Path, study: CurlStudy) -> Path:
+    """Simulate a study of curls, write it with its exact truth, and return the path of ``study.yaml``.
+
+    The folder must be new or empty. It receives ``calibration/<subject>.c3d`` and ``.yaml``,
+    ``<subject>/<trial>.c3d``, ``truth/<trial>/truth.json`` and ``truth.npz``, ``device.yaml`` and finally
+    ``study.yaml``.
+
+    StoreError is raised if the folder is not empty, or cannot be written.
+    """
+    _create_folder(folder)
+    common = json.dumps({"metronome_hz": 0.5, "device": "device.yaml", "loads": _loads("AC")})
+    people, seed = study.subjects, study.options.seed
+    head = f"""\
+# {people} simulated people who curl in different conditions of a pneumatic device, {study.trials} trials of each.
+# Made by `mocap-id simulate curl-study` with seed {seed}. The exact truth of each trial is in truth/<trial>/.
+# Paths are relative to this file.
+study: simulated-curl-study
+out: runs
+reference: AC  # condition that the others are compared with
+defaults:
+  space: 3d
+  protocol: curl
+  curl: {common}
+subjects:  # kg
+"""
+    trials = tuple(curl_study_trials(study))
+    # a trial of reaches for the calibration of each person, with the options of the person's first trial
+    for first in {trial.subject: trial for trial in reversed(trials)}.values():
+        options = replace(first.options, movement="reach", cycles=1, severity=0.1, condition="C")
+        text = (
+            f"trial: {first.subject}-calibration\nrecording: {first.subject}.c3d\nspace: 3d\nprotocol: reach\n"
+            f"side: {options.side}\n"
+        )
+        recording = _markers(generate_arm(options))
+        contents = {f"{first.subject}.c3d": recording, f"{first.subject}.yaml": text.encode()}
+        write_files(folder / "calibration", contents)
+    write_files(folder, {"device.yaml": device_yaml()})
+
+    def measure(options: ArmOptions) -> _Measured:
+        simulated = generate_arm(options)
+        values = spatial_arrays(simulated)
+        return _markers(simulated), arm_document(options, simulated), {name: values[name] for name in _KEPT}
+
+    return _write_people(folder, head, trials, measure)
+
+
+# --- the thesis's robot
+
 ORIENTATIONS = (0.0, 45.0)  # degrees
 
 
@@ -128,8 +386,8 @@ class RobotSet:
     """A set of simulated robot trials; a value out of range raises ConfigError."""
 
     repeats: int = option(3, "Trials of each joint, speed and orientation.", (1, 99))
-    joints: tuple[JointName, ...] = tuple(REFERENCE)
-    speeds: tuple[Speed, ...] = tuple(FREQUENCY)
+    joints: tuple[JointName, ...] = get_args(JointName)
+    speeds: tuple[Speed, ...] = get_args(Speed)
     orientations: tuple[float, ...] = ORIENTATIONS  # degrees
     # Common options. The seed is the set's; each trial has its own seed, joint, speed and orientation.
     options: Options = field(default_factory=lambda: Options(seed=1, rate=480.0, analog_rate=2400.0))
@@ -146,9 +404,8 @@ def robot_set_trials(robot_set: RobotSet) -> Iterator[tuple[str, Options]]:
         for speed in robot_set.speeds:
             for orientation in robot_set.orientations:
                 for repeat in range(1, robot_set.repeats + 1):
-                    indices = (tuple(REFERENCE).index(joint), tuple(FREQUENCY).index(speed), round(orientation) % 360)
-                    key = [robot_set.options.seed, *indices, repeat]
-                    seed = int(np.random.SeedSequence(key).generate_state(1)[0])
+                    indices = (get_args(JointName).index(joint), get_args(Speed).index(speed), round(orientation) % 360)
+                    seed, *_ = _derive_seeds(robot_set.options.seed, *indices, repeat)
                     options = replace(robot_set.options, seed=seed, joint=joint, speed=speed, orientation=orientation)
                     yield f"{joint}-{speed}-{orientation:g}-{repeat}", options
 
@@ -158,7 +415,7 @@ def simulate_robot_set(folder: Path, robot_set: RobotSet) -> Path:
 
     Every trial has a folder with its exact truth. StoreError is raised if the folder is not empty or cannot be written.
     """
-    create_folder(folder)
+    _create_folder(folder)
     for name, options in robot_set_trials(robot_set):
         simulate("robot", folder / name, options)
     replace_together(folder, {ROBOT_FILE: robot_set_yaml(robot_set).encode()})
@@ -182,247 +439,22 @@ def reuse_robot_set(folder: Path, robot_set: RobotSet) -> Path:
 
 def robot_set_yaml(robot_set: RobotSet) -> str:
     """Return the text of the set's ``robot-study.yaml``."""
-    options = robot_set.options
-    return robot_study_yaml(options.seed, options.repetitions, robot_set.joints, list(robot_set_trials(robot_set)))
-
-
-_REACH_STUDY = """\
-# {subjects} simulated people, each more limited than the one before; reaches of both arms in {sessions} sessions.
-# Made by `mocap-id simulate reach-cohort` with seed {seed}. The exact truth of each trial is in truth/<trial>/.
+    trials = list(robot_set_trials(robot_set))
+    count, swings = len(trials), robot_set.options.repetitions
+    head = f"""\
+# {count} simulated trials of the thesis's robot, {swings} swings of one joint each (`mocap-id validate robot`).
+# Made by `mocap-id simulate robot-set` with seed {robot_set.options.seed}. The exact truth stands beside each trial.
 # Paths are relative to this file.
-study: simulated-reach-cohort
-out: runs
-defaults: {{space: 3d, protocol: reach}}
-subjects:  # score: an estimate of Brooke's score for such a limitation; the first person has none
+study: simulated-ur5
+reference:  # table 5.2's: m, kg, kg·m, kg·m²; `base` is the joint's distance from the plate's centre
 """
-_REACH_TRIAL = "  - {{trial: {}, subject: {}, session: {}, side: {}, recording: {}}}\n"
-_MOST = 0.8  # severity of the last person
-_SCORES = {1: 1, 2: 2, 3: 3, 4: 5}  # by severity / 0.2
-_SPREAD = 0.02  # half of the difference in severity between the arms
-
-
-@dataclass(frozen=True)
-class ReachCohort:
-    """A cohort of people, from healthy ones to severely limited ones; a value out of range raises ConfigError."""
-
-    subjects: int = option(5, "Number of people, with severities evenly spaced from 0 to 0.8.", (1, 99))
-    sessions: int = option(2, "Sessions of each person, with one trial of each arm.", (1, 9))
-    skeletons: bool = False  # skeletons of a depth camera instead of markers
-    # Common options. The seed is the cohort's; each trial has its own seed, subject, side and severity.
-    options: ArmOptions = field(default_factory=lambda: ArmOptions(seed=1))
-
-    def __post_init__(self) -> None:
-        check_options(self, "simulate reach-cohort")
-
-
-@dataclass(frozen=True)
-class ReachCohortTrial:
-    """One trial of a cohort."""
-
-    subject: str
-    session: str
-    score: int | None
-    options: ArmOptions
-
-    @property
-    def name(self) -> str:
-        """Name of the trial, such as ``s01-session1-left``."""
-        return f"{self.subject}-{self.session}-{self.options.side}"
-
-
-def reach_cohort_trials(cohort: ReachCohort) -> Iterator[ReachCohortTrial]:
-    """Yield every trial, person by person."""
-    seed = cohort.options.seed
-    for person in range(1, cohort.subjects + 1):
-        severity = _MOST * (person - 1) / max(cohort.subjects - 1, 1)
-        body, *others = derive_seeds(seed, person, 0, 0)
-        sign = 1 if others[0] % 2 else -1
-        for session in range(1, cohort.sessions + 1):
-            for k, side in enumerate(get_args(Side)):
-                own, markers, _ = derive_seeds(seed, person, session, 1 + k)
-                limited = float(np.clip(severity + _SPREAD * (sign if k else -sign), 0, 1))
-                options = replace(cohort.options, seed=own, subject=body, markers=markers, side=side, severity=limited)
-                score = _SCORES.get(round(severity / 0.2))
-                yield ReachCohortTrial(f"s{person:02d}", f"session{session}", score, options)
-
-
-def simulate_reach_cohort(folder: Path, cohort: ReachCohort) -> Path:
-    """Simulate a cohort, write it with its exact truth, and return the path of ``study.yaml``.
-
-    The folder must be new or empty. It receives ``<subject>/<session>/<side>.c3d`` (``.csv`` for skeletons),
-    ``truth/<trial>/truth.json`` and ``truth.npz``, and finally ``study.yaml``.
-
-    StoreError is raised if the folder is not empty, or cannot be written.
-    """
-    create_folder(folder)
-    people: dict[str, int | None] = {}
-    rows = ""
-    for trial in reach_cohort_trials(cohort):
-        people[trial.subject] = trial.score
-        file = f"{trial.subject}/{trial.session}/{trial.options.side}.{'csv' if cohort.skeletons else 'c3d'}"
-        recording = f"{{skeleton: {file}}}" if cohort.skeletons else file
-        rows += _REACH_TRIAL.format(trial.name, trial.subject, trial.session, trial.options.side, recording)
-        simulated = generate_arm(trial.options)
-        content = (
-            film_skeleton(simulated, trial.options).csv()
-            if cohort.skeletons
-            else points_bytes(simulated.labels, simulated.positions, simulated.rate)
-        )
-        truth = arm_document(trial.options, simulated)
-        write_study_trial(folder, trial.name, file, content, truth, spatial_arrays(simulated))
-    text = _REACH_STUDY.format(subjects=cohort.subjects, sessions=cohort.sessions, seed=cohort.options.seed)
-    for subject, score in people.items():
-        text += f"  {subject}: {{}}\n" if score is None else f"  {subject}: {{score: {score}}}\n"
-    replace_together(folder, {FILE: f"{text}trials:\n{rows}".encode()})
-    return folder / FILE
-
-
-def derive_seeds(*key: int) -> tuple[int, ...]:
-    """Return three seeds that follow from the numbers ``key``, such as the cohort's seed and the person's number."""
-    return tuple(int(each) for each in np.random.SeedSequence(key).generate_state(3))
-
-
-EFFECTS: Mapping[CurlCondition, float] = {"C": 0.0, "AC": 0.0, "2": -0.23, "3": 0.0, "4": 0.0, "5": 0.82}
-"""Relative change of the number of repetitions in each condition, compared with AC (thesis 8.3)."""
-_CAPACITY = (8.0, 14.0)  # curls of a person in AC
-_RESPONSE, _VARIATION = 0.06, 0.07  # standard deviations of the logarithms of the response and of the variation
-_MOVES: Mapping[CurlCondition, float] = {"C": 0.3, "AC": 0.3, "2": 0.6, "3": 0.3, "4": 0.3, "5": 0.3}
-_KEPT = ("t", "isb_shoulder", "isb_elbow", "tau_total", "tau_device", "tau_human")
-_CURL_STUDY = """\
-# {subjects} simulated people who curl in different conditions of a pneumatic device, {trials} trials of each.
-# Made by `mocap-id simulate curl-study` with seed {seed}. The exact truth of each trial is in truth/<trial>/.
-# Paths are relative to this file.
-study: simulated-curl-study
-out: runs
-reference: AC  # condition that the others are compared with
-defaults:
-  space: 3d
-  protocol: curl
-  curl: {curl}
-subjects:  # kg
-"""
-_CALIBRATION = """\
-trial: {subject}-calibration
-recording: {subject}.c3d
-space: 3d
-protocol: reach
-"""
-_CURL_TRIAL = (
-    "  - {{trial: {name}, subject: {subject}, recording: {subject}/{name}.c3d, "
-    "calibration: calibration/{subject}.yaml, curl: {curl}}}\n"
-)
-
-
-@dataclass(frozen=True)
-class CurlStudy:
-    """A study of curls; a value out of range or an unknown condition raises ConfigError."""
-
-    subjects: int = option(6, "Number of people.", (1, 99))
-    trials: int = option(3, "Trials of each person and condition.", (1, 9))
-    conditions: tuple[CurlCondition, ...] = get_args(CurlCondition)
-    # Common options. The seed is the study's; each trial has its own seed, repetitions and compensation.
-    options: ArmOptions = field(default_factory=lambda: ArmOptions(seed=1, movement="curl", rate=100.0, failed=1))
-
-    def __post_init__(self) -> None:
-        check_options(self, "simulate curl-study")
-        if not set(self.conditions) <= set(EFFECTS) or "AC" not in self.conditions:
-            expected = f"expected AC and, if needed, others of {', '.join(EFFECTS)}"
-            raise ConfigError(f"simulate curl-study: `conditions` is {', '.join(self.conditions)!r}; {expected}")
-
-
-@dataclass(frozen=True)
-class CurlStudyTrial:
-    """One trial of a study."""
-
-    subject: str
-    number: int
-    options: ArmOptions
-
-    @property
-    def name(self) -> str:
-        """Name of the trial, such as ``s01-AC-2``."""
-        return f"{self.subject}-{self.options.condition}-{self.number}"
-
-
-def curl_study_trials(study: CurlStudy) -> Iterator[CurlStudyTrial]:
-    """Yield every trial, person by person; a trial does not depend on the numbers of people and trials."""
-    for person in range(1, study.subjects + 1):
-        body, markers, *_ = derive_seeds(study.options.seed, person, 0, 0)
-        of_person = np.random.default_rng([study.options.seed, person])
-        capacity, moves = of_person.uniform(*_CAPACITY), np.exp(of_person.normal(0, 0.2))
-        response = dict(zip(EFFECTS, np.exp(of_person.normal(0, _RESPONSE, len(EFFECTS))), strict=True))
-        for condition in study.conditions:
-            for number in range(1, study.trials + 1):
-                own, *_ = derive_seeds(study.options.seed, person, 1 + list(EFFECTS).index(condition), number)
-                varied = np.exp(np.random.default_rng(own).normal(0, _VARIATION))
-                expected = capacity * (1 + EFFECTS[condition]) * response[condition] * varied
-                options = replace(
-                    study.options,
-                    seed=own,
-                    subject=body,
-                    markers=markers,
-                    condition=condition,
-                    repetitions=max(1, round(expected)),
-                    compensation=min(_MOVES[condition] * moves, 2.0),
-                )
-                yield CurlStudyTrial(f"s{person:02d}", number, options)
-
-
-def simulate_curl_study(folder: Path, study: CurlStudy) -> Path:
-    """Simulate a study of curls, write it with its exact truth, and return the path of ``study.yaml``.
-
-    The folder must be new or empty. It receives ``calibration/<subject>.c3d`` and ``.yaml``,
-    ``<subject>/<trial>.c3d``, ``truth/<trial>/truth.json`` and ``truth.npz``, ``device.yaml`` and finally
-    ``study.yaml``.
-
-    StoreError is raised if the folder is not empty, or cannot be written.
-    """
-    create_folder(folder)
-    people, rows = "", ""
-    known: set[str] = set()
-    for trial in curl_study_trials(study):
-        if trial.subject not in known:
-            known.add(trial.subject)
-            people += _person_yaml(trial)
-            _write_calibration(folder, trial)
-        rows += _CURL_TRIAL.format(
-            name=trial.name, subject=trial.subject, curl=_condition_yaml(trial.options.condition)
-        )
-        _write_trial(folder, trial)
-    loads = {name: body_keys(body) for name, body in carried_loads("AC").items()}
-    common = json.dumps({"metronome_hz": 0.5, "device": "device.yaml", "loads": loads})
-    counts = {"subjects": study.subjects, "trials": study.trials, "seed": study.options.seed}
-    text = _CURL_STUDY.format(curl=common, **counts) + people + "trials:\n" + rows
-    replace_together(folder, {"device.yaml": device_yaml(), FILE: text.encode()})
-    return folder / FILE
-
-
-def _person_yaml(trial: CurlStudyTrial) -> str:
-    seed = trial.options.subject or 0
-    person = draw_subject(seed, 1 + seed % 2)
-    return f"  {trial.subject}: {{mass: {person.mass:.2f}, sex: {person.sex}}}\n"
-
-
-def _condition_yaml(condition: CurlCondition) -> str:
-    keys: dict[str, object] = {"condition": condition}
-    if condition == "C":
-        keys["loads"] = {name: body_keys(body) for name, body in carried_loads(condition).items()}
-    return json.dumps(keys)
-
-
-def _write_calibration(folder: Path, trial: CurlStudyTrial) -> None:
-    options = replace(trial.options, movement="reach", cycles=1, severity=0.1, condition="C")
-    simulated = generate_arm(options)
-    text = _CALIBRATION.format(subject=trial.subject) + f"side: {options.side}\n"
-    recording = points_bytes(simulated.labels, simulated.positions, simulated.rate)
-    contents = {f"{trial.subject}.c3d": recording, f"{trial.subject}.yaml": text.encode()}
-    write_files(folder / "calibration", contents)
-
-
-def _write_trial(folder: Path, trial: CurlStudyTrial) -> None:
-    simulated = generate_arm(trial.options)
-    recording = points_bytes(simulated.labels, simulated.positions, simulated.rate)
-    values = spatial_arrays(simulated)
-    truth = arm_document(trial.options, simulated)
-    file = f"{trial.subject}/{trial.name}.c3d"
-    write_study_trial(folder, trial.name, file, recording, truth, {name: values[name] for name in _KEPT})
+    reference: dict[str, Mapping[str, float]] = {}
+    for joint in robot_set.joints:
+        known = REFERENCE[joint]
+        moving = {"mx1": 0.0, "mx2": 0.0, "my2": known.my, "Izz2": known.inertia}
+        reference[joint] = {"base": known.distance, "mass": TOTAL, **moving}
+    rows = [
+        {"file": f"{name}/trial.yaml", "joint": one.joint, "speed": one.speed, "orientation": f"{one.orientation:g}"}
+        for name, one in trials
+    ]
+    return _study_yaml(head, reference, rows)

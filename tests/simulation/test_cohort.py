@@ -16,7 +16,8 @@ from mocap_id.geometry import planar
 from mocap_id.recording import read
 from mocap_id.store import Folder
 from mocap_id_simulation import Cohort, Options, generate, simulate_cohort
-from mocap_id_simulation.bodies import draw_subject, draw_subject_skin_motion
+from mocap_id_simulation.bodies import draw_subject_skin_motion
+from mocap_id_simulation.options import draw_subject
 from mocap_id_simulation.studies import cohort_trials
 
 SHORT = Options(seed=5, repetitions=1, analog_rate=100)
