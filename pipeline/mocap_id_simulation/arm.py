@@ -116,6 +116,8 @@ def _normalise(vector: FloatArray) -> FloatArray:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
+# --- markers
+
 _LANDMARK_SLIDE = {"IJ": 1.0, "PX": 1.5, "C7": 1.5, "T8": 1.5, "AC": 4.0, "EL": 3.0, "EM": 4.0, "US": 1.0, "RS": 1.0}
 _LANDMARK_LOSS = {"EL": 0.05, "EM": 0.05, "US": 0.08, "RS": 0.03}
 _CHEST = ((30.0, -65.0, 60.0), (25.0, -65.0, -60.0), (45.0, -145.0, 50.0), (42.0, -142.0, -50.0))
@@ -176,6 +178,8 @@ def _draw_markers(rng: np.random.Generator, body: ArmBody, sizes: Difficulty, an
         on_glide=np.array([name == "AC" for name in names]),
     )
 
+
+# --- movements
 
 COORDINATES = ("plane", "elevation", "twist", "hinge", "pronation", "wrist_flexion", "wrist_deviation")
 STILL = 2.0  # s at the start
@@ -305,6 +309,8 @@ def _draw_curls(rng: np.random.Generator, options: ArmOptions) -> tuple[_Course,
     return course, protocol, now + 1.0
 
 
+# --- torques about the elbow in curls
+
 _SEGMENTS = {"forearm": FOREARM, "hand": HAND}
 _DUMBBELL = Body(mass=3.59, centre=(0.0, -0.075, 0.0), inertia=(0.009, 0.0014, 0.009))
 _BRACE = Body(mass=0.2, centre=(0.0, -0.11, 0.03), inertia=(0.0005, 0.0003, 0.0005), segment="forearm")
@@ -413,6 +419,8 @@ def device_torque(seed: int, condition: CurlCondition, angle: FloatArray, veloci
     spring = true.torque(angle, replace(setting, flexion=sealed[0], extension=sealed[1]))
     return np.asarray(spring + true.friction(velocity))
 
+
+# --- the trial
 
 MIRROR = np.array([1.0, -1.0, 1.0])
 """Factors that mirror laboratory positions of a right arm to a left arm."""

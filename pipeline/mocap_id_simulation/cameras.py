@@ -77,6 +77,8 @@ def measure_positions(rng: np.random.Generator, positions: FloatArray, noise: fl
     return np.where(visible[..., None], noisy, np.nan)
 
 
+# --- faults
+
 GHOST = "GHOST"
 """Beginning of the label of a trajectory that belongs to no marker."""
 

@@ -68,6 +68,8 @@ def film_markers(
     return measure_positions(rng, positions, sizes.marker_noise, find_visible(labels, bursts, frames)), bursts
 
 
+# --- chains of bodies
+
 _REST = 1.0  # s of rest at the start
 _AXES = {"S": 3, "T": 2, "H": 1}
 _LEAST_BETWEEN = np.radians(60.0)  # least angle between the axes of a two-axis joint

@@ -135,6 +135,8 @@ def _moment(arm: FloatArray, force: FloatArray) -> FloatArray:
     return arm[..., 0] * force[:, None, 1] - arm[..., 1] * force[:, None, 0]
 
 
+# --- a person of several bodies
+
 LINKS = {"foot": 1, "shank": 2, "thigh": 3, "pelvis": 5, "trunk": 6, "arms": 7, "weight": 7}
 """Link of the chain to which each body belongs; link 0 (ground) and link 4 (translation in the hip) are massless."""
 

@@ -111,6 +111,8 @@ class Swing:
         return motion_through(time, angle[:, None], self.duration)
 
 
+# --- rotations with exact angular velocity and acceleration, composed of rotations about given axes
+
 X, Y, Z = np.eye(3)
 
 

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal, TypeAlias, TypeVar, get_args
+from functools import cache
+from types import NoneType, UnionType
+from typing import Any, Literal, TypeAlias, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -22,24 +24,32 @@ Speed: TypeAlias = Literal["slow", "fast"]
 LARGEST = float("inf")
 
 
-def option(
-    default: Any, help_text: str, limits: tuple[float, float] | None = None, unit: str = "", *, choices: Any = ()
-) -> Any:
-    """Return a dataclass field with a help text, and with limits or choices that :func:`check_options` checks."""
-    metadata = {"help": help_text, "limits": limits, "unit": unit, "choices": tuple(choices)}
-    return field(default=default, metadata=metadata)
+def option(default: Any, help_text: str, limits: tuple[float, float] | None = None, unit: str = "") -> Any:
+    """Return a dataclass field with a help text, and with limits that :func:`check_options` checks."""
+    return field(default=default, metadata={"help": help_text, "limits": limits, "unit": unit})
 
 
 def check_options(options: Any, command: str) -> None:
-    """Raise ConfigError if an option is outside its limits or not among its choices."""
+    """Raise ConfigError if an option is outside its limits, or not among the values of its literal type."""
     for each in fields(options):
-        value, metadata = getattr(options, each.name), each.metadata
-        limits, choices = metadata.get("limits"), metadata.get("choices")
+        value, limits = getattr(options, each.name), each.metadata.get("limits")
         if limits is not None and value is not None and not limits[0] <= value <= limits[1]:
             upper = " or more" if limits[1] == LARGEST else f" … {limits[1]:g}"
-            _refuse(command, each.name, value, f"{limits[0]:g}{upper} {metadata['unit']}".rstrip())
-        if choices and value not in choices:
+            _refuse(command, each.name, value, f"{limits[0]:g}{upper} {each.metadata['unit']}".rstrip())
+        choices = _find_choices(type(options)).get(each.name)
+        if choices is not None and value not in choices:
             _refuse(command, each.name, value, "one of " + ", ".join(filter(None, choices)))
+
+
+@cache
+def _find_choices(model: type) -> Mapping[str, tuple[str | None, ...]]:
+    """Return the values of every option with a literal type, by its name; None if the option may be omitted."""
+    found: dict[str, tuple[str | None, ...]] = {}
+    for name, kind in get_type_hints(model).items():
+        parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+        for literal in (part for part in parts if get_origin(part) is Literal):
+            found[name] = (*get_args(literal), *((None,) if NoneType in parts else ()))
+    return found
 
 
 def _refuse(command: str, name: str, value: object, expected: str) -> None:
@@ -166,7 +176,7 @@ class Options:
 
     seed: int = option(0, "Seed of the body, its motion, the direction of the plane and every error.", (0, LARGEST))
     repetitions: int = option(5, "Number of sit-to-stands, or of the robot's swings.", (1, 50))
-    strategy: Strategy = option("normal", "How the person rises.", choices=get_args(Strategy))
+    strategy: Strategy = option("normal", "How the person rises.")
     rate: float = option(100.0, "Frame rate, Hz.", (20, 2000), "Hz")
     analog_rate: float = option(1000.0, "Analog sampling rate, Hz; a multiple of the frame rate.")
     marker_noise: float = option(0.0005, "Standard deviation of each marker coordinate, m.", (0, 0.05), "m")
@@ -178,9 +188,7 @@ class Options:
         (0, 10000),
     )
     plate_sense: Sense = option(
-        "reaction",
-        "Measured force: of the plate on the body (reaction) or of the body on the plate (action).",
-        choices=get_args(Sense),
+        "reaction", "Measured force: of the plate on the body (reaction) or of the body on the plate (action)."
     )
     plate_moved: bool = option(False, "Shift, lift and rotate the plate in the laboratory.")
     plate_origin_flipped: bool = option(False, "Write the plate's ORIGIN with the wrong sign.")
@@ -203,15 +211,12 @@ class Options:
     marker_set: MarkerSetName = option(
         "clusters",
         "Markers of the person: clusters on every segment and on the plate, Plug-in-Gait, or one at each joint.",
-        choices=get_args(MarkerSetName),
     )
     without: str = option("", "Markers to leave out, separated by commas, such as `KNE`, `LKNE` or `R*`.")
     knee_on_shank: bool = option(False, "Fix the knee marker of Plug-in-Gait to the shank instead of the thigh.")
     faults: FaultOptions = field(default_factory=FaultOptions)
-    joint: JointName | None = option(
-        None, "Moving joint of the thesis's UR5 robot; a random robot if omitted.", choices=(None, *get_args(JointName))
-    )
-    speed: Speed = option("fast", "Speed of that joint: 0.25 or 0.5 Hz.", choices=get_args(Speed))
+    joint: JointName | None = option(None, "Moving joint of the thesis's UR5 robot; a random robot if omitted.")
+    speed: Speed = option("fast", "Speed of that joint: 0.25 or 0.5 Hz.")
     orientation: float = option(0.0, "Yaw of the plane of that robot, degrees.", (-180, 180), "degrees")
     joint_sensor: bool = option(False, "Add a wrench sensor in the robot's joint (sensor.csv).")
     subject: SimulatedSubject | None = None
@@ -301,18 +306,16 @@ class ArmOptions:
     seed: int = option(0, "Seed of the person, the motion and every error.", (0, LARGEST))
     subject: int | None = option(None, "Seed of the person and the markers; by default the trial's seed.", (0, LARGEST))
     markers: int | None = option(None, "Seed of the markers and the skin; by default the person's seed.", (0, LARGEST))
-    preset: Preset = option("default", "Size of noise, soft tissue, palpation error and occlusions.", choices=PRESETS)
-    movement: Movement = option("reach", "Functional reaches, or curls on a bench.", choices=get_args(Movement))
-    side: Side = option("right", "Arm that carries the markers.", choices=get_args(Side))
+    preset: Preset = option("default", "Size of noise, soft tissue, palpation error and occlusions.")
+    movement: Movement = option("reach", "Functional reaches, or curls on a bench.")
+    side: Side = option("right", "Arm that carries the markers.")
     severity: float = option(0.3, "Limitation of the reaches: 0 healthy, 1 almost no reach.", (0, 1))
     cycles: int = option(2, "Number of rounds of all reaches.", (1, 20))
     repetitions: int = option(8, "Number of curls.", (1, 100))
     failed: int = option(0, "Number of failed curls at the end.", (0, 20))
     compensation: float = option(0.25, "Size of the compensating shoulder motion in tired curls.", (0, 2))
     condition: CurlCondition = option(
-        "C",
-        "Curls without the pneumatic device (C), with open chambers (AC), or in one of its modes.",
-        choices=get_args(CurlCondition),
+        "C", "Curls without the pneumatic device (C), with open chambers (AC), or in one of its modes."
     )
     calibration: str = option("", "YAML file of a calibration trial of the same person, relative to the new folder.")
     glide_mm: float = option(15.0, "Shift of the shoulder at 180° of elevation in reaches, mm.", (0, 40), "mm")
@@ -334,7 +337,7 @@ class ChainOptions:
     """
 
     seed: int = option(0, "Seed of the chain, the motion and every error.", (0, LARGEST))
-    preset: Preset = option("default", "Size of noise and occlusions.", choices=PRESETS)
+    preset: Preset = option("default", "Size of noise and occlusions.")
     kinds: str = option("SS", "Joints from the base outwards: S ball, H hinge, T two-axis.")
     arc_deg: float = option(
         40.0, "Largest change of every joint coordinate from the start, degrees.", (0, 120), "degrees"

@@ -1,4 +1,9 @@
-"""Timing of a simulated sit-to-stand: strategies, repetitions, failed attempts and the load of the chair."""
+"""A person rising from a chair and sitting down: the timing, and the motion with a prescribed centre of pressure.
+
+Shank and thigh follow the schedule. The trunk's lean is then computed for the whole trial at once, so that the moments
+of all forces balance about the combined point of application of ground and chair. That point is under the feet and
+moves towards the chair in proportion to the chair's load. The forward lean before the rise follows from this balance.
+"""
 
 from __future__ import annotations
 
@@ -170,6 +175,8 @@ def _draw_schedule(rng: np.random.Generator, options: Options) -> Schedule:
     stop = Hold(repetitions - 1, hold) if hold > 0 else None
     return Schedule(tuple(completed), now + 0.5 + options.rest_after, tuple(failed), stop)
 
+
+# --- the motion, with a prescribed centre of pressure
 
 SEATED_THIGH = -np.pi / 2  # horizontal, pointing backwards
 STANDING_KNEE = np.radians(4.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 
@@ -47,9 +47,7 @@ class SpaceRobotOptions:
     """
 
     seed: int = option(0, "Seed of robot and movement; a payload does not change them.")
-    preset: ErrorPreset = option(
-        "default", "clean: exact instruments; default: small errors.", choices=get_args(ErrorPreset)
-    )
+    preset: ErrorPreset = option("default", "clean: exact instruments; default: small errors.")
     joints: int = option(2, "Number of hinges, 1 to 6.", (1, 6))
     payload: float = option(0.0, "Mass at the end of the last segment, kg.", (0, 100), "kg")
     duration: float = option(30.0, "Duration, s.", (5, 600), "s")
