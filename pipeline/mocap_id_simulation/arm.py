@@ -39,7 +39,6 @@ from mocap_id_simulation.motion import (
 from mocap_id_simulation.options import (
     PRESETS,
     ArmOptions,
-    CurlCondition,
     Difficulty,
     Movement,
     Preset,
@@ -344,30 +343,6 @@ def body_keys(body: Body) -> dict[str, Any]:
     return {"mass": round(body.mass, 5), **rounded, "segment": body.segment}
 
 
-def curl_torques(options: ArmOptions, trial: SimulatedSpaceTrial) -> Mapping[str, FloatArray]:
-    """Return the torques (F,) about the elbow's hinge by name, positive in flexion, N·m: total, device and human."""
-    body: ArmBody = trial.document["body"]
-    elbow = trial.origins[:, FOREARM]
-    step = 1 / trial.rate
-
-    def rate(values: FloatArray) -> FloatArray:
-        return np.asarray(np.gradient(values, step, axis=0, edge_order=2))
-
-    moment = np.zeros((len(trial.time), 3))
-    for one in (*arm_bodies(body).values(), *carried_loads(options.condition).values()):
-        k = _SEGMENTS[one.segment]
-        rotation = trial.rotations[:, k]
-        centre = trial.origins[:, k] + rotation @ np.array(one.centre)
-        about = rotation @ np.diag(one.inertia) @ rotation.transpose(0, 2, 1)
-        spin = (about @ trial.omega[:, k, :, None])[..., 0]
-        force = one.mass * (rate(rate(centre)) + GRAVITY * Z)
-        moment += np.cross(centre - elbow, force) + rate(spin)
-    total = np.einsum("ti,ti->t", trial.rotations[:, UPPER_ARM] @ body.elbow_axis, moment)
-    flexion, velocity = trial.angles["elbow_flexion"], trial.rates["elbow_flexion"]
-    device = device_torque(person_seed(options), options.condition, flexion, velocity)
-    return {"tau_total": total, "tau_device": device, "tau_human": total - device}
-
-
 _HIGH, _ATMOSPHERE = 446_063.0, 101_325.0  # Pa, absolute: 50 psi above the atmosphere, and the atmosphere
 DEVICE = DeviceFile(
     device="simulated-elbow",
@@ -400,24 +375,44 @@ def device_yaml() -> bytes:
     return "".join(f"{name}: {json.dumps(value)}\n" for name, value in keys.items()).encode()
 
 
-def device_torque(seed: int, condition: CurlCondition, angle: FloatArray, velocity: FloatArray) -> FloatArray:
-    """Return the torque (T,) of the device on the elbow, N·m, for flexion ``angle``, rad, and ``velocity``, rad/s.
+def curl_torques(options: ArmOptions, trial: SimulatedSpaceTrial) -> Mapping[str, FloatArray]:
+    """Return the torques (F,) about the elbow's hinge by name, positive in flexion, N·m: total, device and human.
 
-    The true cylinder differs from the description by random errors with the standard deviations of the description. The
-    same seed gives the same cylinder.
+    The true device differs from its description by random errors with the standard deviations of the description. The
+    same person has the same device in all trials.
     """
-    state = DEVICE.conditions[condition]
-    if not state.worn:
-        return np.zeros(len(angle))
-    rng = np.random.default_rng([seed, 30])
-    cylinder, setting = DEVICE.cylinder(), state.setting()
-    errors = {name: float(rng.normal(0, sd)) for name, sd in DEVICE.deviations().items()}
-    gauge = errors.pop("gauge")
-    true = replace(cylinder, **{name: max(getattr(cylinder, name) + error, 0.0) for name, error in errors.items()})
-    true = replace(true, exponent=float(np.clip(true.exponent, 1.0, 1.4)))
-    sealed = [None if pressure is None else pressure + gauge for pressure in (setting.flexion, setting.extension)]
-    spring = true.torque(angle, replace(setting, flexion=sealed[0], extension=sealed[1]))
-    return np.asarray(spring + true.friction(velocity))
+    body: ArmBody = trial.document["body"]
+    elbow = trial.origins[:, FOREARM]
+    step = 1 / trial.rate
+
+    def rate(values: FloatArray) -> FloatArray:
+        return np.asarray(np.gradient(values, step, axis=0, edge_order=2))
+
+    moment = np.zeros((len(trial.time), 3))
+    for one in (*arm_bodies(body).values(), *carried_loads(options.condition).values()):
+        k = _SEGMENTS[one.segment]
+        rotation = trial.rotations[:, k]
+        centre = trial.origins[:, k] + rotation @ np.array(one.centre)
+        about = rotation @ np.diag(one.inertia) @ rotation.transpose(0, 2, 1)
+        spin = (about @ trial.omega[:, k, :, None])[..., 0]
+        force = one.mass * (rate(rate(centre)) + GRAVITY * Z)
+        moment += np.cross(centre - elbow, force) + rate(spin)
+    total = np.einsum("ti,ti->t", trial.rotations[:, UPPER_ARM] @ body.elbow_axis, moment)
+    flexion, velocity = trial.angles["elbow_flexion"], trial.rates["elbow_flexion"]
+    state, device = DEVICE.conditions[options.condition], np.zeros(len(trial.time))
+    if state.worn:
+        rng = np.random.default_rng([person_seed(options), 30])
+        cylinder, setting = DEVICE.cylinder(), state.setting()
+        errors = {name: float(rng.normal(0, sd)) for name, sd in DEVICE.deviations().items()}
+        gauge = errors.pop("gauge")
+        true = replace(cylinder, **{name: max(getattr(cylinder, name) + error, 0.0) for name, error in errors.items()})
+        true = replace(true, exponent=float(np.clip(true.exponent, 1.0, 1.4)))
+        flexed, extended = (
+            None if pressure is None else pressure + gauge for pressure in (setting.flexion, setting.extension)
+        )
+        spring = true.torque(flexion, replace(setting, flexion=flexed, extension=extended))
+        device = np.asarray(spring + true.friction(velocity))
+    return {"tau_total": total, "tau_device": device, "tau_human": total - device}
 
 
 # --- the trial

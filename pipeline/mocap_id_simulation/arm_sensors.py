@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -197,11 +197,7 @@ def simulate_sensors(trial: SimulatedSpaceTrial, options: ArmOptions) -> dict[st
         points = trial.origins[:, s] + np.einsum("fij,j->fi", rotations, position)
         truth = {"position_in_segment_m": position.tolist(), "twist_loss": share}
         sensors[name] = measure_motion(rng, trial.time, rotations, points, error_factor=factor, truth=truth)
-    if options.side == "left":
-        return {name: _mirror(sensor) for name, sensor in sensors.items()}
-    return sensors
-
-
-def _mirror(sensor: SimulatedSensor) -> SimulatedSensor:
-    """Return the measurement of the mirrored sensor on a left arm."""
-    return SimulatedSensor(sensor.time, sensor.gyro * [-1.0, -1.0, 1.0], sensor.acc * [1.0, 1.0, -1.0], sensor.truth)
+    if options.side == "right":
+        return sensors
+    turn, pull = np.array([-1.0, -1.0, 1.0]), np.array([1.0, 1.0, -1.0])  # the mirrored sensor on a left arm
+    return {name: replace(each, gyro=each.gyro * turn, acc=each.acc * pull) for name, each in sensors.items()}

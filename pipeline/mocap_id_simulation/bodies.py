@@ -124,7 +124,13 @@ def draw_person(
     Each fraction of :data:`WINTER` varies by up to 10 %, and the mass fractions still sum to one. Height and mass are
     those of ``subject``, if given. The generator ``feet``, if given, draws the position of the feet in this trial.
     """
-    used = {name: value * rng.uniform(0.9, 1.1) for name, value in WINTER.items()} | _draw_mass_shares(rng)
+    used = {name: value * rng.uniform(0.9, 1.1) for name, value in WINTER.items()}
+    names = [name for name in WINTER if name.startswith("m_")]
+    share = np.array([WINTER[name] for name in names])
+    off = rng.uniform(-0.1, 0.1, len(names))
+    off -= share @ off  # keep the sum of the masses
+    off *= min(1.0, 0.1 / np.abs(off).max())
+    used |= dict(zip(names, (share * (1 + off)).tolist(), strict=True))
     height, mass = rng.uniform(1.55, 1.9), rng.uniform(52.0, 92.0)
     ankle_x = rng.uniform(*ANKLE)
     if subject is not None:
@@ -154,16 +160,6 @@ def draw_person(
     }
     scored = {"shank": length["shank"], "thigh": length["thigh"]}
     return SimulatedBody(tuple(links), (toe, heel), scored, {"subject": description})
-
-
-def _draw_mass_shares(rng: np.random.Generator) -> dict[str, float]:
-    """Return each segment's fraction of the body's mass, by its key in :data:`WINTER`."""
-    names = [name for name in WINTER if name.startswith("m_")]
-    share = np.array([WINTER[name] for name in names])
-    off = rng.uniform(-0.1, 0.1, len(names))
-    off -= share @ off  # keep the sum of the masses
-    off *= min(1.0, 0.1 / np.abs(off).max())
-    return dict(zip(names, (share * (1 + off)).tolist(), strict=True))
 
 
 def draw_robot(rng: np.random.Generator) -> SimulatedBody:

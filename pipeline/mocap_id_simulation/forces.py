@@ -228,6 +228,14 @@ class DividedBody:
         """(B, 2) origin of each part's frame in its link's frame, m; zero except for the weight."""
         return np.array([part.centre if part.name == "weight" else (0.0, 0.0) for part in self.parts])
 
+    @property
+    def in_segment(self) -> FloatArray:
+        """(B, 2) origin of each part's frame in its segment of the pinned chain, without joint displacements, m."""
+        origins = np.zeros((len(self.parts), 2))
+        for i in range(TORSO + 1, len(self.parts)):
+            origins[i] = origins[i - 1] + self.parts[i].centre
+        return origins
+
     def part_of(self, markers: MarkerSet) -> IntArray:
         """Return the index (M,) of the part that carries each marker; -1 for the plate."""
         names = self.names
@@ -241,11 +249,7 @@ class DividedBody:
     def local(self, markers: MarkerSet) -> FloatArray:
         """Return the markers' positions (M, 3) in the frames of their parts, m; in the plane frame for the plate."""
         part, local = self.part_of(markers), markers.local.copy()
-        # origin of each part's frame in its segment of the pinned chain, without joint displacements
-        origins = np.zeros((len(self.parts), 2))
-        for i in range(TORSO + 1, len(self.parts)):
-            origins[i] = origins[i - 1] + self.parts[i].centre
-        local[:, :2] -= np.where(part[:, None] >= 0, origins[part], 0.0)
+        local[:, :2] -= np.where(part[:, None] >= 0, self.in_segment[part], 0.0)
         return local
 
 

@@ -264,8 +264,8 @@ def _describe_protocol(options: Options, schedule: Schedule, seated_deg: Sequenc
     }
     if schedule.attempts:
         truth["attempts"] = [vars(each) for each in schedule.attempts]
-    if schedule.hold is not None:
-        truth["hold"] = vars(schedule.hold)
+    if schedule.hold > 0:
+        truth["hold"] = {"repetition": len(repetitions) - 1, "length": schedule.hold}
     if options.rail > 0:
         truth["rail_share"] = options.rail
     return truth

@@ -90,21 +90,13 @@ class FailedRise:
 
 
 @dataclass(frozen=True)
-class Hold:
-    """A pause half-way through a rise."""
-
-    repetition: int  # counted from 0
-    length: float  # duration, s
-
-
-@dataclass(frozen=True)
 class Schedule:
-    """Repetitions of a trial and its duration, s, with failed attempts and at most one pause."""
+    """Repetitions of a trial and its duration, s, with failed attempts and a pause half-way through the last rise."""
 
     repetitions: tuple[SitToStand, ...]
     duration: float
     attempts: tuple[FailedRise, ...] = ()
-    hold: Hold | None = None
+    hold: float = 0.0  # duration of the pause, s; 0 without it
 
     def height_at(self, time: FloatArray, late: float = 0.0, early: float = 0.0) -> FloatArray:
         """Return the relative height of the hips at times (T,): 0 seated, 1 standing.
@@ -118,8 +110,8 @@ class Schedule:
         for k, each in enumerate(self.repetitions):
             begin, finish = each.legs_start + late, each.legs_end - early
             up = smoothstep((time - begin) / (each.rise_end - begin))
-            if self.hold is not None and self.hold.repetition == k:
-                half = 0.5 * (each.rise_end - begin - self.hold.length)
+            if self.hold > 0 and k == len(self.repetitions) - 1:
+                half = 0.5 * (each.rise_end - begin - self.hold)
                 up = 0.5 * (smoothstep((time - begin) / half) + smoothstep((time - each.rise_end + half) / half))
             level += up - smoothstep((time - each.sit_start) / (finish - each.sit_start))
         return level
@@ -172,8 +164,7 @@ def _draw_schedule(rng: np.random.Generator, options: Options) -> Schedule:
         sit_end = seat_on + load + vary(0.7)
         completed.append(SitToStand(now, seat_off, rise_end, unload, sit_start, seat_on, sit_end, load))
         now = sit_end + float(rng.uniform(0.8, 1.2))
-    stop = Hold(repetitions - 1, hold) if hold > 0 else None
-    return Schedule(tuple(completed), now + 0.5 + options.rest_after, tuple(failed), stop)
+    return Schedule(tuple(completed), now + 0.5 + options.rest_after, tuple(failed), hold)
 
 
 # --- the motion, with a prescribed centre of pressure

@@ -55,7 +55,7 @@ def test_what_is_added_leaves_the_rest_alone(cohort, tmp_path):
 
 def test_another_seed_gives_other_persons(tmp_path):
     one, other = (next(cohort_trials(Cohort(options=replace(SHORT, seed=seed)))) for seed in (5, 6))
-    assert one.subject.height != other.subject.height
+    assert one.person["height"] != other.person["height"]
     assert one.options.seed != other.options.seed
 
 

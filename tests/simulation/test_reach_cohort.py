@@ -45,7 +45,7 @@ def test_a_person_keeps_the_body_and_gets_new_markers() -> None:
 
 def test_trials_do_not_depend_on_the_number_of_sessions() -> None:
     one, two = (list(reach_cohort_trials(ReachCohort(3, n, options=SHORT))) for n in (1, 2))
-    assert [trial.options for trial in one] == [trial.options for trial in two if trial.session == "session1"]
+    assert [trial.options for trial in one] == [trial.options for trial in two if trial.keys["session"] == "session1"]
 
 
 def test_markers_of_their_own_seed_leave_the_motion() -> None:
