@@ -178,7 +178,7 @@ def simulate_sensors(trial: SimulatedSpaceTrial, options: ArmOptions) -> dict[st
 
     Examples
     --------
-    >>> from mocap_id.simulation.arm.arm import generate_arm
+    >>> from mocap_id_simulation.arm import generate_arm
     >>> options = ArmOptions(seed=1, preset="clean", cycles=1)
     >>> sorted(simulate_sensors(generate_arm(options), options))
     ['forearm', 'hand', 'thorax', 'upper_arm']

@@ -31,12 +31,13 @@ def option(default: Any, help_text: str, limits: tuple[float, float] | None = No
 
 def check_options(options: Any, command: str) -> None:
     """Raise ConfigError if an option is outside its limits, or not among the values of its literal type."""
+    model: Any = type(options)
     for each in fields(options):
         value, limits = getattr(options, each.name), each.metadata.get("limits")
         if limits is not None and value is not None and not limits[0] <= value <= limits[1]:
             upper = " or more" if limits[1] == LARGEST else f" … {limits[1]:g}"
             _refuse(command, each.name, value, f"{limits[0]:g}{upper} {each.metadata['unit']}".rstrip())
-        choices = _find_choices(type(options)).get(each.name)
+        choices = _find_choices(model).get(each.name)
         if choices is not None and value not in choices:
             _refuse(command, each.name, value, "one of " + ", ".join(filter(None, choices)))
 

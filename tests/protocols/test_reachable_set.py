@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import mocap_id.simulation.arm.reach_volume as truth
 import numpy as np
 import pytest
 
+import mocap_id_simulation.arm_files as truth
 from mocap_id.geometry import so3
 from mocap_id.protocols.reach.reachable_set import (
     Grid,
