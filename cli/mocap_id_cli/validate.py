@@ -13,7 +13,7 @@ import typer
 from mocap_id_cli import progress
 from mocap_id_cli.console import AsJson, Jobs, Quiet, Verbose, log_to_stderr, make_group, print_result, shorten
 from mocap_id_simulation import RobotSet
-from mocap_id_simulation.studies import reuse_robot_set
+from mocap_id_simulation.robot_set import reuse_robot_set
 
 if TYPE_CHECKING:
     from mocap_id.workflows.robot_study import RobotStudyResult

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from mocap_id.anatomy.skin_motion import draw_skin_motion
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry import spatial_inertia
-from mocap_id.kinematics.skin_motion import draw_skin_motion
 from mocap_id_simulation.options import JointName, MarkerSetName, SimulatedSubject, Speed
 
 GRAVITY = 9.81  # m/s²

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from mocap_id.anatomy.skin_motion import draw_skin_motion
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry import so3
-from mocap_id.kinematics.skin_motion import draw_skin_motion
 from mocap_id_simulation.cameras import MarkerEpisode, draw_occlusions, find_visible, measure_positions
 from mocap_id_simulation.motion import (
     STEP,

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from mocap_id.anatomy.skin_motion import WANDER, draw_slide, draw_wander, mid_range
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.geometry import so3
-from mocap_id.kinematics.skin_motion import WANDER, draw_slide, draw_wander, mid_range
 from mocap_id.recording.imu_log import ImuLog, format_imu_csv
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id_simulation.bodies import GRAVITY, MIDDLE

@@ -1,7 +1,7 @@
-"""Simulated studies on disk: recordings of several people or of a robot, with their truth, and a study ready to run.
+"""Simulated studies on disk: recordings of several people with their truth, and a study that is ready to run.
 
 A person has the same body in all trials. The seed of each trial follows from the study's seed, so that additional
-people, conditions or repeats leave the other trials unchanged. The four studies:
+people, conditions or trials leave the other trials unchanged. The three studies:
 
 - a cohort that stands up and sits down: markers and skin of a person are the same in all trials; motion, foot position,
   direction in the laboratory, drift of the skin, occlusions and noise differ;
@@ -9,9 +9,7 @@ people, conditions or repeats leave the other trials unchanged. The four studies
   each arm, so that palpation errors differ;
 - people who curl with a pneumatic device: the number of curls until an attempt fails is the capacity of the person,
   times the effect of the condition, the response of the person to it, and a variation between trials; compensation
-  increases with fatigue;
-- the thesis's robot study: three joints, two speeds, two orientations, several repeats. The thesis did not move the
-  shoulder fast, because the robot might have tipped over; the simulation does.
+  increases with fatigue.
 """
 
 from __future__ import annotations
@@ -24,20 +22,18 @@ from typing import Any, Generic, TypeVar, get_args
 
 import numpy as np
 
-from mocap_id.errors import ConfigError, StoreError
-from mocap_id.store.atomic import converting_errors, replace_together, write_files
+from mocap_id.errors import ConfigError
+from mocap_id.store.atomic import replace_together, write_files
 from mocap_id_simulation.arm import body_keys, carried_loads, device_yaml, generate_arm
 from mocap_id_simulation.arm_files import arm_document, spatial_arrays
 from mocap_id_simulation.arm_sensors import film_skeleton
-from mocap_id_simulation.bodies import REFERENCE, TOTAL, draw_person
+from mocap_id_simulation.bodies import draw_person
 from mocap_id_simulation.chains import SimulatedSpaceTrial
 from mocap_id_simulation.options import (
     ArmOptions,
     CurlCondition,
-    JointName,
     Options,
     Side,
-    Speed,
     Strategy,
     check_options,
     draw_subject,
@@ -46,16 +42,18 @@ from mocap_id_simulation.options import (
 from mocap_id_simulation.scene import generate, random_streams
 from mocap_id_simulation.trial_files import (
     c3d_bytes,
+    create_folder,
+    derive_seeds,
     flow_mapping,
     json_bytes,
     npz_bytes,
     plane_arrays,
     plane_document,
     points_bytes,
-    simulate,
+    study_yaml,
 )
 
-FILE, ROBOT_FILE = "study.yaml", "robot-study.yaml"
+FILE = "study.yaml"
 _STRATEGIES: tuple[Strategy, ...] = get_args(Strategy)
 _Options = TypeVar("_Options", Options, ArmOptions)
 _Measured = tuple[bytes, Mapping[str, Any], Mapping[str, np.ndarray[Any, Any]]]
@@ -85,27 +83,8 @@ def _write_people(
         write_files(folder, contents)
         people[trial.subject] = trial.person
         rows.append({"trial": trial.name, "subject": trial.subject, **trial.keys})
-    replace_together(folder, {FILE: _study_yaml(head, people, rows).encode()})
+    replace_together(folder, {FILE: study_yaml(head, people, rows).encode()})
     return folder / FILE
-
-
-def _study_yaml(head: str, entries: Mapping[str, Mapping[str, object]], trials: Iterable[Mapping[str, object]]) -> str:
-    """Return the text of a study: its ``head``, which ends with a key, the entries of that key, and the trials."""
-    text = head + "".join(f"  {name}: {flow_mapping(keys)}\n" for name, keys in entries.items())
-    return text + "trials:\n" + "".join(f"  - {flow_mapping(keys)}\n" for keys in trials)
-
-
-def _create_folder(folder: Path) -> None:
-    """Create a folder; raise StoreError if it exists and is not empty."""
-    with converting_errors(folder):
-        if folder.exists() and any(folder.iterdir()):
-            raise StoreError(f"{folder} is not empty: choose a new folder")
-        folder.mkdir(parents=True, exist_ok=True)
-
-
-def _derive_seeds(*key: int) -> tuple[int, ...]:
-    """Return three seeds that follow from the numbers ``key``, such as the study's seed and the person's number."""
-    return tuple(int(each) for each in np.random.SeedSequence(key).generate_state(3))
 
 
 # --- people who stand up and sit down
@@ -143,7 +122,7 @@ def cohort_trials(cohort: Cohort) -> Iterator[PlannedTrial[Options]]:
         }
         for strategy in cohort.strategies:
             for trial in range(1, cohort.trials + 1):
-                seed, *_ = _derive_seeds(cohort.options.seed, number, 1 + _STRATEGIES.index(strategy), trial)
+                seed, *_ = derive_seeds(cohort.options.seed, number, 1 + _STRATEGIES.index(strategy), trial)
                 options = replace(cohort.options, seed=seed, strategy=strategy, subject=subject)
                 file = f"{subject.name}/{strategy}-{trial}.c3d"
                 keys = {"strategy": strategy, "recording": file}
@@ -163,7 +142,7 @@ def simulate_cohort(folder: Path, cohort: Cohort) -> Path:
     NumericalError
         No lean of the trunk balances one of the bodies.
     """
-    _create_folder(folder)
+    create_folder(folder)
     options = cohort.options
     count = cohort.subjects * len(cohort.strategies) * cohort.trials
     chair = "the chair stands on no plate"
@@ -218,11 +197,11 @@ def reach_cohort_trials(cohort: ReachCohort) -> Iterator[PlannedTrial[ArmOptions
         severity = _MOST * (number - 1) / max(cohort.subjects - 1, 1)
         score = _SCORES.get(round(severity / 0.2))
         person = {} if score is None else {"score": score}
-        body, odd, _ = _derive_seeds(seed, number, 0, 0)
+        body, odd, _ = derive_seeds(seed, number, 0, 0)
         sign = 1 if odd % 2 else -1
         for session in range(1, cohort.sessions + 1):
             for k, side in enumerate(get_args(Side)):
-                own, markers, _ = _derive_seeds(seed, number, session, 1 + k)
+                own, markers, _ = derive_seeds(seed, number, session, 1 + k)
                 limited = float(np.clip(severity + _SPREAD * (sign if k else -sign), 0, 1))
                 options = replace(cohort.options, seed=own, subject=body, markers=markers, side=side, severity=limited)
                 subject, name = f"s{number:02d}", f"session{session}"
@@ -240,7 +219,7 @@ def simulate_reach_cohort(folder: Path, cohort: ReachCohort) -> Path:
 
     StoreError is raised if the folder is not empty, or cannot be written.
     """
-    _create_folder(folder)
+    create_folder(folder)
     people, seed = cohort.subjects, cohort.options.seed
     head = f"""\
 # {people} simulated people, each more limited than the one before; reaches of both arms in {cohort.sessions} sessions.
@@ -295,7 +274,7 @@ def curl_study_trials(study: CurlStudy) -> Iterator[PlannedTrial[ArmOptions]]:
     """Yield every trial, person by person; a trial does not depend on the numbers of people and trials."""
     for number in range(1, study.subjects + 1):
         subject = f"s{number:02d}"
-        body, markers, _ = _derive_seeds(study.options.seed, number, 0, 0)
+        body, markers, _ = derive_seeds(study.options.seed, number, 0, 0)
         drawn = draw_subject(body, 1 + body % 2)
         person = {"mass": f"{drawn.mass:.2f}", "sex": drawn.sex}
         of_person = np.random.default_rng([study.options.seed, number])
@@ -306,7 +285,7 @@ def curl_study_trials(study: CurlStudy) -> Iterator[PlannedTrial[ArmOptions]]:
             if condition == "C":
                 curl["loads"] = _loads(condition)
             for trial in range(1, study.trials + 1):
-                own, *_ = _derive_seeds(study.options.seed, number, 1 + list(EFFECTS).index(condition), trial)
+                own, *_ = derive_seeds(study.options.seed, number, 1 + list(EFFECTS).index(condition), trial)
                 varied = np.exp(np.random.default_rng(own).normal(0, _VARIATION))
                 expected = capacity * (1 + EFFECTS[condition]) * response[condition] * varied
                 options = replace(
@@ -339,7 +318,7 @@ def simulate_curl_study(folder: Path, study: CurlStudy) -> Path:
 
     StoreError is raised if the folder is not empty, or cannot be written.
     """
-    _create_folder(folder)
+    create_folder(folder)
     common = json.dumps({"metronome_hz": 0.5, "device": "device.yaml", "loads": _loads("AC")})
     people, seed = study.subjects, study.options.seed
     head = f"""\
@@ -374,87 +353,3 @@ subjects:  # kg
         return _markers(simulated), arm_document(options, simulated), {name: values[name] for name in _KEPT}
 
     return _write_people(folder, head, trials, measure)
-
-
-# --- the thesis's robot
-
-ORIENTATIONS = (0.0, 45.0)  # degrees
-
-
-@dataclass(frozen=True)
-class RobotSet:
-    """A set of simulated robot trials; a value out of range raises ConfigError."""
-
-    repeats: int = option(3, "Trials of each joint, speed and orientation.", (1, 99))
-    joints: tuple[JointName, ...] = get_args(JointName)
-    speeds: tuple[Speed, ...] = get_args(Speed)
-    orientations: tuple[float, ...] = ORIENTATIONS  # degrees
-    # Common options. The seed is the set's; each trial has its own seed, joint, speed and orientation.
-    options: Options = field(default_factory=lambda: Options(seed=1, rate=480.0, analog_rate=2400.0))
-
-    def __post_init__(self) -> None:
-        check_options(self, "simulate robot-set")
-        if not (self.joints and self.speeds and self.orientations):
-            raise ConfigError("simulate robot-set: `joints`, `speeds` or `orientations` is empty; expected one or more")
-
-
-def robot_set_trials(robot_set: RobotSet) -> Iterator[tuple[str, Options]]:
-    """Yield the name and options of every trial."""
-    for joint in robot_set.joints:
-        for speed in robot_set.speeds:
-            for orientation in robot_set.orientations:
-                for repeat in range(1, robot_set.repeats + 1):
-                    indices = (get_args(JointName).index(joint), get_args(Speed).index(speed), round(orientation) % 360)
-                    seed, *_ = _derive_seeds(robot_set.options.seed, *indices, repeat)
-                    options = replace(robot_set.options, seed=seed, joint=joint, speed=speed, orientation=orientation)
-                    yield f"{joint}-{speed}-{orientation:g}-{repeat}", options
-
-
-def simulate_robot_set(folder: Path, robot_set: RobotSet) -> Path:
-    """Simulate the trials of a set, and return the path of ``robot-study.yaml``, which is written last.
-
-    Every trial has a folder with its exact truth. StoreError is raised if the folder is not empty or cannot be written.
-    """
-    _create_folder(folder)
-    for name, options in robot_set_trials(robot_set):
-        simulate("robot", folder / name, options)
-    replace_together(folder, {ROBOT_FILE: robot_set_yaml(robot_set).encode()})
-    return folder / ROBOT_FILE
-
-
-def reuse_robot_set(folder: Path, robot_set: RobotSet) -> Path:
-    """Return the file of the simulated set in a folder; simulate the set if it is missing.
-
-    ConfigError is raised if the folder contains a set with different options.
-    """
-    if not (folder / ROBOT_FILE).exists():
-        return simulate_robot_set(folder, robot_set)
-    if (folder / ROBOT_FILE).read_text("utf-8") != robot_set_yaml(robot_set):
-        raise ConfigError(
-            f"{folder} contains a set with a different seed or number of trials: give the same options as for that "
-            "set, or choose a different `--out`"
-        )
-    return folder / ROBOT_FILE
-
-
-def robot_set_yaml(robot_set: RobotSet) -> str:
-    """Return the text of the set's ``robot-study.yaml``."""
-    trials = list(robot_set_trials(robot_set))
-    count, swings = len(trials), robot_set.options.repetitions
-    head = f"""\
-# {count} simulated trials of the thesis's robot, {swings} swings of one joint each (`mocap-id validate robot`).
-# Made by `mocap-id simulate robot-set` with seed {robot_set.options.seed}. The exact truth stands beside each trial.
-# Paths are relative to this file.
-study: simulated-ur5
-reference:  # table 5.2's: m, kg, kg·m, kg·m²; `base` is the joint's distance from the plate's centre
-"""
-    reference: dict[str, Mapping[str, float]] = {}
-    for joint in robot_set.joints:
-        known = REFERENCE[joint]
-        moving = {"mx1": 0.0, "mx2": 0.0, "my2": known.my, "Izz2": known.inertia}
-        reference[joint] = {"base": known.distance, "mass": TOTAL, **moving}
-    rows = [
-        {"file": f"{name}/trial.yaml", "joint": one.joint, "speed": one.speed, "orientation": f"{one.orientation:g}"}
-        for name, one in trials
-    ]
-    return _study_yaml(head, reference, rows)

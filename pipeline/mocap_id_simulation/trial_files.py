@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, get_args
@@ -16,7 +16,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.recording.writer import write_c3d
-from mocap_id.store.atomic import write_files
+from mocap_id.store.atomic import converting_errors, write_files
 from mocap_id_simulation.bodies import GRAVITY
 from mocap_id_simulation.forces import BodiesState, DividedBody
 from mocap_id_simulation.instruments import (
@@ -110,6 +110,14 @@ def trial_contents(
     }
 
 
+def create_folder(folder: Path) -> None:
+    """Create a folder; raise StoreError if it exists and is not empty."""
+    with converting_errors(folder):
+        if folder.exists() and any(folder.iterdir()):
+            raise StoreError(f"{folder} is not empty: choose a new folder")
+        folder.mkdir(parents=True, exist_ok=True)
+
+
 def c3d_bytes(options: Options, trial: SimulatedTrial) -> bytes:
     """Return the content of the C3D file of a trial."""
     factor = 1 + options.faults.rate_error
@@ -141,6 +149,11 @@ def npz_bytes(values: Mapping[str, np.ndarray[Any, Any]]) -> bytes:
     return stream.getvalue()
 
 
+def derive_seeds(*key: int) -> tuple[int, ...]:
+    """Return three seeds that follow from the numbers ``key``, such as the study's seed and the person's number."""
+    return tuple(int(each) for each in np.random.SeedSequence(key).generate_state(3))
+
+
 # --- the configuration
 
 
@@ -158,6 +171,12 @@ trial: {quoted}
 def flow_mapping(values: Mapping[str, object]) -> str:
     """Return a YAML mapping on one line; every value is written as it is."""
     return "{" + ", ".join(f"{name}: {value}" for name, value in values.items()) + "}"
+
+
+def study_yaml(head: str, entries: Mapping[str, Mapping[str, object]], trials: Iterable[Mapping[str, object]]) -> str:
+    """Return the text of a study: its ``head``, which ends with a key, the entries of that key, and the trials."""
+    text = head + "".join(f"  {name}: {flow_mapping(keys)}\n" for name, keys in entries.items())
+    return text + "trials:\n" + "".join(f"  - {flow_mapping(keys)}\n" for keys in trials)
 
 
 def _yaml(kind: Kind, name: str, options: Options, scene: Scene) -> str:

@@ -19,7 +19,7 @@ from mocap_id.workflows.figures import write_figures
 from mocap_id.workflows.robot_study import RobotStudyResult, validate_robot
 from mocap_id.workflows.robot_study.tables import TABLES, read_published
 from mocap_id_simulation import Options, RobotSet, simulate_robot_set
-from mocap_id_simulation.studies import reuse_robot_set, robot_set_trials
+from mocap_id_simulation.robot_set import reuse_robot_set, robot_set_trials
 
 OPTIONS = Options(seed=31, repetitions=3, rate=120.0, analog_rate=600.0)
 TWO = RobotSet(1, ("elbow", "wrist"), ("fast",), (45.0,), OPTIONS)

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from mocap_id.anatomy.skin_motion import draw_centred_skin_motion
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry.planar import marker_positions, rotate
-from mocap_id.kinematics.skin_motion import draw_centred_skin_motion
 from mocap_id.store import LongTable, Table
 from mocap_id.workflows.sensitivity.plan import Perturbation
 from mocap_id.workflows.sensitivity.signal_perturbations import WRENCH, joints_of
