@@ -18,12 +18,12 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.config import load
 from mocap_id.errors import Refused
 from mocap_id.runner import run_stage
-from mocap_id.simulation import Options, simulate
 from mocap_id.stages.base import Context
 from mocap_id.stages.fit_joints import STAGE as FIT_JOINTS
 from mocap_id.stages.segment import STAGE as SEGMENT
 from mocap_id.stages.ukf_smooth import STAGE as UKF_SMOOTH
 from mocap_id.store import Document, Folder
+from mocap_id_simulation import Options, simulate
 
 JUMPS = 60
 USUAL = Options(analog_rate=100)

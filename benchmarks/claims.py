@@ -24,8 +24,6 @@ from harness import (
     temporary_folder,
 )
 
-from mocap_id.simulation import Options, simulate
-from mocap_id.simulation.ur5 import JointName, Speed
 from mocap_id.store.views import Skeleton
 from mocap_id.workflows.sensitivity.kinds import JOINTS, KINDS
 from mocap_id.workflows.sensitivity.plan import Perturbation
@@ -33,6 +31,8 @@ from mocap_id.workflows.sensitivity.responses import Estimates, SeriesChanges, c
 from mocap_id.workflows.sensitivity.runs import CHANGES, PerturbationRun, run_from
 from mocap_id.workflows.sensitivity.study import sensitivity
 from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs, locate_trial, read_inputs
+from mocap_id_simulation import Options, simulate
+from mocap_id_simulation.options import JointName, Speed
 
 NEGLIGIBLE = 0.5  # %: as the thesis uses the word for the clock
 SUBSTANTIAL = 5.0  # %

@@ -31,7 +31,7 @@ from harness import (
 )
 from ruamel.yaml import YAML
 
-from mocap_id.simulation import Cohort, Options, simulate_cohort
+from mocap_id_simulation import Cohort, Options, simulate_cohort
 
 ORDINARY = Options(clock_offset=0.005)
 HARD = replace(ORDINARY, soft_tissue=2, occlusions=2, plate_bias=1)

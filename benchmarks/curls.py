@@ -19,8 +19,8 @@ from mocap_id.arrays import FloatArray
 from mocap_id.errors import MocapIdError
 from mocap_id.protocols.curl.compensation import fit_part_in_step
 from mocap_id.protocols.curl.repetitions import Curl
-from mocap_id.simulation.arm import ArmOptions, write_arm
-from mocap_id.simulation.arm.options import CurlCondition, Preset
+from mocap_id_simulation import ArmOptions, write_arm
+from mocap_id_simulation.options import CurlCondition, Preset
 
 PRESETS: tuple[Preset, ...] = ("default", "hard")
 CONDITIONS: tuple[CurlCondition, ...] = get_args(CurlCondition)

@@ -17,10 +17,10 @@ from dynamic_sweep import ROWS, compare
 from dynamic_truth import NORMS, SERIES, UNITS, TrialWithTruth, find_last_frame_turn, read_true_centres, read_with_truth
 
 from mocap_id.arrays import FloatArray
-from mocap_id.simulation import Options
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
 from mocap_id.store import Table, Tree
+from mocap_id_simulation import Options
 
 DIFFICULTIES = ("ordinary", "hard")
 

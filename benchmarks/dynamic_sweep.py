@@ -39,10 +39,9 @@ from kinematic_sweep import ROWS as KINEMATIC
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics import identification
 from mocap_id.dynamics.consistency import fit_consistent
-from mocap_id.simulation import Options
-from mocap_id.simulation.schedule import Strategy
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
+from mocap_id_simulation import Options, Strategy
 
 ANALOG = 1000.0  # Hz
 ROWS: Mapping[str, Options] = {

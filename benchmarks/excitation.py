@@ -23,10 +23,10 @@ from mocap_id.dynamics.excitation import classify
 from mocap_id.errors import MocapIdError
 from mocap_id.geometry import planar
 from mocap_id.runner import run_to
-from mocap_id.simulation import JointMotion, Options, motion_through, simulate
-from mocap_id.simulation.body import draw_subject
-from mocap_id.simulation.joint_motion import smoothstep
 from mocap_id.workflows.advice import AdviceOptions, advise
+from mocap_id_simulation import JointMotion, Options, motion_through, simulate
+from mocap_id_simulation.motion import smoothstep
+from mocap_id_simulation.options import draw_subject
 
 KINDS, MOVEMENTS = ("robot", "stand", "rise"), ("designed", "simple")
 NOISY: Mapping[str, tuple[float, float]] = {"robot": (0.002, 4.0)}  # m, and times the plate's usual noise

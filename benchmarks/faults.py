@@ -19,8 +19,8 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import MocapIdError
-from mocap_id.simulation import Options, PersonOptions
-from mocap_id.simulation.options import FaultOptions
+from mocap_id_simulation import Options, PersonOptions
+from mocap_id_simulation.options import FaultOptions
 
 LENGTH = 0.05  # relative error
 ANGLE = np.radians(2)  # rms about its mean

@@ -16,10 +16,10 @@ import harness
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.simulation import Options
 from mocap_id.stages.base import Context
 from mocap_id.stages.ukf_smooth import STAGE
 from mocap_id.store import Artefact, LongTable, Tree
+from mocap_id_simulation import Options
 
 LENGTHS = (0.1, 0.3, 0.5, 0.8, 1.5, 3.0)
 WHICH = ("one marker", "shank", "thigh", "trunk", "all")

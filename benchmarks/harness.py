@@ -33,8 +33,8 @@ from scipy.stats import beta
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config import Trial, load
 from mocap_id.runner import run, run_stage
-from mocap_id.simulation import Options, simulate
 from mocap_id.store import Folder, LongTable, Table, Tree
+from mocap_id_simulation import Options, simulate
 
 ROOT = Path(__file__).resolve().parents[1]
 JOINTS = ("ankle", "knee", "hip")

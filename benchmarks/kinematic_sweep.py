@@ -16,7 +16,7 @@ import numpy as np
 from mocap_id.config import load
 from mocap_id.geometry import planar
 from mocap_id.runner import run_stage
-from mocap_id.simulation import Options, simulate
+from mocap_id_simulation import Options, simulate
 
 ROWS: Mapping[str, Options] = {
     "clean": harness.CLEAN,

@@ -13,8 +13,7 @@ import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.kinematics import ChainFit, fit_chain, fit_links, joint_angles, orient_frames
-from mocap_id.simulation.options import Options
-from mocap_id.simulation.simulated_trial import SimulatedTrial, generate
+from mocap_id_simulation import Options, SimulatedTrial, generate
 
 FRAMES = 800  # as in fit-joints
 ROWS: Mapping[str, Options] = {

@@ -22,10 +22,10 @@ from harness import format_share, format_sizes
 from mocap_id.config.study import load_study
 from mocap_id.errors import MocapIdError
 from mocap_id.reporting.numbers import show
-from mocap_id.simulation.arm import ArmOptions, ReachCohort, generate_arm, simulate_reach_cohort, write_arm
-from mocap_id.simulation.arm.options import Preset
-from mocap_id.simulation.arm.sensors import film_skeleton
 from mocap_id.workflows.study import run_study
+from mocap_id_simulation import ArmOptions, ReachCohort, generate_arm, simulate_reach_cohort, write_arm
+from mocap_id_simulation.arm_sensors import film_skeleton
+from mocap_id_simulation.options import Preset
 
 SEVERITIES = (0.0, 0.2, 0.4, 0.6, 0.8)
 """Of five trials in a row, which are a cohort."""

@@ -16,11 +16,10 @@ from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.space.pseudo_inertia import change_of_frame
 from mocap_id.geometry import se3
 from mocap_id.kinematics.space.rigid_body import rigid_poses
-from mocap_id.simulation.space_robot.robot import SpaceRobotOptions
-from mocap_id.simulation.space_robot.trial import simulate_space_robot
 from mocap_id.store.spatial_views import SpatialSkeleton
 from mocap_id.workflows.payload import find_payload
 from mocap_id.workflows.run_folder import RunFolder, open_run
+from mocap_id_simulation import SpaceRobotOptions, simulate_space_robot
 
 PAYLOAD = 2.0  # kg
 

@@ -12,13 +12,11 @@ import numpy as np
 from mocap_id.arrays import IntArray
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.recording.writer import write_c3d
-from mocap_id.simulation import JointMotion, Options, motion_through
-from mocap_id.simulation.body import Link, SimulatedBody
-from mocap_id.simulation.joint_motion import smoothstep
-from mocap_id.simulation.markers import PLATE, MarkerSet, add_plate_markers
-from mocap_id.simulation.plate import draw_plate
-from mocap_id.simulation.scene import Scene, Streams, draw_scene, random_streams
-from mocap_id.simulation.simulated_trial import measure_scene
+from mocap_id_simulation import JointMotion, Options, motion_through
+from mocap_id_simulation.bodies import PLATE, Link, MarkerSet, SimulatedBody, add_plate_markers
+from mocap_id_simulation.instruments import draw_plate
+from mocap_id_simulation.motion import smoothstep
+from mocap_id_simulation.scene import Scene, Streams, draw_scene, measure_scene, random_streams
 
 SEED = 930_000
 REPETITIONS = 4  # half a minute of sit-to-stands

@@ -16,10 +16,9 @@ from space import TO_TRIAL, compute_rms_length, stack_columns
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import so3
-from mocap_id.simulation.arm import ArmOptions, write_arm
-from mocap_id.simulation.arm.arm import generate_arm
-from mocap_id.simulation.arm.options import Preset
-from mocap_id.simulation.trial_files import points_bytes
+from mocap_id_simulation import ArmOptions, generate_arm, write_arm
+from mocap_id_simulation.options import Preset
+from mocap_id_simulation.trial_files import points_bytes
 
 ACCELERATION: Mapping[Preset, float] = {"default": 0.26, "hard": 0.30}
 """Largest angular acceleration error of the forearm with sensors, rad/s²."""

@@ -18,8 +18,8 @@ from scipy.interpolate import CubicSpline
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
-from mocap_id.simulation import Options, simulate
-from mocap_id.simulation.body import draw_subject
+from mocap_id_simulation import Options, simulate
+from mocap_id_simulation.options import draw_subject
 
 STRATEGIES = ("normal", "dynamic", "stable")
 _ENDS = 20  # frames at either end without figures

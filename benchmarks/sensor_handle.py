@@ -13,16 +13,14 @@ from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.geometry import planar
 from mocap_id.geometry.plane_frame import PlaneFrame
-from mocap_id.simulation import JointMotion, Options, motion_through
-from mocap_id.simulation.body import Link, SimulatedBody
-from mocap_id.simulation.forces import TrueState
-from mocap_id.simulation.joint_motion import smoothstep
-from mocap_id.simulation.markers import MarkerSet, add_plate_markers
-from mocap_id.simulation.plate import draw_plate
-from mocap_id.simulation.scene import Scene, Streams, random_streams
-from mocap_id.simulation.simulated_trial import SimulatedTrial, measure_scene
-from mocap_id.simulation.trial_files import c3d_bytes, write_trial
 from mocap_id.workflows.advice import AdviceOptions, advise
+from mocap_id_simulation import JointMotion, Options, SimulatedTrial, motion_through
+from mocap_id_simulation.bodies import Link, MarkerSet, SimulatedBody, add_plate_markers
+from mocap_id_simulation.forces import TrueState
+from mocap_id_simulation.instruments import draw_plate
+from mocap_id_simulation.motion import smoothstep
+from mocap_id_simulation.scene import Scene, Streams, measure_scene, random_streams
+from mocap_id_simulation.trial_files import c3d_bytes, write_trial
 
 KNOWN = ("plate, without a handle", "plate", "plate and handle", "plate, handle and elbow")
 """What is measured. The handle pulls the hand, except in the first."""

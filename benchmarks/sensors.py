@@ -18,9 +18,8 @@ import sensor_handle
 from harness import QUANTILE, Comparison, Run, run_trial
 
 from mocap_id.arrays import FloatArray
-from mocap_id.simulation import Options, simulate
-from mocap_id.simulation.simulated_trial import generate
-from mocap_id.simulation.trial_files import c3d_bytes
+from mocap_id_simulation import Options, generate, simulate
+from mocap_id_simulation.trial_files import c3d_bytes
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ from mocap_id.dynamics.optimality import SolverAnswer, check_optimality
 from mocap_id.dynamics.point_grid import PointGrid, build_grid
 from mocap_id.dynamics.point_masses import GridBodies, run_osqp, solve_nnls, solve_osqp
 from mocap_id.runner import run
-from mocap_id.simulation import Options, simulate
+from mocap_id_simulation import Options, simulate
 
 FIRST = 940_000  # seed
 REPEATS = 5

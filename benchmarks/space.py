@@ -16,8 +16,8 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import MocapIdError
 from mocap_id.geometry import so3
-from mocap_id.simulation.arm import ArmOptions, ChainOptions, write_arm, write_chain
 from mocap_id.store import Table
+from mocap_id_simulation import ArmOptions, ChainOptions, write_arm, write_chain
 
 TO_TRIAL = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 """From the lab's axes, Z up, to those of the trial."""

@@ -12,8 +12,8 @@ import harness
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.simulation import Options
-from mocap_id.simulation.options import FaultOptions
+from mocap_id_simulation import Options
+from mocap_id_simulation.options import FaultOptions
 
 ROWS: Mapping[str, Options] = {
     "ordinary": harness.SHORT,

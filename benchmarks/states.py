@@ -34,7 +34,7 @@ from mocap_id.estimation.filter_problem import FilterProblem
 from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
 from mocap_id.estimation.noise import estimate_marker_noise
 from mocap_id.kinematics import fit_chain, frames_along_motion, orient_frames
-from mocap_id.simulation import Options, generate
+from mocap_id_simulation import Options, generate
 
 FITTED = 400  # frames, as in fit-joints
 OURS, FILTERPY = "ours: filter and smoother", "filterpy's UKF + RTS, tuned on the truth"

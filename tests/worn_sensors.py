@@ -6,8 +6,8 @@ from pathlib import Path
 
 from mocap_id.config import load
 from mocap_id.runner.execution import run
-from mocap_id.simulation import Options, simulate
-from mocap_id.simulation.body import draw_subject
+from mocap_id_simulation import Options, simulate
+from mocap_id_simulation.options import draw_subject
 
 
 def without_recording(configuration: Path, **other: str) -> Path:

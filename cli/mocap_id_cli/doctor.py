@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 import mocap_id
-import mocap_id_cli
 from mocap_id_cli.console import AsJson, print_json
 
 _WIDTH = 20
+_PACKAGES = ("mocap_id", "mocap_id_simulation", "mocap_id_cli")
 
 
 def doctor(
@@ -38,10 +39,10 @@ def doctor(
 
     if warm:
         typer.echo("compiling the filter: the first time, this takes about a minute of processor time", err=True)
-        folders = [Path(str(package.__file__)).parent for package in (mocap_id, mocap_id_cli)]
-        checks = workflow.compile_everything(folders)
+        found = [find_spec(name) for name in _PACKAGES]
+        checks = workflow.compile_everything([Path(str(each.origin)).parent for each in found if each is not None])
     else:
-        checks = workflow.check_installation(Path.cwd(), full=full)
+        checks = workflow.check_installation(Path.cwd(), simulate=simulate_small_trial if full else None)
     findings = []
     for finding in checks:
         findings.append(finding)
@@ -56,3 +57,8 @@ def doctor(
         typer.echo(f"these checks failed: {', '.join(failed)}" if failed else "mocap-id works here")
     if failed:
         raise typer.Exit(1)
+
+
+def simulate_small_trial(folder: Path) -> Path:
+    """Simulate a small trial of a robot's joint, and return the path of its YAML file."""
+    return mocap_id.simulate("robot", folder, seed=1, repetitions=2, rate=100.0, analog_rate=500.0)

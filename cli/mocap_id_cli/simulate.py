@@ -1,7 +1,7 @@
 """``mocap-id simulate``: simulated trials, robot studies and cohorts, whose exact truth is known.
 
 The options of the commands, with their defaults and help texts, are the fields of the option classes in
-:mod:`mocap_id.simulation`.
+:mod:`mocap_id_simulation`.
 """
 
 from __future__ import annotations
@@ -15,30 +15,28 @@ from typing import Annotated, Any, TypeAlias, cast, get_type_hints
 
 import typer
 
-from mocap_id.simulation import (
+from mocap_id_cli.console import make_group
+from mocap_id_simulation import (
+    ArmOptions,
+    ChainOptions,
     Cohort,
+    CurlStudy,
     Options,
     PersonOptions,
+    ReachCohort,
     RobotSet,
+    SpaceRobotOptions,
     Strategy,
     simulate,
     simulate_cohort,
-    simulate_robot_set,
-)
-from mocap_id.simulation.arm import (
-    ArmOptions,
-    ChainOptions,
-    CurlStudy,
-    ReachCohort,
     simulate_curl_study,
     simulate_reach_cohort,
+    simulate_robot_set,
+    simulate_space_robot,
     write_arm,
     write_chain,
 )
-from mocap_id.simulation.arm.options import CurlCondition
-from mocap_id.simulation.options import FaultOptions, read_faults, read_people
-from mocap_id.simulation.space_robot import SpaceRobotOptions, simulate_space_robot
-from mocap_id_cli.console import make_group
+from mocap_id_simulation.options import CurlCondition, FaultOptions, read_faults, read_people
 
 _Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder.", show_default=False)]
 _AnyOptions: TypeAlias = Options | ArmOptions | ChainOptions | SpaceRobotOptions

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mocap_id.simulation import RobotSet
 from mocap_id_cli import progress
 from mocap_id_cli.console import AsJson, Jobs, Quiet, Verbose, log_to_stderr, make_group, print_result, shorten
+from mocap_id_simulation import RobotSet
+from mocap_id_simulation.robot_set import reuse_robot_set
 
 if TYPE_CHECKING:
     from mocap_id.workflows.robot_study import RobotStudyResult
@@ -54,10 +56,10 @@ def _robot(
     from mocap_id.workflows import robot_study as workflow  # noqa: PLC0415  no other command has to wait for it
 
     log_to_stderr(quiet, verbose)
+    simulated = RobotSet(repeats, options=replace(RobotSet().options, seed=seed))
     result = workflow.validate_robot(
-        trials or [],
+        trials or partial(reuse_robot_set, robot_set=simulated),
         out,
-        generated=RobotSet(repeats, options=replace(RobotSet().options, seed=seed)),
         jobs=jobs,
         tell=progress.report_trials(quiet),
         page=page,

@@ -25,11 +25,11 @@ from mocap_id.recording.writer import write_c3d
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Key, Line, Panel, Points, Text
 from mocap_id.reporting.page import embed, make_environment, read_figures
 from mocap_id.runner import run
-from mocap_id.simulation import Options, RobotSet, generate
 from mocap_id.workflows.robot_study import validate_robot
 from mocap_id.workflows.sensitivity.plan import SensitivityOptions
 from mocap_id.workflows.sensitivity.study import sensitivity
 from mocap_id.workflows.study import run_study
+from mocap_id_simulation import Options, RobotSet, generate, simulate_robot_set
 
 pytestmark = [pytest.mark.external, pytest.mark.slow]
 ROOT = Path(__file__).resolve().parents[2]
@@ -93,10 +93,9 @@ def made(folder: Path) -> dict[str, Path]:
     assert {name: one["verdict"]["level"] for name, one in summaries.items()} == LEVELS
     options = SensitivityOptions().only(["wrench-bias"])
     sensitivity_study = sensitivity(folder / "trial.yaml", options, jobs=1, out=folder / "sensitivity").folder
-    simulated = RobotSet(
-        1, ("elbow",), ("fast",), (45.0,), Options(seed=31, repetitions=2, rate=120.0, analog_rate=600.0)
-    )
-    validation = validate_robot([], folder / "validation", generated=simulated).page
+    robot_options = Options(seed=31, repetitions=2, rate=120.0, analog_rate=600.0)
+    simulated = simulate_robot_set(folder / "robots", RobotSet(1, ("elbow",), ("fast",), (45.0,), robot_options))
+    validation = validate_robot([simulated], folder / "validation").page
     over = {"cohort": study.page, "sensitivity": sensitivity_study / "sensitivity.html", "validation": validation}
     return {name: where / "report.html" for name, where in folders.items()} | over
 

@@ -10,6 +10,7 @@ import pytest
 
 from mocap_id.workflows.doctor import Finding, checks, machine
 from mocap_id.workflows.doctor.packages import check_package, check_packages, parse_version
+from mocap_id_cli.doctor import simulate_small_trial
 
 
 def test_this_installation_works(cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -125,17 +126,16 @@ def test_an_opensim_that_is_named_but_not_there(monkeypatch: pytest.MonkeyPatch,
     assert checks.find_opensim(tmp_path).level == "ok"
 
 
-def test_a_small_trial_that_breaks_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(*_: object) -> None:
+def test_a_small_trial_that_breaks_is_a_finding() -> None:
+    def broken(folder: Path) -> Path:
         raise RuntimeError("a library is missing\nand more")
 
-    monkeypatch.setattr(checks, "simulate", broken)
-    found = checks.run_small_trial()
+    found = checks.run_small_trial(broken)
     assert (found.level, found.found) == ("fail", "RuntimeError: a library is missing")
 
 
 def test_a_small_trial_runs() -> None:
-    found = checks.run_small_trial()
+    found = checks.run_small_trial(simulate_small_trial)
     assert found.level == "ok", found
 
 

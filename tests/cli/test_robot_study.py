@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,11 @@ import pytest
 
 from mocap_id.config.robot_study import load_robot_study
 from mocap_id.errors import ConfigError
-from mocap_id.simulation import Options, RobotSet, simulate_robot_set
-from mocap_id.simulation.robot_set import robot_set_trials
 from mocap_id.workflows.figures import write_figures
 from mocap_id.workflows.robot_study import RobotStudyResult, validate_robot
 from mocap_id.workflows.robot_study.tables import TABLES, read_published
+from mocap_id_simulation import Options, RobotSet, simulate_robot_set
+from mocap_id_simulation.robot_set import reuse_robot_set, robot_set_trials
 
 OPTIONS = Options(seed=31, repetitions=3, rate=120.0, analog_rate=600.0)
 TWO = RobotSet(1, ("elbow", "wrist"), ("fast",), (45.0,), OPTIONS)
@@ -27,7 +28,7 @@ TWO = RobotSet(1, ("elbow", "wrist"), ("fast",), (45.0,), OPTIONS)
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, RobotStudyResult]]:
     out = tmp_path_factory.mktemp("robot") / "out"
-    yield out, validate_robot([], out, generated=TWO)
+    yield out, validate_robot(partial(reuse_robot_set, robot_set=TWO), out)
 
 
 def row(frame: pd.DataFrame, **cell: object) -> pd.Series:  # type: ignore[type-arg]
@@ -125,7 +126,7 @@ def test_what_no_method_changes_is_computed_once(study: tuple[Path, RobotStudyRe
     run = study[0] / "runs" / "elbow-fast-45-1"
     for file in ("planar.parquet", "chain.h5"):
         assert (run / file).samefile(run / "methods" / "spline" / file)
-    again = validate_robot([], study[0], generated=TWO)
+    again = validate_robot(partial(reuse_robot_set, robot_set=TWO), study[0])
     assert all(not one.run.computed for one in again.trials)
 
 
@@ -217,4 +218,4 @@ def test_a_set_is_made_in_an_empty_folder_only(tmp_path: Path) -> None:
 def test_another_set_is_not_taken_for_the_one_that_is_asked_for(study: tuple[Path, RobotStudyResult]) -> None:
     other = replace(TWO, options=replace(TWO.options, seed=TWO.options.seed + 1))
     with pytest.raises(ConfigError, match="a different seed or number of trials"):
-        validate_robot([], study[0], generated=other)
+        validate_robot(partial(reuse_robot_set, robot_set=other), study[0])

@@ -10,8 +10,8 @@ import pytest
 
 from mocap_id.config import load
 from mocap_id.runner import run
-from mocap_id.simulation import Options, simulate
 from mocap_id.store import Folder
+from mocap_id_simulation import Options, simulate
 
 
 def _wrist(folder: Path, *, sensor: bool) -> tuple[list[dict[str, Any]], list[float], Path]:

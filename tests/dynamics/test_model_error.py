@@ -22,9 +22,8 @@ from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.estimation import smooth
 from mocap_id.geometry import planar
 from mocap_id.kinematics import ChainState, skin_from_residuals
-from mocap_id.simulation.forces import TrueState
-from mocap_id.simulation.options import Options
-from mocap_id.simulation.simulated_trial import SimulatedTrial, generate
+from mocap_id_simulation import Options, SimulatedTrial, generate
+from mocap_id_simulation.forces import TrueState
 
 SEGMENT = np.repeat([0, 1, 2, 3], 4)
 LOCAL = np.random.default_rng(0).uniform([-0.1, 0.0], [0.1, 0.45], size=(16, 2))

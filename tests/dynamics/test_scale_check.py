@@ -19,9 +19,9 @@ from mocap_id.dynamics.point_grid import build_grid
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
 from mocap_id.dynamics.scale_check import check_scales
 from mocap_id.runner import run_stage
-from mocap_id.simulation import Options, simulate
-from mocap_id.simulation.options import FaultOptions
 from mocap_id.store import Folder
+from mocap_id_simulation import Options, simulate
+from mocap_id_simulation.options import FaultOptions
 
 GRID = build_grid(
     CENTRES, np.repeat([0, 1, 2, 3], 2), np.array([[-0.25, 0.0], [0.08, 0.1], *3 * [[-0.12, 0.1], [0.12, 0.85]]])

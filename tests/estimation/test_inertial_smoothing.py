@@ -13,10 +13,9 @@ from mocap_id.estimation import FilterSettings, States, smooth
 from mocap_id.estimation.filter_kernels import Inertial, _force_rows
 from mocap_id.estimation.inertial import SensorResult, SensorSignals
 from mocap_id.estimation.inertial_smoothing import smooth_with_sensors
-from mocap_id.simulation import Options
-from mocap_id.simulation.forces import TrueState
-from mocap_id.simulation.inertial_sensors import simulate_plane_sensors
-from mocap_id.simulation.simulated_trial import generate
+from mocap_id_simulation import Options, generate
+from mocap_id_simulation.forces import TrueState
+from mocap_id_simulation.instruments import simulate_plane_sensors
 
 GRAVITY = 9.81
 

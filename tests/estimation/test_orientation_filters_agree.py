@@ -8,10 +8,9 @@ import pytest
 from mocap_id.estimation import smooth
 from mocap_id.estimation.inertial import SensorSignals
 from mocap_id.estimation.inertial_tracking import calibrate_chain, track_without_markers
-from mocap_id.simulation import Options
-from mocap_id.simulation.body import draw_subject
-from mocap_id.simulation.inertial_sensors import simulate_plane_sensors
-from mocap_id.simulation.simulated_trial import SimulatedTrial, generate
+from mocap_id_simulation import Options, SimulatedTrial, generate
+from mocap_id_simulation.instruments import simulate_plane_sensors
+from mocap_id_simulation.options import draw_subject
 
 pytestmark = pytest.mark.external
 PERSON = draw_subject(8, 1)

@@ -14,9 +14,9 @@ from resultants import JointPlaces, Needs, Poses
 from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.runner import run_to
-from mocap_id.simulation import Options, PersonOptions, simulate
 from mocap_id.workflows.export import FORMATS, Export, export
 from mocap_id.workflows.export.motions import format_motion
+from mocap_id_simulation import Options, PersonOptions, simulate
 
 NAMES = ("foot", "shank", "thigh", "torso")
 G = 9.81

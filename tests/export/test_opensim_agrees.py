@@ -17,9 +17,9 @@ from resultants import COMPONENTS, JointPlaces, Needs, Poses
 from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.runner import run_to
-from mocap_id.simulation import Options, PersonOptions, simulate
 from mocap_id.store import Folder
 from mocap_id.workflows.export import export
+from mocap_id_simulation import Options, PersonOptions, simulate
 
 FORMATS = ("trc", "mot", "sto", "osim")
 pytestmark = pytest.mark.external

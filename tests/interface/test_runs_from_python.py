@@ -15,8 +15,8 @@ import pytest
 import mocap_id
 from mocap_id.config import load
 from mocap_id.recording import write_recording
-from mocap_id.simulation.arm import ArmOptions, write_arm
 from mocap_id.workflows.recording_trial import make_trial
+from mocap_id_simulation import ArmOptions, write_arm
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "sample_trials" / "robot-joint"

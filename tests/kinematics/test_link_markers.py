@@ -12,8 +12,7 @@ from mocap_id.kinematics import Segmentation, SegmentationRules, fit_chain, fram
 from mocap_id.kinematics.chain_equations import ChainState
 from mocap_id.kinematics.link_markers import group_points
 from mocap_id.kinematics.links import chain_angles
-from mocap_id.simulation import Options
-from mocap_id.simulation.simulated_trial import generate
+from mocap_id_simulation import Options, generate
 
 RULES = SegmentationRules(longest=5)
 SHORT = Options(repetitions=2, analog_rate=100)

@@ -16,10 +16,9 @@ from mocap_id.kinematics import SegmentationRules, frames_along_motion, segment_
 from mocap_id.kinematics.marker_faults import RecordedMarkers, find_bad_stretches, sample_rows
 from mocap_id.kinematics.simple_faults import find_lone_markers, find_repeats
 from mocap_id.runner import run_stage
-from mocap_id.simulation import Options, simulate
-from mocap_id.simulation.options import read_faults
-from mocap_id.simulation.simulated_trial import generate
 from mocap_id.store import Folder, LongTable, Table
+from mocap_id_simulation import Options, generate, simulate
+from mocap_id_simulation.options import read_faults
 
 RATE = 100.0
 FEW = "*FHD,*BHD,RBAK,*UPA,*ELB,*FRM,*WR*,*FIN,CLAV,STRN,*2,*TOE"

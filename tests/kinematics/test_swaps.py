@@ -11,8 +11,7 @@ import pytest
 
 from mocap_id import recording
 from mocap_id.kinematics import Swap, find_swaps, undo_swaps
-from mocap_id.simulation.options import Options
-from mocap_id.simulation.simulated_trial import generate
+from mocap_id_simulation import Options, generate
 
 MANNERS = ("normal", "dynamic", "stable")
 

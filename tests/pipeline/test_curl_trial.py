@@ -10,12 +10,12 @@ import pytest
 
 from mocap_id.config import load
 from mocap_id.runner.execution import run
-from mocap_id.simulation.arm import ArmOptions, write_arm
 from mocap_id.store import Folder
+from mocap_id_simulation import ArmOptions, write_arm
 
 
 def test_curls_with_a_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mocap_id.simulation.arm.reach_volume.POINTS", 2**8)  # the true volume is not needed
+    monkeypatch.setattr("mocap_id_simulation.arm_files.POINTS", 2**8)  # the true volume is not needed
     write_arm(tmp_path / "reach", ArmOptions(seed=21, subject=21, cycles=1, severity=0.1, rate=60))
     options = ArmOptions(
         seed=22,

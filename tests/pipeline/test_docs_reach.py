@@ -37,7 +37,7 @@ def fill_in() -> None:
 
 @pytest.mark.slow
 def test_the_page_leads_from_camera_logs_to_the_table(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mocap_id.simulation.arm.reach_volume.POINTS", 2**8)  # the true volumes are not needed
+    monkeypatch.setattr("mocap_id_simulation.arm_files.POINTS", 2**8)  # the true volumes are not needed
     record(terminal)
     said = run_page(PAGE, terminal, {"mocap-id init camera": fill_in})
     assert "4 of 4 trials have results" in said["mocap-id study study.yaml"][0]

@@ -17,11 +17,11 @@ from mocap_id.errors import Refused
 from mocap_id.geometry import planar
 from mocap_id.recording import write_c3d
 from mocap_id.runner import run
-from mocap_id.simulation import Options, generate, simulate
-from mocap_id.simulation.plate import measure_load
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE, IdentifyDimSettings
 from mocap_id.store import Folder, Table, Tree
+from mocap_id_simulation import Options, generate, simulate
+from mocap_id_simulation.instruments import measure_load
 
 OPTIONS = Options(seed=410, repetitions=3, seat_plate=True, plate_moved=True, plate_bias=1.0, clock_offset=0.012)
 INVARIANT = [0, 4, 7, 10]

@@ -12,9 +12,9 @@ import pytest
 
 from mocap_id.config import load
 from mocap_id.runner import run_stage
-from mocap_id.simulation.arm import ArmOptions, write_arm
 from mocap_id.stages.segment import space as segment_stage
 from mocap_id.store import Folder, Table
+from mocap_id_simulation import ArmOptions, write_arm
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 

@@ -13,13 +13,13 @@ import pytest
 from mocap_id.config import load
 from mocap_id.errors import ConfigError
 from mocap_id.runner import run
-from mocap_id.simulation import Options, simulate
 from mocap_id.stages import STAGES
 from mocap_id.stages.base import Context
 from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.store import Folder, LongTable, Table, Tree
 from mocap_id_cli.__main__ import main
+from mocap_id_simulation import Options, simulate
 
 PLANARISE, SEGMENT, FIT_JOINTS = STAGES[:3]
 KEYS = TrialKeys(trial="t", recording=Files(markers=Path("trial.c3d")), protocol="sit-to-stand")

@@ -12,10 +12,10 @@ from mocap_id.config import load
 from mocap_id.errors import Refused
 from mocap_id.recording import Recording
 from mocap_id.runner import run_to
-from mocap_id.simulation import Options, simulate
 from mocap_id.stages.fit_joints.plane import check_sizes
 from mocap_id.stages.trial_keys import Subject
 from mocap_id.workflows.recording_trial import make_trial
+from mocap_id_simulation import Options, simulate
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_trials" / "sit-to-stand" / "trial.c3d"
 

@@ -12,7 +12,7 @@ import pytest
 
 from mocap_id.config import load
 from mocap_id.runner import run
-from mocap_id.simulation import Options, simulate
+from mocap_id_simulation import Options, simulate
 
 
 @dataclass(frozen=True)

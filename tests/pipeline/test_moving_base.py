@@ -12,8 +12,8 @@ import pytest
 
 from mocap_id.config import load
 from mocap_id.runner import run
-from mocap_id.simulation import Options, simulate
-from mocap_id.simulation.options import read_faults, read_people
+from mocap_id_simulation import Options, simulate
+from mocap_id_simulation.options import read_faults, read_people
 
 LIMITS = {"angle": 0.5, "length": 2.0, "cop": 5.0, "torque": 5.0}
 

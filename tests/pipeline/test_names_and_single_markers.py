@@ -12,10 +12,10 @@ import pytest
 
 from mocap_id.config import load
 from mocap_id.runner import run_stage
-from mocap_id.simulation import Options, simulate
-from mocap_id.simulation.options import FaultOptions
 from mocap_id.stages.segment.known_names import check_marker_names
 from mocap_id.store import Folder
+from mocap_id_simulation import Options, simulate
+from mocap_id_simulation.options import FaultOptions
 
 STAGES = ("planarise", "segment", "fit-joints", "ukf-smooth", "identify-dim")
 NAMES = ("foot", "shank", "thigh", "torso")

@@ -11,10 +11,9 @@ import pytest
 from typer.testing import CliRunner
 
 from mocap_id.errors import ConfigError
-from mocap_id.simulation.space_robot.robot import SpaceRobotOptions
-from mocap_id.simulation.space_robot.trial import simulate_space_robot
 from mocap_id.workflows.payload import PARAMETERS, find_payload
 from mocap_id_cli.app import build
+from mocap_id_simulation import SpaceRobotOptions, simulate_space_robot
 
 
 @pytest.fixture(scope="module")

@@ -14,9 +14,8 @@ import pytest
 from mocap_id.config import load
 from mocap_id.errors import ConfigError
 from mocap_id.runner import Outcome, run
-from mocap_id.simulation import Options, simulate
-from mocap_id.simulation.arm import ArmOptions, ChainOptions, write_arm, write_chain
 from mocap_id.store import Folder
+from mocap_id_simulation import ArmOptions, ChainOptions, Options, simulate, write_arm, write_chain
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 SHORT = {"cycles": 1, "severity": 0.2}

@@ -12,12 +12,11 @@ import pytest
 from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.runner import run
-from mocap_id.simulation.options import Options
-from mocap_id.simulation.simulated_trial import generate
 from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.store import LongTable
+from mocap_id_simulation import Options, generate
 
 FIRST, START, STOP = 11, 400, 900  # the file's first frame; frames of the array in which the labels are exchanged
 SWAPPED = ("LTHI", "LTIB2")

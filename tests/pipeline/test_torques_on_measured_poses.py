@@ -15,8 +15,8 @@ from scipy.interpolate import CubicSpline
 
 from mocap_id.config import load
 from mocap_id.runner import run_to
-from mocap_id.simulation import Options, PersonOptions, simulate
 from mocap_id.store import Folder
+from mocap_id_simulation import Options, PersonOptions, simulate
 
 OPTIONS = Options(seed=4, repetitions=3, rate=100.0, analog_rate=500.0, people=PersonOptions(hip_gap_mm=10))
 JOINTS = (1, 2, 3)

@@ -21,12 +21,12 @@ from mocap_id.dynamics.parameter_transfer import register_bodies, transfer_param
 from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.runner import Step
-from mocap_id.simulation import Options, Strategy, simulate
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.matched_bodies import match_bodies
 from mocap_id.workflows.transfer import SERIES, Transfer, TrialTransfer, apply_model, rms_error, transfer
 from mocap_id.workflows.transfer.table import as_frame, as_json, write
 from mocap_id_cli.__main__ import main
+from mocap_id_simulation import Options, Strategy, simulate
 
 SHORT = Options(repetitions=2, analog_rate=100)
 

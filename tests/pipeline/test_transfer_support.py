@@ -14,7 +14,6 @@ from mocap_id.dynamics.parameter_transfer import register_bodies, transfer_covar
 from mocap_id.dynamics.reference_prior import ReferencePrior
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.explanations import EXPLANATIONS
-from mocap_id.simulation import Options, simulate
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.transfer import SERIES, TRANSFERRED, TrialTransfer, apply_model, rms_error
 from mocap_id.workflows.transfer.support import (
@@ -24,6 +23,7 @@ from mocap_id.workflows.transfer.support import (
     stated_sd,
     warn_if_worse_than_stated,
 )
+from mocap_id_simulation import Options, simulate
 
 STS = {"protocol": "sit-to-stand", "subject": {"mass": 60.0}}
 

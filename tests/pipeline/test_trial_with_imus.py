@@ -13,8 +13,7 @@ from mocap_id.config import load
 from mocap_id.errors import ConfigError
 from mocap_id.recording.imu_log import read_imu
 from mocap_id.runner.execution import run
-from mocap_id.simulation import Options, simulate
-from mocap_id.simulation.arm import ArmOptions, write_arm
+from mocap_id_simulation import ArmOptions, Options, simulate, write_arm
 
 
 def test_a_left_arm_with_sensors(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from mocap_id.config import load
 from mocap_id.protocols.posture import compute_posture
 from mocap_id.protocols.sit_to_stand import find_sit_to_stand_repetitions
 from mocap_id.runner import run
-from mocap_id.simulation import Options, simulate
+from mocap_id_simulation import Options, simulate
 
 REPETITIONS = 3
 

@@ -12,12 +12,11 @@ import pytest
 from mocap_id import recording
 from mocap_id.plates import ClockSearch, find_clock_offset
 from mocap_id.recording import Plate
-from mocap_id.simulation import Options, generate
-from mocap_id.simulation.simulated_trial import SimulatedTrial
 from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.store import Table
+from mocap_id_simulation import Options, SimulatedTrial, generate
 
 RATE = 100.0
 GRAVITY = 9.81

@@ -23,15 +23,14 @@ from mocap_id.plates.placement import find_foot_beside, measure_load_share
 from mocap_id.recording import Plate, PlateSamples, PlateSignals, ThinnedFrames
 from mocap_id.recording.lab_plates import compute_centre_of_pressure
 from mocap_id.recording.marker_posture import find_upright
-from mocap_id.simulation import Options
-from mocap_id.simulation.options import FaultOptions
-from mocap_id.simulation.simulated_trial import generate
-from mocap_id.simulation.space_robot import SpaceRobotOptions, generate_space_robot
 from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.stages.planarise.plate_reasons import judge_course
 from mocap_id.stages.trial_keys import Files, PlateUse, TrialKeys
 from mocap_id.store import Table
+from mocap_id_simulation import Options, generate
+from mocap_id_simulation.options import FaultOptions
+from mocap_id_simulation.space_robot import SpaceRobotOptions, generate_space_robot
 
 RATE = 50.0
 Change = Callable[[np.ndarray], np.ndarray]

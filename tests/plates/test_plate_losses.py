@@ -17,13 +17,12 @@ from mocap_id.recording import PlateSignals
 from mocap_id.recording.marker_posture import find_upright
 from mocap_id.recording.plate_types import compute_plate_axes, compute_surface_wrench
 from mocap_id.recording.saturation import find_clipped
-from mocap_id.simulation import Options
-from mocap_id.simulation.simulated_trial import SimulatedTrial, generate
 from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.store import Table
 from mocap_id.verdict import Reason
+from mocap_id_simulation import Options, SimulatedTrial, generate
 
 RATE = 100.0
 

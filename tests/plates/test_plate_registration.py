@@ -21,12 +21,11 @@ from mocap_id.plates.placement import compare_with_feet, measure_lean
 from mocap_id.recording import Plate, PlateSamples, Recording
 from mocap_id.recording.lab_plates import compute_centre_of_pressure
 from mocap_id.recording.plate_types import compute_plate_axes
-from mocap_id.simulation import Options
-from mocap_id.simulation.simulated_trial import generate
 from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.stages.planarise.plate_registration import PlateCheck, check_registration
 from mocap_id.stages.trial_keys import Files, TrialKeys
+from mocap_id_simulation import Options, generate
 
 SEEDS = (21, 22)
 GOOD = ("sit-to-stand/STS1.trc", "sit-to-stand/squats1.trc", "sit-to-stand/static1.trc", "c3d/Sample_Static.c3d",

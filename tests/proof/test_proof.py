@@ -8,7 +8,7 @@ import sys
 
 from corpus import Case, list_cases
 
-from mocap_id.simulation.options import Options
+from mocap_id_simulation import Options
 from proof import ROOT, compare, make_environment, read_commands, run_case, tidy
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import mocap_id.simulation.arm.reach_volume as truth
+import mocap_id_simulation.arm_files as truth
 from mocap_id.geometry import so3
 from mocap_id.protocols.reach.reachable_set import (
     Grid,
@@ -17,7 +17,7 @@ from mocap_id.protocols.reach.reachable_set import (
     compute_reachable_set,
 )
 from mocap_id.protocols.reach.visited_region import find_visited_region
-from mocap_id.simulation.arm.body import draw_arm
+from mocap_id_simulation.arm import draw_arm
 
 X, Y, Z = np.eye(3)
 ARM = ReachArm(np.array([0.0, -0.3, 0.0]), 0.25, np.array([-0.15, 0.02, -0.01]), 0.0)

@@ -11,14 +11,12 @@ import pytest
 from mocap_id.config import load
 from mocap_id.recording import write_c3d
 from mocap_id.runner import run_stage
-from mocap_id.simulation import Options
-from mocap_id.simulation.body import Link
-from mocap_id.simulation.joint_motion import Swing, motion_through
-from mocap_id.simulation.markers import add_plate_markers
-from mocap_id.simulation.scene import draw_scene, random_streams
-from mocap_id.simulation.simulated_trial import SimulatedTrial, measure_scene
 from mocap_id.store import Folder
 from mocap_id.store.views import Skeleton
+from mocap_id_simulation import Options, SimulatedTrial, motion_through
+from mocap_id_simulation.bodies import Link, add_plate_markers
+from mocap_id_simulation.motion import Swing
+from mocap_id_simulation.scene import draw_scene, measure_scene, random_streams
 
 UPPER, HEIGHT = 0.4, 0.16  # m: distance of the joints, and of the forearm's centre of mass from the second one
 MASS, INERTIA = 3.0, 0.03

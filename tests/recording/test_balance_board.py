@@ -13,8 +13,8 @@ from mocap_id.config import load
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.balance_board import calibrate_cells, read_board
 from mocap_id.runner import run
-from mocap_id.simulation import Options, simulate
 from mocap_id.store import Folder
+from mocap_id_simulation import Options, simulate
 
 _HEAD = "time_s,tl_kg,tr_kg,bl_kg,br_kg\n"
 

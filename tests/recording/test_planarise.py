@@ -17,14 +17,13 @@ from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.kinematics import find_bursts
 from mocap_id.recording import resampling as decimation
-from mocap_id.simulation import Options
-from mocap_id.simulation.simulated_trial import generate
 from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.stages.trial_keys import Files, PlateUse, TrialKeys
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
 from mocap_id.store.views import Trajectories
+from mocap_id_simulation import Options, generate
 
 
 def run(markers: Path, forces: Path | None = None, **options: Any) -> tuple[LongTable, Table]:

@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 
-from mocap_id.simulation import Options, simulate
 from mocap_id.workflows.parallel import LocalBackend
 from mocap_id.workflows.regress import Baseline, update
+from mocap_id_simulation import Options, simulate
 
 ROOT = Path(__file__).resolve().parents[2]
 CI = ROOT / "configs" / "ci"

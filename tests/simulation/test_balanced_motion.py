@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.simulation import Options, generate
-from mocap_id.simulation.joint_motion import smoothstep
-from mocap_id.simulation.scene import draw_scene, random_streams
-from mocap_id.simulation.schedule import STRATEGIES
+from mocap_id_simulation import Options, generate
+from mocap_id_simulation.motion import smoothstep
+from mocap_id_simulation.scene import draw_scene, random_streams
+from mocap_id_simulation.sit_to_stand import STRATEGIES
 
 NAMES = sorted(STRATEGIES)
 

@@ -7,9 +7,9 @@ import pytest
 
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import planar
-from mocap_id.simulation import Options
-from mocap_id.simulation.forces import HAND, TRUNK
-from mocap_id.simulation.scene import Scene, draw_scene, random_streams
+from mocap_id_simulation import Options
+from mocap_id_simulation.forces import HAND, TRUNK
+from mocap_id_simulation.scene import Scene, draw_scene, random_streams
 
 STEP = 2e-3
 

@@ -10,7 +10,7 @@ import pytest
 from mocap_id.config import load
 from mocap_id.geometry import PlaneFrame
 from mocap_id.recording import read
-from mocap_id.simulation import Options, generate, simulate
+from mocap_id_simulation import Options, generate, simulate
 
 QUIET = {"seed": 8, "repetitions": 1, "plate_noise": 0.0, "clock_offset": 0.05}
 

@@ -14,10 +14,11 @@ from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.geometry import planar
 from mocap_id.recording import read
-from mocap_id.simulation import Cohort, Options, generate, simulate_cohort, skin
-from mocap_id.simulation.body import draw_subject
-from mocap_id.simulation.cohort import cohort_trials
 from mocap_id.store import Folder
+from mocap_id_simulation import Cohort, Options, generate, simulate_cohort
+from mocap_id_simulation.bodies import draw_subject_skin_motion
+from mocap_id_simulation.options import draw_subject
+from mocap_id_simulation.studies import cohort_trials
 
 SHORT = Options(seed=5, repetitions=1, analog_rate=100)
 SMALL = Cohort(subjects=2, strategies=("normal", "stable"), options=SHORT)
@@ -54,7 +55,7 @@ def test_what_is_added_leaves_the_rest_alone(cohort, tmp_path):
 
 def test_another_seed_gives_other_persons(tmp_path):
     one, other = (next(cohort_trials(Cohort(options=replace(SHORT, seed=seed)))) for seed in (5, 6))
-    assert one.subject.height != other.subject.height
+    assert one.person["height"] != other.person["height"]
     assert one.options.seed != other.options.seed
 
 
@@ -97,13 +98,13 @@ def test_markers_stay_where_they_were_glued(cohort):
 
 def test_skin_slides_alike_in_every_motion(monkeypatch):
     """Without drift, the skin depends only on the angles: a part of a motion has the same displacements."""
-    monkeypatch.setattr(skin, "WANDER", 0.0)
+    monkeypatch.setattr("mocap_id.anatomy.skin_motion.WANDER", 0.0)
     made = generate("sit-to-stand", SHORT)
     q, time, markers = made.state.q, made.state.time, made.scene.markers
 
     def places(part: slice) -> np.ndarray:
         rng = (np.random.default_rng(1), np.random.default_rng(2))
-        moved, placed = skin.draw_subject_skin_motion(*rng, markers, q[part], time[part])
+        moved, placed = draw_subject_skin_motion(*rng, markers, q[part], time[part])
         return placed.local + moved
 
     np.testing.assert_allclose(places(slice(100, 250)), places(slice(None))[100:250], atol=1e-15)

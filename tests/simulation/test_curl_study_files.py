@@ -11,10 +11,10 @@ import pytest
 from mocap_id.config import load
 from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError
-from mocap_id.simulation.arm import ArmOptions, CurlStudy, simulate_arm, simulate_curl_study, write_arm
-from mocap_id.simulation.arm.curl_cohort import EFFECTS, curl_study_trials
-from mocap_id.simulation.arm.curl_torque import DEVICE
-from mocap_id.simulation.arm.options import CurlCondition
+from mocap_id_simulation import ArmOptions, CurlStudy, simulate_arm, simulate_curl_study, write_arm
+from mocap_id_simulation.arm import DEVICE
+from mocap_id_simulation.options import CurlCondition
+from mocap_id_simulation.studies import EFFECTS, curl_study_trials
 
 SHORT = ArmOptions(seed=4, movement="curl", rate=30, failed=1)
 

@@ -11,9 +11,8 @@ import pytest
 
 from mocap_id.errors import ConfigError
 from mocap_id.recording import read
-from mocap_id.simulation import Options, simulate
-from mocap_id.simulation.options import FaultOptions, read_faults
-from mocap_id.simulation.simulated_trial import SimulatedTrial, generate
+from mocap_id_simulation import Options, SimulatedTrial, generate, simulate
+from mocap_id_simulation.options import FaultOptions, read_faults
 
 SHORT = Options(seed=3, repetitions=2, analog_rate=100)
 

@@ -9,11 +9,10 @@ import pytest
 
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import planar
-from mocap_id.simulation import Options, PersonOptions, generate
-from mocap_id.simulation.body import draw_person
-from mocap_id.simulation.forces import compute_state
-from mocap_id.simulation.multibody import divide_body
-from mocap_id.simulation.scene import draw_scene, random_streams
+from mocap_id_simulation import Options, PersonOptions, generate
+from mocap_id_simulation.bodies import draw_person
+from mocap_id_simulation.forces import compute_state, divide_body
+from mocap_id_simulation.scene import draw_scene, random_streams
 
 ALL = PersonOptions(hip_gap_mm=14, lumbar_deg=15, arm_swing_deg=40, heel_lift_mm=10, held_mass_kg=2)
 ONE_EACH = {name: replace(PersonOptions(), **{name: value}) for name, value in vars(ALL).items()}

@@ -10,8 +10,8 @@ import pytest
 from mocap_id.config import load
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import planar
-from mocap_id.simulation import Cohort, Options, PersonOptions, generate, simulate, simulate_cohort
-from mocap_id.simulation.options import read_people
+from mocap_id_simulation import Cohort, Options, PersonOptions, generate, simulate, simulate_cohort
+from mocap_id_simulation.options import read_people
 
 ALL = PersonOptions(hip_gap_mm=14, lumbar_deg=15, arm_swing_deg=40, heel_lift_mm=10, held_mass_kg=2)
 QUICK = Options(seed=3, repetitions=1, people=ALL, soft_tissue=0.0, marker_noise=0.0, occlusions=0.0)

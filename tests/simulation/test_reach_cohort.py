@@ -11,14 +11,14 @@ import pytest
 from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError
 from mocap_id.recording import read
-from mocap_id.simulation.arm import ArmOptions, ReachCohort, generate_arm, simulate_arm, simulate_reach_cohort
-from mocap_id.simulation.arm.cohort import reach_cohort_trials
+from mocap_id_simulation import ArmOptions, ReachCohort, generate_arm, simulate_arm, simulate_reach_cohort
+from mocap_id_simulation.studies import reach_cohort_trials
 
 SHORT = ArmOptions(seed=4, cycles=1, rate=30)
 
 
 def test_a_cohort_is_a_study_that_is_valid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mocap_id.simulation.arm.reach_volume.POINTS", 2**8)
+    monkeypatch.setattr("mocap_id_simulation.arm_files.POINTS", 2**8)
     study = load_study(simulate_reach_cohort(tmp_path / "c", ReachCohort(2, 1, options=SHORT)))
     assert study.reach
     assert [(one.name, one.trial.keys.side) for one in study.trials] == [
@@ -45,7 +45,7 @@ def test_a_person_keeps_the_body_and_gets_new_markers() -> None:
 
 def test_trials_do_not_depend_on_the_number_of_sessions() -> None:
     one, two = (list(reach_cohort_trials(ReachCohort(3, n, options=SHORT))) for n in (1, 2))
-    assert [trial.options for trial in one] == [trial.options for trial in two if trial.session == "session1"]
+    assert [trial.options for trial in one] == [trial.options for trial in two if trial.keys["session"] == "session1"]
 
 
 def test_markers_of_their_own_seed_leave_the_motion() -> None:

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from mocap_id.config import load
 from mocap_id.errors import ConfigError, StoreError
-from mocap_id.simulation import Options, simulate
+from mocap_id_simulation import Options, simulate
 
 QUICK = Options(seed=3, repetitions=1)
 KINDS = ["sit-to-stand", "robot"]

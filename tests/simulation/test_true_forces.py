@@ -8,10 +8,10 @@ import pytest
 from mocap_id.dynamics.base_parameters import structural_base
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.geometry import inverse_dynamics, planar
-from mocap_id.simulation import Options
-from mocap_id.simulation.body import draw_person, draw_robot
-from mocap_id.simulation.forces import UP
-from mocap_id.simulation.scene import draw_scene, random_streams
+from mocap_id_simulation import Options
+from mocap_id_simulation.bodies import draw_person, draw_robot
+from mocap_id_simulation.forces import UP
+from mocap_id_simulation.scene import draw_scene, random_streams
 
 KINDS = ["sit-to-stand", "robot"]
 STEP = 1e-3

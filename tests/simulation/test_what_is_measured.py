@@ -11,7 +11,7 @@ import pytest
 
 from mocap_id.geometry import PlaneFrame, planar
 from mocap_id.recording import read
-from mocap_id.simulation import Options, generate, simulate
+from mocap_id_simulation import Options, generate, simulate
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def trial():
 def test_only_hidden_markers_vanish_in_bursts(trial):
     markers = trial.scene.markers
     assert trial.bursts
-    assert all(5 <= burst.count <= 200 for burst in trial.bursts)
+    assert all(5 <= burst.n_frames <= 200 for burst in trial.bursts)
     np.testing.assert_array_equal(np.isnan(trial.points).any(axis=2), ~trial.visible)
     assert not (~trial.visible[:, ~markers.hidden]).any()
     assert (markers.link[markers.hidden] == 3).all()

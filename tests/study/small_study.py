@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mocap_id.recording.writer import write_c3d
-from mocap_id.simulation import Options, generate
 from mocap_id.workflows.parallel import TrialRun
 from mocap_id.workflows.study import StudyResult
+from mocap_id_simulation import Options, generate
 
 NAME = "DoeJane"
 """What the person is called, in folder, file names and labels, and nowhere in what is made."""

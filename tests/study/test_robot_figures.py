@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mocap_id.simulation.joint_motion import smoothstep
 from mocap_id.workflows.robot_study.figure_data import average_wrench
 from mocap_id.workflows.robot_study.methods import CAMERAS
+from mocap_id_simulation.motion import smoothstep
 
 PERIODS = 8
 

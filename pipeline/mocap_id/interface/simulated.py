@@ -9,10 +9,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from mocap_id import simulation
+import mocap_id_simulation as simulation
 from mocap_id.config.parsing import suggest_name
 from mocap_id.errors import ConfigError
-from mocap_id.simulation import arm, space_robot
 
 Kind: TypeAlias = Literal[
     "sit-to-stand", "robot", "arm", "chain", "robot-in-space", "robot-set", "cohort", "reach-cohort", "curl-study"
@@ -21,15 +20,15 @@ Kind: TypeAlias = Literal[
 _TRIALS: dict[str, tuple[Callable[..., Path], Any]] = {
     "sit-to-stand": (partial(simulation.simulate, "sit-to-stand"), simulation.Options),
     "robot": (partial(simulation.simulate, "robot"), simulation.Options),
-    "arm": (arm.write_arm, arm.ArmOptions),
-    "chain": (arm.write_chain, arm.ChainOptions),
-    "robot-in-space": (space_robot.simulate_space_robot, space_robot.SpaceRobotOptions),
+    "arm": (simulation.write_arm, simulation.ArmOptions),
+    "chain": (simulation.write_chain, simulation.ChainOptions),
+    "robot-in-space": (simulation.simulate_space_robot, simulation.SpaceRobotOptions),
 }
 _SETS: dict[str, tuple[Callable[..., Path], Any]] = {
     "robot-set": (simulation.simulate_robot_set, simulation.RobotSet),
     "cohort": (simulation.simulate_cohort, simulation.Cohort),
-    "reach-cohort": (arm.simulate_reach_cohort, arm.ReachCohort),
-    "curl-study": (arm.simulate_curl_study, arm.CurlStudy),
+    "reach-cohort": (simulation.simulate_reach_cohort, simulation.ReachCohort),
+    "curl-study": (simulation.simulate_curl_study, simulation.CurlStudy),
 }
 
 

@@ -13,9 +13,9 @@ from mocap_id.dynamics.space.preparation import SpatialRecord, SpatialTrial, pre
 from mocap_id.dynamics.space.pseudo_inertia import point_mass
 from mocap_id.geometry import se3, so3
 from mocap_id.geometry.spatial_chain import JointKind, SpatialChain, SpatialJoint
-from mocap_id.simulation.plate import SIZE
-from mocap_id.simulation.space_robot import SpaceRobotOptions, SpaceRobotTrial, generate_space_robot
-from mocap_id.simulation.space_robot.trial import FRAME
+from mocap_id_simulation import SpaceRobotOptions, SpaceRobotTrial, generate_space_robot
+from mocap_id_simulation.instruments import SIZE
+from mocap_id_simulation.space_robot import FRAME
 
 SIX = FitSettings(components=tuple(range(6)))
 

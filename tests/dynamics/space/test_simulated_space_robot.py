@@ -14,9 +14,9 @@ from mocap_id.errors import ConfigError, StoreError
 from mocap_id.geometry import PlaneFrame
 from mocap_id.plates import choose_plates
 from mocap_id.recording import ThinnedFrames
-from mocap_id.simulation.space_robot import SpaceRobotOptions, generate_space_robot, simulate_space_robot
-from mocap_id.simulation.space_robot.trial import FRAME
 from mocap_id.stages.planarise.wrenches import compute_ground_wrench_in_space, find_plates_centre
+from mocap_id_simulation import SpaceRobotOptions, generate_space_robot, simulate_space_robot
+from mocap_id_simulation.space_robot import FRAME
 
 SMALL = SpaceRobotOptions(seed=7, preset="clean", duration=6, rate=60, analog_rate=600)
 

@@ -12,12 +12,12 @@ from space_cases import plate_wrench, robot
 
 from mocap_id.dynamics.space.preparation import COMPONENTS
 from mocap_id.geometry.spatial_chain import SpatialChain
-from mocap_id.simulation.space_robot import SpaceRobotTrial
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE, IdentifyDimSettings
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.store import Table, Tree, hdf5, parquet
 from mocap_id.store.schemas import ANGLES, CHAIN, POSES, WRENCH
+from mocap_id_simulation import SpaceRobotTrial
 
 
 def chain_tree(chain: SpatialChain, base: str) -> Tree:

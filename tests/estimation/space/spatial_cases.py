@@ -9,7 +9,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
-from mocap_id.simulation.arm import SpatialTrial, simulate_arm
+from mocap_id_simulation import SimulatedSpaceTrial, simulate_arm
 
 UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """From laboratory axes with Z up to those of a trial."""
@@ -46,7 +46,7 @@ def positions(chain: SpatialChain, origin: FloatArray, base: FloatArray, joints:
     return found
 
 
-def true_chain(trial: SpatialTrial) -> SpatialChain:
+def true_chain(trial: SimulatedSpaceTrial) -> SpatialChain:
     """Return the chain of a simulated arm."""
     body = trial.document["body"]
     on_glide, local = np.array([name == "AC" for name in trial.names]), trial.local.copy()
@@ -67,7 +67,7 @@ def true_chain(trial: SpatialTrial) -> SpatialChain:
     return SpatialChain(joints, np.asarray(trial.assignment), local, on_glide)
 
 
-def arm(seed: int, frames: int = 1500) -> SpatialTrial:
+def arm(seed: int, frames: int = 1500) -> SimulatedSpaceTrial:
     """Return the first frames of a simulated reach."""
     trial = simulate_arm(seed)
     cut = {

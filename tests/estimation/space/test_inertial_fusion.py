@@ -14,18 +14,17 @@ from mocap_id.estimation.space.chain_model import degrees_of_freedom, make_chain
 from mocap_id.estimation.space.inertial_fusion import SensorResult, smooth_with_sensors
 from mocap_id.estimation.space.space_kernels import Pose, Sensors, predict_sensors
 from mocap_id.geometry import so3
-from mocap_id.simulation.arm import SpatialTrial
-from mocap_id.simulation.arm.arm import generate_arm
-from mocap_id.simulation.arm.options import ArmOptions
-from mocap_id.simulation.arm.sensors import SimulatedSensor, simulate_sensors
 from mocap_id.stages.skin_motion import add_axial_rotation_errors
+from mocap_id_simulation import ArmOptions, SimulatedSpaceTrial, generate_arm
+from mocap_id_simulation.arm_sensors import simulate_sensors
+from mocap_id_simulation.instruments import SimulatedSensor
 
 ON = (0, 1, 2)
 GAP = slice(840, 960)  # one second
 
 
 @pytest.fixture(scope="module")
-def case() -> tuple[SpatialTrial, list[SimulatedSensor]]:
+def case() -> tuple[SimulatedSpaceTrial, list[SimulatedSensor]]:
     options = ArmOptions(seed=21, cycles=1)
     trial = generate_arm(options)
     sensors = simulate_sensors(trial, options)
@@ -33,7 +32,7 @@ def case() -> tuple[SpatialTrial, list[SimulatedSensor]]:
 
 
 def fused(
-    trial: SpatialTrial, sensors: dict[int, SimulatedSensor], points: np.ndarray | None = None
+    trial: SimulatedSpaceTrial, sensors: dict[int, SimulatedSensor], points: np.ndarray | None = None
 ) -> tuple[SpatialStates, dict[int, SensorResult]]:
     seen = trial.positions @ UP.T if points is None else points
     given = {s: SensorSignals(each.time, each.gyro, each.acc) for s, each in sensors.items()}
@@ -46,7 +45,7 @@ def both(case) -> tuple[SpatialStates, dict[int, SensorResult]]:
     return fused(trial, {s: sensors[s] for s in ON})
 
 
-def acceleration_error(trial: SpatialTrial, states: SpatialStates, s: int) -> float:
+def acceleration_error(trial: SimulatedSpaceTrial, states: SpatialStates, s: int) -> float:
     off = (states.alpha[:, s] - trial.alpha[:, s] @ UP.T)[trial.time > trial.still + 0.5]
     return float(np.sqrt(np.nanmean(np.sum(off**2, axis=1))))
 

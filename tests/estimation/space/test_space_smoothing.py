@@ -9,25 +9,24 @@ from spatial_cases import UP, arm, true_chain
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation.space import SpatialStates, smooth_in_space
 from mocap_id.geometry import so3
-from mocap_id.simulation.arm import SpatialTrial
-from mocap_id.simulation.space_robot import SpaceRobotOptions, generate_space_robot
-from mocap_id.simulation.space_robot.trial import FRAME
+from mocap_id_simulation import SimulatedSpaceTrial, SpaceRobotOptions, generate_space_robot
+from mocap_id_simulation.space_robot import FRAME
 
 GAP = slice(900, 1080)  # 1.5 s
 
 
 @pytest.fixture(scope="module")
-def trial() -> SpatialTrial:
+def trial() -> SimulatedSpaceTrial:
     return arm(23)
 
 
 @pytest.fixture(scope="module")
-def points(trial: SpatialTrial) -> FloatArray:
+def points(trial: SimulatedSpaceTrial) -> FloatArray:
     return np.ascontiguousarray(trial.positions @ UP.T)
 
 
 @pytest.fixture(scope="module")
-def states(trial: SpatialTrial, points: FloatArray) -> SpatialStates:
+def states(trial: SimulatedSpaceTrial, points: FloatArray) -> SpatialStates:
     return smooth_in_space(points, trial.rate, true_chain(trial))
 
 
@@ -35,7 +34,7 @@ def rms(error: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.sum(error**2, axis=-1))))
 
 
-def test_accuracy_and_intervals(trial: SpatialTrial, states: SpatialStates) -> None:
+def test_accuracy_and_intervals(trial: SimulatedSpaceTrial, states: SpatialStates) -> None:
     later = trial.time > trial.still + 0.5
     omega, alpha = states.omega - trial.omega @ UP.T, states.alpha - trial.alpha @ UP.T
     assert rms(omega[later, 2]) < 0.1
@@ -48,7 +47,9 @@ def test_accuracy_and_intervals(trial: SpatialTrial, states: SpatialStates) -> N
     assert states.observed.all()
 
 
-def test_the_laboratorys_axes_do_not_matter(trial: SpatialTrial, points: FloatArray, states: SpatialStates) -> None:
+def test_the_laboratorys_axes_do_not_matter(
+    trial: SimulatedSpaceTrial, points: FloatArray, states: SpatialStates
+) -> None:
     turn = so3.exp(np.array([0.4, -1.1, 0.7]))
     turned = smooth_in_space(points @ turn.T, trial.rate, true_chain(trial))
     np.testing.assert_allclose(turned.omega, states.omega @ turn.T, atol=1e-3)
@@ -56,7 +57,7 @@ def test_the_laboratorys_axes_do_not_matter(trial: SpatialTrial, points: FloatAr
     np.testing.assert_allclose(turned.sd_alpha, states.sd_alpha, rtol=2e-2)
 
 
-def test_a_gap_is_bridged_or_not_given(trial: SpatialTrial, points: FloatArray, states: SpatialStates) -> None:
+def test_a_gap_is_bridged_or_not_given(trial: SimulatedSpaceTrial, points: FloatArray, states: SpatialStates) -> None:
     hidden = points.copy()
     hidden[GAP, np.asarray(trial.assignment) >= 2] = np.nan  # forearm and hand
     found = smooth_in_space(hidden, trial.rate, true_chain(trial))
@@ -73,7 +74,7 @@ def test_a_gap_is_bridged_or_not_given(trial: SpatialTrial, points: FloatArray, 
     np.testing.assert_allclose(found.omega[GAP.stop + 120 :, 2], states.omega[GAP.stop + 120 :, 2], atol=0.05)
 
 
-def test_outliers_are_left_out(trial: SpatialTrial, points: FloatArray, states: SpatialStates) -> None:
+def test_outliers_are_left_out(trial: SimulatedSpaceTrial, points: FloatArray, states: SpatialStates) -> None:
     rng = np.random.default_rng(0)
     hit = rng.random(points.shape[:2]) < 0.01
     wild = points + np.where(hit[..., None], rng.normal(0, 0.3, points.shape), 0.0)
@@ -83,7 +84,7 @@ def test_outliers_are_left_out(trial: SpatialTrial, points: FloatArray, states: 
 
 
 def test_a_movement_that_outruns_the_process_noise_is_followed(
-    trial: SpatialTrial, points: FloatArray, states: SpatialStates
+    trial: SimulatedSpaceTrial, points: FloatArray, states: SpatialStates
 ) -> None:
     """For a sixth of a second the reach is 15 times as fast as before and after, and no marker is wrong."""
     fast = np.concatenate([np.arange(700), np.arange(700, 1000, 15), np.arange(1000, 1500)])
@@ -95,7 +96,7 @@ def test_a_movement_that_outruns_the_process_noise_is_followed(
 
 
 def test_the_pose_is_found_again_after_exchanged_markers(
-    trial: SpatialTrial, points: FloatArray, states: SpatialStates
+    trial: SimulatedSpaceTrial, points: FloatArray, states: SpatialStates
 ) -> None:
     """Half of the forearm's markers are exchanged with those of the hand; the hand would stay turned by 180°."""
     forearm, hand = (np.flatnonzero(np.asarray(trial.assignment) == s)[:3] for s in (2, 3))
@@ -118,7 +119,9 @@ def test_exact_markers_are_followed_where_the_movement_begins() -> None:
     np.testing.assert_allclose(found.alpha[120:-120], trial.motion.alpha[120:-120], atol=0.02)
 
 
-def test_a_vanishing_marker_makes_no_step(trial: SpatialTrial, points: FloatArray, states: SpatialStates) -> None:
+def test_a_vanishing_marker_makes_no_step(
+    trial: SimulatedSpaceTrial, points: FloatArray, states: SpatialStates
+) -> None:
     hidden = points.copy()
     column = trial.names.index("EM")
     hidden[GAP.start : GAP.start + 60, column] = np.nan

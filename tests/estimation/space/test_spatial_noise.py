@@ -11,7 +11,7 @@ from mocap_id.estimation.space.chain_model import make_chain_model, make_track
 from mocap_id.estimation.space.frame_poses import FramePoses
 from mocap_id.estimation.space.spatial_noise import estimate_process_noise
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
-from mocap_id.simulation.joint_motion import draw_sway, draw_tremor
+from mocap_id_simulation.motion import draw_sway, draw_tremor
 
 DT, FRAMES, NOISE = 0.01, 1600, 0.015  # s, frames, rad
 CHAIN = SpatialChain(

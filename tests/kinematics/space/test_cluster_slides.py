@@ -7,8 +7,8 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry import so3
 from mocap_id.kinematics.space.chain_fit import fit_spatial_chain
-from mocap_id.simulation.arm import simulate_arm
 from mocap_id.stages.skin_motion import correct_cluster_slides, fit_cluster_poses
+from mocap_id_simulation import simulate_arm
 
 _CENTRE = np.array([0.1, -0.05, 0.15])
 _RATE = 60.0

@@ -9,7 +9,7 @@ from mocap_id.arrays import IntArray
 from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.space.bodies import SpatialBodies
 from mocap_id.kinematics.space.exchange import exchange_markers
-from mocap_id.simulation.arm import simulate_chain
+from mocap_id_simulation import simulate_chain
 
 TRIAL = simulate_chain(5, kinds="SS", duration=5)
 COUNT = len(TRIAL.names)

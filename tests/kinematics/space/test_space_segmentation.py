@@ -13,14 +13,13 @@ from mocap_id.geometry import so3
 from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.hypotheses import SegmentationRules
 from mocap_id.kinematics.space.segmentation import SpatialSegmentation, segment_in_space
-from mocap_id.simulation.arm import simulate_arm, simulate_chain
-from mocap_id.simulation.arm.trial import SpatialTrial
+from mocap_id_simulation import SimulatedSpaceTrial, simulate_arm, simulate_chain
 
 UNSURE = 0.5
 
 
 @cache
-def reach(seed: int = 3, side: str = "right") -> SpatialTrial:
+def reach(seed: int = 3, side: str = "right") -> SimulatedSpaceTrial:
     return simulate_arm(seed, side=side)
 
 
@@ -29,12 +28,12 @@ def found_reach() -> SpatialSegmentation:
     return segment_in_space(reach().positions)
 
 
-def counted(trial: SpatialTrial) -> BoolArray:
+def counted(trial: SimulatedSpaceTrial) -> BoolArray:
     """Return the markers with a true segment: the one on the shoulder girdle has none."""
     return np.array([name != "AC" for name in trial.names])
 
 
-def assert_right(found: SpatialSegmentation, trial: SpatialTrial, count: int) -> None:
+def assert_right(found: SpatialSegmentation, trial: SimulatedSpaceTrial, count: int) -> None:
     here = counted(trial)
     assert found.count == count
     np.testing.assert_array_equal(found.segment[here], trial.assignment[here])

@@ -13,8 +13,7 @@ from mocap_id.kinematics.space.bundle_model import segment_origins
 from mocap_id.kinematics.space.chain_fit import fit_spatial_chain
 from mocap_id.kinematics.space.chain_result import SpatialFit, move_centre
 from mocap_id.kinematics.space.rigid_body import rigid_poses
-from mocap_id.simulation.arm import simulate_arm, simulate_chain
-from mocap_id.simulation.space_robot import SpaceRobotOptions, generate_space_robot
+from mocap_id_simulation import SpaceRobotOptions, generate_space_robot, simulate_arm, simulate_chain
 
 _UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 _ARM: Any = {1: "ball", 2: "two-axis", 3: "two-axis"}

@@ -10,7 +10,7 @@ from mocap_id.geometry import so3
 from mocap_id.kinematics.space.bodies import SpatialBody, fit_spatial_body
 from mocap_id.kinematics.space.segmentation import segment_in_space
 from mocap_id.kinematics.space.unexplained_motion import gain_of_parts, unexplained_distance_sd, unexplained_motion
-from mocap_id.simulation.arm import simulate_arm
+from mocap_id_simulation import simulate_arm
 
 FRAMES = 300
 PARTS = (np.arange(4), np.arange(4, 8))

@@ -10,7 +10,7 @@ import pytest
 from mocap_id.config import load
 from mocap_id.errors import StoreError
 from mocap_id.recording import read
-from mocap_id.simulation.arm import ArmOptions, ChainOptions, generate_arm, write_arm, write_chain
+from mocap_id_simulation import ArmOptions, ChainOptions, generate_arm, write_arm, write_chain
 
 ARM = ArmOptions(seed=3, movement="curl", repetitions=1, preset="hard", anonymous=True, side="left")
 CASES = {"arm": (write_arm, ARM), "chain": (write_chain, ChainOptions(seed=3, kinds="SH", duration=4.0))}

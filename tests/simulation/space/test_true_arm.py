@@ -8,10 +8,10 @@ from scipy.interpolate import CubicSpline
 
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import so3
-from mocap_id.simulation.arm import simulate_arm, simulate_chain
-from mocap_id.simulation.arm.body import FOREARM, HAND, THORAX, UPPER_ARM
-from mocap_id.simulation.arm.reach_volume import reach_volume
-from mocap_id.simulation.arm.rotations import X, Y, Z
+from mocap_id_simulation import simulate_arm, simulate_chain
+from mocap_id_simulation.arm import FOREARM, HAND, THORAX, UPPER_ARM
+from mocap_id_simulation.arm_files import reach_volume
+from mocap_id_simulation.motion import X, Y, Z
 
 FINE = 480.0  # Hz, for differences
 

@@ -6,13 +6,12 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from mocap_id import runner
 from mocap_id.config import load
 from mocap_id.errors import MocapIdError, first_line
-from mocap_id.simulation import Options, simulate
 from mocap_id.workflows.doctor.machine import check_machine
 from mocap_id.workflows.doctor.packages import Finding, check_packages
 
@@ -21,22 +20,22 @@ OPENSIM = "MOCAP_ID_OPENSIM_PYTHON"
 """Environment variable: path of a Python that has the `opensim` package."""
 
 
-def check_installation(folder: Path, *, full: bool = False) -> Iterator[Finding]:
+def check_installation(folder: Path, *, simulate: Callable[[Path], Path] | None = None) -> Iterator[Finding]:
     """Run all checks and yield their findings.
 
     Parameters
     ----------
     folder : Path
         The working folder.
-    full : bool
-        Whether to also run the whole pipeline on a small simulated trial, in a temporary folder.
+    simulate : callable, optional
+        Writes a small trial to a new folder and returns the path of its YAML file. The whole pipeline is run on it.
     """
     yield from check_packages()
     yield from check_machine(folder)
     yield find_browser()
     yield find_opensim(folder)
-    if full:
-        yield run_small_trial()
+    if simulate is not None:
+        yield run_small_trial(simulate)
 
 
 def find_browser() -> Finding:
@@ -58,13 +57,12 @@ def find_opensim(folder: Path) -> Finding:
     return Finding("OpenSim (optional)", "ok", "not found; only the tests of the exports need it")
 
 
-def run_small_trial() -> Finding:
-    """Simulate a trial of a robot's joint, run it from recording to report, and return the finding."""
+def run_small_trial(simulate: Callable[[Path], Path]) -> Finding:
+    """Simulate a small trial, run it from recording to report, and return the finding."""
     start = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="mocap-id-doctor-") as folder:
         try:
-            options = Options(seed=1, repetitions=2, rate=100.0, analog_rate=500.0)
-            outcome = runner.run(load(Path(simulate("robot", Path(folder) / "trial", options))))
+            outcome = runner.run(load(simulate(Path(folder) / "trial")))
             level = outcome.summary()["verdict"]["level"]
         except Exception as error:  # noqa: BLE001  a broken installation may raise anything
             kind = "" if isinstance(error, MocapIdError) else f"{type(error).__name__}: "

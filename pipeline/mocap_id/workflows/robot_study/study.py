@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,6 @@ from mocap_id.errors import ConfigError
 from mocap_id.reporting.results.columns import ResultTable
 from mocap_id.reporting.results.result import Result
 from mocap_id.reporting.robot_study.page_data import RobotStudyData
-from mocap_id.simulation import RobotSet, simulate_robot_set
-from mocap_id.simulation.robot_set import FILE, robot_set_yaml
 from mocap_id.store import Folder
 from mocap_id.store.atomic import converting_errors, write_files
 from mocap_id.store.ownership import check_owner, store_owner
@@ -56,10 +54,9 @@ class RobotStudyResult:
 
 
 def validate_robot(
-    files: Sequence[Path],
+    files: Sequence[Path] | Callable[[Path], Path],
     out: Path,
     *,
-    generated: RobotSet | None = None,
     jobs: int = 1,
     tell: TrialCallback = lambda run: None,
     page: Path | None = None,
@@ -68,12 +65,11 @@ def validate_robot(
 
     Parameters
     ----------
-    files : sequence of Path
-        A study's file, or trials' files. If empty, the set in ``out/trials`` is used, which is simulated if missing.
+    files : sequence of Path, or callable
+        A study's file, or trials' files. A function is called with the folder ``out/trials``, where it simulates a
+        study if it is missing, and returns the study's file.
     out : Path
         Folder of the tables and the page. The run folders of the trials are in its sub-folder ``runs``.
-    generated : RobotSet, optional
-        The set to simulate.
     jobs : int
         Number of trials that run at the same time.
     tell : callable, optional
@@ -90,7 +86,7 @@ def validate_robot(
     """
     out = out.absolute()
     text = None if page is None else _read_page(page)
-    files = tuple(files) or (_simulate(out, generated or RobotSet()),)
+    files = (files(out / "trials"),) if callable(files) else tuple(files)
     study = load_robot_study(files)
     owner = find_owner_of_files(*files)
     configs = [replace(one, trial=replace(one.trial, out=out / "runs" / one.trial.name)) for one in study.trials]
@@ -109,22 +105,6 @@ def validate_robot(
     if page is not None and text is not None:
         _replace_tables(page, text, data)
     return RobotStudyResult(out, trials, {name: table.frame for name, table in tables.items()}, result.document)
-
-
-def _simulate(out: Path, options: RobotSet) -> Path:
-    """Return the file of the simulated set in the study's folder; simulate the set if it is missing.
-
-    ConfigError is raised if the folder contains a set with different options.
-    """
-    folder = out / "trials"
-    if not (folder / FILE).exists():
-        return simulate_robot_set(folder, options)
-    if (folder / FILE).read_text("utf-8") != robot_set_yaml(options):
-        raise ConfigError(
-            f"{folder} contains a set with a different seed or number of trials: give the same options as for that "
-            "set, or choose a different `--out`"
-        )
-    return folder / FILE
 
 
 def _make_pages(data: RobotStudyData) -> dict[str, bytes]:

@@ -7,10 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from mocap_id.anatomy.skin_motion import draw_centred_skin_motion
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry.planar import marker_positions, rotate
-from mocap_id.simulation import skin
-from mocap_id.simulation.markers import MarkerSet
 from mocap_id.store import LongTable, Table
 from mocap_id.workflows.sensitivity.plan import Perturbation
 from mocap_id.workflows.sensitivity.signal_perturbations import WRENCH, joints_of
@@ -47,17 +46,7 @@ def soft_tissue(trial: TrialInputs, change: Perturbation) -> TrialInputs:
     """Return the trial with simulated skin motion up to the level, m, which depends on the angles and drifts slowly."""
     moving, segment = _find_moving(trial), _read_segments(trial)
     q = _fill_gaps(trial.states("theta"))
-    count = len(moving)
-    markers = MarkerSet(
-        labels=tuple(map(str, range(count))),
-        link=segment[moving],
-        local=np.zeros((count, 3)),
-        softness=np.ones(count),
-        hidden=np.zeros(count, dtype=np.bool_),
-        on_plate=np.zeros(count, dtype=np.bool_),
-        at_joint=(None,) * count,
-    )
-    slide = skin.draw_trial_skin_motion(change.rng(), markers, q, trial.time)[..., :2]
+    slide = draw_centred_skin_motion(change.rng(), segment[moving], np.ones(len(moving)), q, trial.time)[..., :2]
     angle = np.cumsum(q, axis=1)[:, segment[moving] - 1]  # (T, M) angle of each marker's segment
     return _shift(trial, moving, change.level * rotate(angle, slide))
 

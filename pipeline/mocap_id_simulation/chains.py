@@ -1,22 +1,76 @@
-"""A simulated chain of bodies without anatomy, connected by ball joints, hinges and two-axis joints."""
+"""Simulated trials in space, in memory, and chains of bodies without anatomy: ball joints, hinges, two-axis joints."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from mocap_id.anatomy.skin_motion import draw_skin_motion
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry import so3
-from mocap_id.simulation.arm.markers import marker_set
-from mocap_id.simulation.arm.options import PRESETS, ChainOptions, Preset
-from mocap_id.simulation.arm.rotations import Attitude, AxisRotation, constant_attitude
-from mocap_id.simulation.arm.trial import SpatialTrial, film_markers, transform_points
-from mocap_id.simulation.joint_motion import STEP, draw_sway, motion_through, ramp_up
-from mocap_id.simulation.skin import draw_skin_motion
+from mocap_id_simulation.cameras import MarkerEpisode, draw_occlusions, find_visible, measure_positions
+from mocap_id_simulation.motion import (
+    STEP,
+    Attitude,
+    AxisRotation,
+    constant_attitude,
+    draw_sway,
+    motion_through,
+    ramp_up,
+)
+from mocap_id_simulation.options import PRESETS, ChainOptions, Difficulty, Preset
 
-STILL = 1.0  # s of rest at the start
+_OCCLUSIONS = 0.4 / 24  # times the usual number of bursts, for one marker
+
+
+@dataclass(frozen=True)
+class SimulatedSpaceTrial:
+    """A trial of S segments and M markers at F frames; all vectors are in laboratory axes with z up."""
+
+    labels: tuple[str, ...]  # names of the markers in the file
+    names: tuple[str, ...]  # names of the landmarks and cluster markers, also if the recording is anonymous
+    rate: float  # Hz
+    time: FloatArray  # (F,) s
+    positions: FloatArray  # (F, M, 3) measured positions, m; NaN where a marker was not seen
+    true_positions: FloatArray  # (F, M, 3) positions with soft tissue, without noise and occlusions, m
+    bursts: tuple[MarkerEpisode, ...]  # occlusions
+    segments: tuple[str, ...]
+    assignment: IntArray  # (M,) segment of every marker
+    local: FloatArray  # (M, 3) positions in the segments' frames while the body is still at the start, m
+    skin: FloatArray  # (F, M, 3) displacement by soft tissue in the segments' frames, m
+    origins: FloatArray  # (F, S, 3) origins of the segments' frames, m
+    rotations: FloatArray  # (F, S, 3, 3) from the segment to the laboratory
+    omega: FloatArray  # (F, S, 3) angular velocities, rad/s
+    alpha: FloatArray  # (F, S, 3) angular accelerations, rad/s²
+    angles: Mapping[str, FloatArray]  # angles (F,) by their names in angles.parquet, rad; empty for a plain chain
+    rates: Mapping[str, FloatArray]  # their first derivatives, rad/s
+    accelerations: Mapping[str, FloatArray]  # their second derivatives, rad/s²
+    arrays: Mapping[str, FloatArray]  # further arrays of truth.npz
+    document: Mapping[str, Any]  # further entries of truth.json
+    still: float  # duration of the rest at the start, s
+
+
+def transform_points(origins: FloatArray, rotations: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
+    """Return points (F, M, 3) in the laboratory from positions ``local`` (F, M, 3) in their segments' frames."""
+    return np.asarray(origins[:, segment] + np.einsum("fmij,fmj->fmi", rotations[:, segment], local))
+
+
+def film_markers(
+    rng: np.random.Generator, labels: tuple[str, ...], positions: FloatArray, rate: float, sizes: Difficulty
+) -> tuple[FloatArray, tuple[MarkerEpisode, ...]]:
+    """Return measured positions (F, M, 3), m, and the occlusions, in which the positions are NaN."""
+    frames, count = positions.shape[:2]
+    bursts = draw_occlusions(rng, labels, frames, rate, sizes.occlusions * count * _OCCLUSIONS)
+    return measure_positions(rng, positions, sizes.marker_noise, find_visible(labels, bursts, frames)), bursts
+
+
+# --- chains of bodies
+
+_REST = 1.0  # s of rest at the start
 _AXES = {"S": 3, "T": 2, "H": 1}
 _LEAST_BETWEEN = np.radians(60.0)  # least angle between the axes of a two-axis joint
 _FREQUENCIES = (0.15, 0.6)  # Hz
@@ -25,7 +79,7 @@ _TILT = 2.0  # rad of rotation of a swaying base for each metre of its sway
 
 def simulate_chain(
     seed: int = 0, kinds: str = "SS", arc_deg: float = 40.0, preset: Preset = "default", **more: Any
-) -> SpatialTrial:
+) -> SimulatedSpaceTrial:
     """Simulate a chain; the same arguments give the same numbers. ``more`` are further fields of :class:`ChainOptions`.
 
     Examples
@@ -37,12 +91,15 @@ def simulate_chain(
     return generate_chain(ChainOptions(seed=seed, kinds=kinds, arc_deg=arc_deg, preset=preset, **more))
 
 
-def generate_chain(options: ChainOptions) -> SpatialTrial:
+def generate_chain(options: ChainOptions) -> SimulatedSpaceTrial:
     """Simulate a chain with the given options."""
     of_body, of_motion, of_skin, of_cameras = (np.random.default_rng([options.seed, 30 + i]) for i in range(4))
     lengths = of_body.uniform(0.25, 0.38, len(options.kinds))
     axes = [_draw_axes(of_body, kind) for kind in options.kinds]
-    centres = _draw_centres(of_body, lengths)
+    # joint centres in the parents' frames: the chain hangs from the top of the base
+    centres = of_body.normal(0, 0.01, (len(lengths), 3))
+    centres[1:, 2] = -lengths[:-1]
+    centres[0] = (*of_body.uniform(-0.05, 0.05, 2), of_body.uniform(0.85, 1.0))
     labels, segment, local = _draw_markers(of_body, lengths, options.markers)
     time = np.arange(round(options.duration * options.rate)) / options.rate
     q, shift, attitudes = _draw_motion(of_motion, options, axes, time)
@@ -51,10 +108,12 @@ def generate_chain(options: ChainOptions) -> SpatialTrial:
         origins.append(origins[-1] + attitude.rotation @ centre)
     rotations = np.stack([each.rotation for each in attitudes], axis=1)
     placed = np.stack(origins, axis=1)
-    skin = _draw_skin(of_skin, options, q, (labels, segment, local), time)
+    softness = np.full(len(labels), options.soft_tissue_mm / 1e3)
+    skin = draw_skin_motion(of_skin, segment, softness, q, time, wander=of_skin, middle=q[0])
+    skin = np.asarray(skin - skin[0])  # zero in the first frame
     true = transform_points(placed, rotations, segment, local + skin)
     positions, bursts = film_markers(of_cameras, labels, true, options.rate, PRESETS[options.preset])
-    return SpatialTrial(
+    return SimulatedSpaceTrial(
         labels=labels,
         names=labels,
         rate=options.rate,
@@ -83,7 +142,7 @@ def generate_chain(options: ChainOptions) -> SpatialTrial:
             "joint_axes": [each.tolist() for each in axes],
             "lengths_m": lengths.tolist(),
         },
-        still=STILL,
+        still=_REST,
     )
 
 
@@ -94,14 +153,6 @@ def _draw_axes(rng: np.random.Generator, kind: str) -> FloatArray:
         angle = rng.uniform(_LEAST_BETWEEN, np.pi / 2)
         return np.stack([frame[:, 0], np.cos(angle) * frame[:, 0] + np.sin(angle) * frame[:, 1]], axis=1)
     return frame[:, : _AXES[kind]]
-
-
-def _draw_centres(rng: np.random.Generator, lengths: FloatArray) -> FloatArray:
-    """Return joint centres (n, 3) in the parents' frames, m: the chain hangs from the top of the base."""
-    centres = rng.normal(0, 0.01, (len(lengths), 3))
-    centres[1:, 2] = -lengths[:-1]
-    centres[0] = (*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.85, 1.0))
-    return centres
 
 
 def _draw_markers(
@@ -126,10 +177,15 @@ def _draw_motion(
     """Return the first coordinate of every joint (F, n), the translation of the base (F, 3), m, and all attitudes."""
     fine = np.arange(-1.0, options.duration + 1.0, STEP)
     count = sum(each.shape[1] for each in axes)
-    waves = _draw_waves(rng, fine, count) * np.radians(options.arc_deg)
+    # irregular waves whose largest value is the arc
+    frequency = rng.uniform(*_FREQUENCIES, (3, count))
+    weight = np.array([1.0, 0.5, 0.25])[:, None]
+    phase = rng.uniform(0, 2 * np.pi, (3, count))
+    waves = (weight * np.sin(2 * np.pi * frequency * fine[:, None, None] + phase)).sum(axis=1)
+    waves = waves / np.abs(waves).max(axis=0) * np.radians(options.arc_deg)
     size = options.sway_mm / 1e3
     base = draw_sway(rng, fine, np.repeat([size * _TILT, size], 3))
-    motion = motion_through(fine, ramp_up(fine, STILL) * np.hstack([waves, base]), options.duration)
+    motion = motion_through(fine, ramp_up(fine, _REST) * np.hstack([waves, base]), options.duration)
     q, dq, ddq, _ = motion.at(time)
     all_axes = np.concatenate([*axes, np.eye(3)], 1).T
     rotations = [AxisRotation(axis, q[:, i], dq[:, i], ddq[:, i]) for i, axis in enumerate(all_axes)]
@@ -138,26 +194,3 @@ def _draw_motion(
     for start, end in pairwise(first):
         attitudes.append(attitudes[-1].rotate(rotations[start:end]))
     return q[:, first[:-1]], q[:, count + 3 :], attitudes
-
-
-def _draw_waves(rng: np.random.Generator, time: FloatArray, count: int) -> FloatArray:
-    """Return irregular waves (T, count) whose largest value is 1."""
-    frequency = rng.uniform(*_FREQUENCIES, (3, count))
-    weight = np.array([1.0, 0.5, 0.25])[:, None]
-    phase = rng.uniform(0, 2 * np.pi, (3, count))
-    waves = (weight * np.sin(2 * np.pi * frequency * time[:, None, None] + phase)).sum(axis=1)
-    return np.asarray(waves / np.abs(waves).max(axis=0))
-
-
-def _draw_skin(
-    rng: np.random.Generator,
-    options: ChainOptions,
-    q: FloatArray,
-    markers: tuple[tuple[str, ...], IntArray, FloatArray],
-    time: FloatArray,
-) -> FloatArray:
-    """Return the displacement (F, M, 3) of all markers by sliding skin, m; it is zero in the first frame."""
-    labels, segment, local = markers
-    softness = np.full(len(labels), options.soft_tissue_mm / 1e3)
-    moved = draw_skin_motion(rng, marker_set(labels, segment, local, softness), q, time, wander=rng, middle=q[0])
-    return np.asarray(moved - moved[0])

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry import so3
-from mocap_id.simulation.arm.body import FOREARM, HAND, THORAX, UPPER_ARM, ArmBody
-from mocap_id.simulation.arm.options import PRESETS, ArmOptions
-from mocap_id.simulation.arm.rotations import Y
-from mocap_id.simulation.arm.trial import SpatialTrial
-from mocap_id.simulation.inertial_sensors import SEED, SimulatedSensor, measure_motion
+from mocap_id_simulation.arm import FOREARM, HAND, THORAX, UPPER_ARM, ArmBody
+from mocap_id_simulation.chains import SimulatedSpaceTrial
+from mocap_id_simulation.instruments import IMU_SEED, SimulatedSensor, measure_motion
+from mocap_id_simulation.motion import Y
+from mocap_id_simulation.options import PRESETS, ArmOptions
 
-RATE = 30.0  # Hz
+SKELETON_RATE = 30.0  # Hz
 _TRUNK = {
     "SpineBase": (-0.030, -0.270, 0.0),
     "SpineMid": (-0.028, -0.128, 0.0),
@@ -26,22 +26,26 @@ _TRUNK = {
     "HipRight": (-0.012, -0.285, 0.048),
 }
 """Positions in the thorax, as fractions of the stature."""
-_HAND = {"Hand": (0.0, -0.045, 0.0), "HandTip": (0.0, -0.095, 0.0), "Thumb": (0.0, -0.045, 0.03)}
+_HAND_JOINTS = {"Hand": (0.0, -0.045, 0.0), "HandTip": (0.0, -0.095, 0.0), "Thumb": (0.0, -0.045, 0.03)}
 """Positions in the hand, as fractions of the stature."""
 _INFERRED = {"Elbow": 0.02, "Wrist": 0.06, "Hand": 0.11, "HandTip": 0.07, "Thumb": 0.16}
 """Fraction of the frames in which the camera only infers the position of a joint."""
 _BIAS = {"HandTip": 2.0, "Thumb": 2.5, "Hand": 1.3}
 """Factor on the constant error of a joint."""
 _BIAS_SD, _NOISE_SD, _SURFACE = 0.012, 0.0075, -0.012  # m; the camera sees the near side of the body
-_DEPTH = 1.35  # noise along the line of sight, relative to that across it
+_DEPTH_NOISE = 1.35  # noise along the line of sight, relative to that across it
 _WHITE, _MEMORY = 0.12, 0.22  # fraction of the noise's variance that is white; correlation time of the rest, s
 _INFERRED_SD, _JUMP_SD = 0.025, 0.06  # m
 _HARD = 1.5  # factor on all errors
-_LOST, _DROPPED, _JITTER = 0.01, 0.025, 0.0012  # fractions of the frames of a hand and of the rows; jitter of times, s
+_LOST, _DROPPED, _ROW_JITTER = (
+    0.01,
+    0.025,
+    0.0012,
+)  # fractions of the frames of a hand and of the rows; jitter of times, s
 
 
 @dataclass(frozen=True)
-class Skeleton:
+class FilmedSkeleton:
     """Recording of the camera, with K rows of J joints, on the camera's clock."""
 
     joints: tuple[str, ...]
@@ -74,7 +78,7 @@ class Skeleton:
         return ("\n".join(lines) + "\n").encode()
 
 
-def film_skeleton(trial: SpatialTrial, options: ArmOptions) -> Skeleton:
+def film_skeleton(trial: SimulatedSpaceTrial, options: ArmOptions) -> FilmedSkeleton:
     """Return the skeleton of a depth camera in front of a person who was simulated with these options.
 
     With the preset ``clean``, the offset of the clock is the only error.
@@ -82,8 +86,8 @@ def film_skeleton(trial: SpatialTrial, options: ArmOptions) -> Skeleton:
     rng = np.random.default_rng([options.seed, 30])
     size = {"clean": 0.0, "default": 1.0, "hard": _HARD}[options.preset]
     offset = float(rng.uniform(-0.1, 0.1))
-    count = int((trial.time[-1] - 0.2) * RATE)
-    ticks = 0.1 + np.arange(count) / RATE + rng.uniform(-1, 1, count) * _JITTER
+    count = int((trial.time[-1] - 0.2) * SKELETON_RATE)
+    ticks = 0.1 + np.arange(count) / SKELETON_RATE + rng.uniform(-1, 1, count) * _ROW_JITTER
     at = ticks[rng.random(count) > _DROPPED]
     joints, lab = _true_joints(trial, at, options.side == "left")
     rotation, position = _draw_camera(rng, trial)
@@ -93,21 +97,21 @@ def film_skeleton(trial: SpatialTrial, options: ArmOptions) -> Skeleton:
         kinds = [joint.removesuffix("Right").removesuffix("Left") for joint in joints]
         bias = rng.normal(0, _BIAS_SD, (len(joints), 3)) * np.array([_BIAS.get(kind, 1.0) for kind in kinds])[:, None]
         bias[:, 2] += _SURFACE
-        seen = seen + size * (bias + _draw_noise(rng, len(at), len(joints)))
+        seen = seen + size * (bias + _draw_camera_noise(rng, len(at), len(joints)))
         for k, kind in enumerate(kinds):
             _infer(rng, seen[:, k], state[:, k], size * _INFERRED.get(kind, 0.0), is_hand=kind == "Hand")
     seen[state == 0] = np.nan
-    return Skeleton(joints, at - offset, seen, state, offset, rotation, position)
+    return FilmedSkeleton(joints, at - offset, seen, state, offset, rotation, position)
 
 
-def _true_joints(trial: SpatialTrial, time: FloatArray, left: bool) -> tuple[tuple[str, ...], FloatArray]:
+def _true_joints(trial: SimulatedSpaceTrial, time: FloatArray, left: bool) -> tuple[tuple[str, ...], FloatArray]:
     """Return names and true positions (K, J, 3) of the joints in the laboratory at times (K,)."""
     body: ArmBody = trial.document["body"]
     height = body.subject.height
     arm, other = ("Left", "Right") if left else ("Right", "Left")
     local = {name: (THORAX, height * np.array(share)) for name, share in _TRUNK.items()}
     local[f"Shoulder{other}"] = (THORAX, body.shoulder * [1, 1, -1])
-    local |= {f"{name}{arm}": (HAND, height * np.array(share)) for name, share in _HAND.items()}
+    local |= {f"{name}{arm}": (HAND, height * np.array(share)) for name, share in _HAND_JOINTS.items()}
     points = {name: trial.origins[:, s] + trial.rotations[:, s] @ np.asarray(at) for name, (s, at) in local.items()}
     points |= {
         f"{name}{arm}": trial.origins[:, s]
@@ -121,7 +125,7 @@ def _true_joints(trial: SpatialTrial, time: FloatArray, left: bool) -> tuple[tup
     return tuple(points), np.stack(sampled, axis=1)
 
 
-def _draw_camera(rng: np.random.Generator, trial: SpatialTrial) -> tuple[FloatArray, FloatArray]:
+def _draw_camera(rng: np.random.Generator, trial: SimulatedSpaceTrial) -> tuple[FloatArray, FloatArray]:
     """Return rotation and position of the camera, which looks at the person from the front, tilted by some degrees."""
     forward = trial.rotations[0, THORAX, :, 0] * np.array([1.0, 1.0, 0.0])
     away = -forward / np.linalg.norm(forward)
@@ -133,16 +137,16 @@ def _draw_camera(rng: np.random.Generator, trial: SpatialTrial) -> tuple[FloatAr
     return rotation, position
 
 
-def _draw_noise(rng: np.random.Generator, count: int, joints: int) -> FloatArray:
+def _draw_camera_noise(rng: np.random.Generator, count: int, joints: int) -> FloatArray:
     """Return autocorrelated noise (K, J, 3)."""
-    fades = float(np.exp(-1 / (RATE * _MEMORY)))
+    fades = float(np.exp(-1 / (SKELETON_RATE * _MEMORY)))
     steps = rng.normal(0, 1, (count, joints, 3))
     slow = np.empty_like(steps)
     slow[0] = steps[0]
     for k in range(1, count):
         slow[k] = fades * slow[k - 1] + np.sqrt(1 - fades**2) * steps[k]
     total = np.sqrt(1 - _WHITE) * slow + np.sqrt(_WHITE) * rng.normal(0, 1, steps.shape)
-    return np.asarray(_NOISE_SD * total * [1.0, 1.0, _DEPTH])
+    return np.asarray(_NOISE_SD * total * [1.0, 1.0, _DEPTH_NOISE])
 
 
 def _infer(rng: np.random.Generator, points: FloatArray, state: IntArray, share: float, *, is_hand: bool) -> None:
@@ -166,7 +170,7 @@ _ON_HAND = (-0.03, -0.06, 0.0)
 _LOSS = {"upper_arm": 0.25, "forearm": 0.12}  # fraction of the axial rotation that the skin does not follow
 
 
-def simulate_sensors(trial: SpatialTrial, options: ArmOptions) -> dict[str, SimulatedSensor]:
+def simulate_sensors(trial: SimulatedSpaceTrial, options: ArmOptions) -> dict[str, SimulatedSensor]:
     """Return one sensor for each segment of a simulated arm that was generated with these options, by segment name.
 
     The preset scales the errors of the sensors. The preset and the factor of soft tissue scale the rotation of the skin
@@ -174,7 +178,7 @@ def simulate_sensors(trial: SpatialTrial, options: ArmOptions) -> dict[str, Simu
 
     Examples
     --------
-    >>> from mocap_id.simulation.arm.arm import generate_arm
+    >>> from mocap_id_simulation.arm import generate_arm
     >>> options = ArmOptions(seed=1, preset="clean", cycles=1)
     >>> sorted(simulate_sensors(generate_arm(options), options))
     ['forearm', 'hand', 'thorax', 'upper_arm']
@@ -185,7 +189,7 @@ def simulate_sensors(trial: SpatialTrial, options: ArmOptions) -> dict[str, Simu
     loss = min(options.soft_tissue, 1.0) * PRESETS[options.preset].twist_loss
     sensors = {}
     for s, name in enumerate(trial.segments):
-        rng = np.random.default_rng([options.seed, SEED, s])
+        rng = np.random.default_rng([options.seed, IMU_SEED, s])
         share = loss * _LOSS.get(name, 0.0)
         angle = axial.get(name, np.zeros(len(trial.time)))
         position = np.array(_POSITION.get(name, _ON_HAND)) * np.where(np.arange(3) == 1, rng.uniform(0.9, 1.1), 1.0)
@@ -193,11 +197,7 @@ def simulate_sensors(trial: SpatialTrial, options: ArmOptions) -> dict[str, Simu
         points = trial.origins[:, s] + np.einsum("fij,j->fi", rotations, position)
         truth = {"position_in_segment_m": position.tolist(), "twist_loss": share}
         sensors[name] = measure_motion(rng, trial.time, rotations, points, error_factor=factor, truth=truth)
-    if options.side == "left":
-        return {name: _mirror(sensor) for name, sensor in sensors.items()}
-    return sensors
-
-
-def _mirror(sensor: SimulatedSensor) -> SimulatedSensor:
-    """Return the measurement of the mirrored sensor on a left arm."""
-    return SimulatedSensor(sensor.time, sensor.gyro * [-1.0, -1.0, 1.0], sensor.acc * [1.0, 1.0, -1.0], sensor.truth)
+    if options.side == "right":
+        return sensors
+    turn, pull = np.array([-1.0, -1.0, 1.0]), np.array([1.0, 1.0, -1.0])  # the mirrored sensor on a left arm
+    return {name: replace(each, gyro=each.gyro * turn, acc=each.acc * pull) for name, each in sensors.items()}

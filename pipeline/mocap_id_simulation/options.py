@@ -5,38 +5,52 @@ The command line and its documentation are generated from these fields.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal, TypeAlias
+from functools import cache
+from types import NoneType, UnionType
+from typing import Any, Literal, TypeAlias, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
 
 from mocap_id.errors import ConfigError
-from mocap_id.simulation.body import Subject
-from mocap_id.simulation.markers import MARKER_SETS, MarkerSetName
-from mocap_id.simulation.plate import Sense
-from mocap_id.simulation.schedule import STRATEGIES, Strategy
-from mocap_id.simulation.ur5 import FREQUENCY, REFERENCE, JointName, Speed
 
 Kind: TypeAlias = Literal["sit-to-stand", "robot"]
+Strategy: TypeAlias = Literal["normal", "dynamic", "stable"]
+Sense: TypeAlias = Literal["reaction", "action"]
+MarkerSetName: TypeAlias = Literal["clusters", "plug-in-gait", "plug-in-gait-without-wands", "joints"]
+JointName: TypeAlias = Literal["shoulder", "elbow", "wrist"]
+Speed: TypeAlias = Literal["slow", "fast"]
 LARGEST = float("inf")
 
 
-def option(
-    default: Any, help_text: str, limits: tuple[float, float] | None = None, unit: str = "", *, choices: Any = ()
-) -> Any:
-    """Return a dataclass field with a help text, and with limits or choices that :func:`check_options` checks."""
-    metadata = {"help": help_text, "limits": limits, "unit": unit, "choices": tuple(choices)}
-    return field(default=default, metadata=metadata)
+def option(default: Any, help_text: str, limits: tuple[float, float] | None = None, unit: str = "") -> Any:
+    """Return a dataclass field with a help text, and with limits that :func:`check_options` checks."""
+    return field(default=default, metadata={"help": help_text, "limits": limits, "unit": unit})
 
 
 def check_options(options: Any, command: str) -> None:
-    """Raise ConfigError if an option is outside its limits or not among its choices."""
+    """Raise ConfigError if an option is outside its limits, or not among the values of its literal type."""
+    model: Any = type(options)
     for each in fields(options):
-        value, metadata = getattr(options, each.name), each.metadata
-        limits, choices = metadata.get("limits"), metadata.get("choices")
+        value, limits = getattr(options, each.name), each.metadata.get("limits")
         if limits is not None and value is not None and not limits[0] <= value <= limits[1]:
             upper = " or more" if limits[1] == LARGEST else f" … {limits[1]:g}"
-            _refuse(command, each.name, value, f"{limits[0]:g}{upper} {metadata['unit']}".rstrip())
-        if choices and value not in choices:
+            _refuse(command, each.name, value, f"{limits[0]:g}{upper} {each.metadata['unit']}".rstrip())
+        choices = _find_choices(model).get(each.name)
+        if choices is not None and value not in choices:
             _refuse(command, each.name, value, "one of " + ", ".join(filter(None, choices)))
+
+
+@cache
+def _find_choices(model: type) -> Mapping[str, tuple[str | None, ...]]:
+    """Return the values of every option with a literal type, by its name; None if the option may be omitted."""
+    found: dict[str, tuple[str | None, ...]] = {}
+    for name, kind in get_type_hints(model).items():
+        parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+        for literal in (part for part in parts if get_origin(part) is Literal):
+            found[name] = (*get_args(literal), *((None,) if NoneType in parts else ()))
+    return found
 
 
 def _refuse(command: str, name: str, value: object, expected: str) -> None:
@@ -125,6 +139,33 @@ class FaultOptions:
         return {name: value for name, value in vars(self).items() if value}
 
 
+Sex: TypeAlias = Literal["female", "male"]
+_SEXES: tuple[Sex, ...] = ("female", "male")
+_HEIGHT = {"female": (1.52, 1.76), "male": (1.64, 1.92)}  # m
+_BODY_MASS_INDEX = (19.0, 29.0)  # kg/m²
+
+
+@dataclass(frozen=True)
+class SimulatedSubject:
+    """A person who performs several trials with the same body, markers and skin."""
+
+    name: str
+    seed: int  # seed of the body's proportions, the markers' positions and the sliding of the skin
+    sex: Sex
+    height: float  # m
+    mass: float  # kg
+
+
+def draw_subject(seed: int, number: int) -> SimulatedSubject:
+    """Draw person ``number`` of a cohort, counted from 1; odd numbers are female. The cohort's size has no effect."""
+    source = np.random.SeedSequence([seed, number])
+    rng = np.random.default_rng(source)
+    sex = _SEXES[(number - 1) % len(_SEXES)]
+    height = float(rng.uniform(*_HEIGHT[sex]))
+    mass = float(rng.uniform(*_BODY_MASS_INDEX)) * height**2
+    return SimulatedSubject(f"s{number:02d}", int(source.generate_state(2)[1]), sex, height, mass)
+
+
 @dataclass(frozen=True)
 class Options:
     """Options of a simulated trial; the same options give the same files.
@@ -136,7 +177,7 @@ class Options:
 
     seed: int = option(0, "Seed of the body, its motion, the direction of the plane and every error.", (0, LARGEST))
     repetitions: int = option(5, "Number of sit-to-stands, or of the robot's swings.", (1, 50))
-    strategy: Strategy = option("normal", "How the person rises.", choices=STRATEGIES)
+    strategy: Strategy = option("normal", "How the person rises.")
     rate: float = option(100.0, "Frame rate, Hz.", (20, 2000), "Hz")
     analog_rate: float = option(1000.0, "Analog sampling rate, Hz; a multiple of the frame rate.")
     marker_noise: float = option(0.0005, "Standard deviation of each marker coordinate, m.", (0, 0.05), "m")
@@ -148,9 +189,7 @@ class Options:
         (0, 10000),
     )
     plate_sense: Sense = option(
-        "reaction",
-        "Measured force: of the plate on the body (reaction) or of the body on the plate (action).",
-        choices=("reaction", "action"),
+        "reaction", "Measured force: of the plate on the body (reaction) or of the body on the plate (action)."
     )
     plate_moved: bool = option(False, "Shift, lift and rotate the plate in the laboratory.")
     plate_origin_flipped: bool = option(False, "Write the plate's ORIGIN with the wrong sign.")
@@ -173,18 +212,15 @@ class Options:
     marker_set: MarkerSetName = option(
         "clusters",
         "Markers of the person: clusters on every segment and on the plate, Plug-in-Gait, or one at each joint.",
-        choices=MARKER_SETS,
     )
     without: str = option("", "Markers to leave out, separated by commas, such as `KNE`, `LKNE` or `R*`.")
     knee_on_shank: bool = option(False, "Fix the knee marker of Plug-in-Gait to the shank instead of the thigh.")
     faults: FaultOptions = field(default_factory=FaultOptions)
-    joint: JointName | None = option(
-        None, "Moving joint of the thesis's UR5 robot; a random robot if omitted.", choices=(None, *REFERENCE)
-    )
-    speed: Speed = option("fast", "Speed of that joint: 0.25 or 0.5 Hz.", choices=FREQUENCY)
+    joint: JointName | None = option(None, "Moving joint of the thesis's UR5 robot; a random robot if omitted.")
+    speed: Speed = option("fast", "Speed of that joint: 0.25 or 0.5 Hz.")
     orientation: float = option(0.0, "Yaw of the plane of that robot, degrees.", (-180, 180), "degrees")
     joint_sensor: bool = option(False, "Add a wrench sensor in the robot's joint (sensor.csv).")
-    subject: Subject | None = None
+    subject: SimulatedSubject | None = None
 
     def __post_init__(self) -> None:
         check_options(self, "simulate")
@@ -199,9 +235,12 @@ class Options:
             _refuse("simulate", "attempts", self.attempts, f"0 … {self.repetitions}, the number of `repetitions`")
 
 
+_Numbers = TypeVar("_Numbers", PersonOptions, FaultOptions)
+
+
 def read_people(text: str) -> PersonOptions:
     """Read a person's options from text like ``hip_gap_mm=10,held_mass_kg=2``; errors as for :func:`read_faults`."""
-    return PersonOptions(**_read_numbers(text, "people", [each.name for each in fields(PersonOptions)]))
+    return _read_numbers(text, "people", PersonOptions)
 
 
 def read_faults(text: str) -> FaultOptions:
@@ -209,10 +248,11 @@ def read_faults(text: str) -> FaultOptions:
 
     ConfigError is raised if an entry is not ``name=number``, a name is repeated, or a value is out of range.
     """
-    return FaultOptions(**_read_numbers(text, "faults", [each.name for each in fields(FaultOptions)]))
+    return _read_numbers(text, "faults", FaultOptions)
 
 
-def _read_numbers(text: str, option: str, names: list[str]) -> dict[str, float]:
+def _read_numbers(text: str, option: str, model: type[_Numbers]) -> _Numbers:
+    names = [each.name for each in fields(model)]
     values: dict[str, float] = {}
     for pair in filter(None, (part.strip() for part in text.split(","))):
         name, _, number = (part.strip() for part in pair.partition("="))
@@ -225,4 +265,93 @@ def _read_numbers(text: str, option: str, names: list[str]) -> dict[str, float]:
             values[name] = float(number)
         except ValueError:
             _refuse(f"simulate: `{option}`", name, number, "a number")
-    return values
+    return model(**values)
+
+
+Preset: TypeAlias = Literal["clean", "default", "hard"]
+Movement: TypeAlias = Literal["reach", "curl"]
+Side: TypeAlias = Literal["right", "left"]
+CurlCondition: TypeAlias = Literal["C", "AC", "2", "3", "4", "5"]
+"""Conditions of thesis figure 8.5: without the device, with open chambers, and the modes of the device."""
+KINDS = "SHT"
+"""Letters of joint kinds: ball (spherical), hinge, two-axis."""
+
+
+@dataclass(frozen=True)
+class Difficulty:
+    """Sizes of the errors of a preset."""
+
+    marker_noise: float  # standard deviation of each marker coordinate, m
+    soft_tissue: float  # factor on the sliding of the skin
+    twist_loss: float  # factor on the fraction of the axial rotation that the skin does not follow
+    palpation: float  # standard deviation of each coordinate of a landmark's marker on its bone, m
+    occlusions: float  # factor on how often markers are occluded
+    tremor: float  # factor on the irregularity of the motion
+
+
+PRESETS: Mapping[Preset, Difficulty] = {
+    "clean": Difficulty(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    "default": Difficulty(0.0005, 1.0, 1.0, 0.003, 1.0, 1.0),
+    "hard": Difficulty(0.0008, 2.0, 1.5, 0.006, 2.0, 1.0),
+}
+
+
+@dataclass(frozen=True)
+class ArmOptions:
+    """Options of a simulated arm; the same options give the same files.
+
+    ``subject`` fixes the person, the markers and the skin: the seed then determines only the motion and the noise.
+    A different seed ``markers`` places the markers again, as in a new session. A value out of range raises ConfigError.
+    """
+
+    seed: int = option(0, "Seed of the person, the motion and every error.", (0, LARGEST))
+    subject: int | None = option(None, "Seed of the person and the markers; by default the trial's seed.", (0, LARGEST))
+    markers: int | None = option(None, "Seed of the markers and the skin; by default the person's seed.", (0, LARGEST))
+    preset: Preset = option("default", "Size of noise, soft tissue, palpation error and occlusions.")
+    movement: Movement = option("reach", "Functional reaches, or curls on a bench.")
+    side: Side = option("right", "Arm that carries the markers.")
+    severity: float = option(0.3, "Limitation of the reaches: 0 healthy, 1 almost no reach.", (0, 1))
+    cycles: int = option(2, "Number of rounds of all reaches.", (1, 20))
+    repetitions: int = option(8, "Number of curls.", (1, 100))
+    failed: int = option(0, "Number of failed curls at the end.", (0, 20))
+    compensation: float = option(0.25, "Size of the compensating shoulder motion in tired curls.", (0, 2))
+    condition: CurlCondition = option(
+        "C", "Curls without the pneumatic device (C), with open chambers (AC), or in one of its modes."
+    )
+    calibration: str = option("", "YAML file of a calibration trial of the same person, relative to the new folder.")
+    glide_mm: float = option(15.0, "Shift of the shoulder at 180° of elevation in reaches, mm.", (0, 40), "mm")
+    rate: float = option(120.0, "Frame rate, Hz.", (20, 2000), "Hz")
+    soft_tissue: float = option(1.0, "Factor on the preset's soft tissue; 0 fixes the markers to the bones.", (0, 10))
+    anonymous: bool = option(False, "Name the markers of the clusters M000, M001, ….")
+    imus: bool = option(False, "Add an inertial sensor with its own clock to every segment.")
+    skeleton: bool = option(False, "Add kinect.csv, the skeleton of a depth camera.")
+
+    def __post_init__(self) -> None:
+        check_options(self, "simulate arm")
+
+
+@dataclass(frozen=True)
+class ChainOptions:
+    """Options of a simulated chain of bodies without names or anatomy.
+
+    A value out of range, or an unknown letter in ``kinds``, raises ConfigError.
+    """
+
+    seed: int = option(0, "Seed of the chain, the motion and every error.", (0, LARGEST))
+    preset: Preset = option("default", "Size of noise and occlusions.")
+    kinds: str = option("SS", "Joints from the base outwards: S ball, H hinge, T two-axis.")
+    arc_deg: float = option(
+        40.0, "Largest change of every joint coordinate from the start, degrees.", (0, 120), "degrees"
+    )
+    sway_mm: float = option(0.0, "Sway of the base, mm; 0 for a fixed base.", (0, 200), "mm")
+    duration: float = option(20.0, "Duration, s.", (3, 600), "s")
+    rate: float = option(100.0, "Frame rate, Hz.", (20, 2000), "Hz")
+    soft_tissue_mm: float = option(0.0, "Largest sliding of the markers, mm.", (0, 50), "mm")
+    markers: int = option(4, "Number of markers on every body.", (3, 20))
+
+    def __post_init__(self) -> None:
+        check_options(self, "simulate chain")
+        if not 1 <= len(self.kinds) <= 8 or set(self.kinds) - set(KINDS):
+            raise ConfigError(
+                f"simulate chain: `kinds` is {self.kinds!r}; expected 1 … 8 of the letters {', '.join(KINDS)}"
+            )

@@ -1,22 +1,83 @@
-"""Faults of a recording: bad markers, moving feet, wrong rates, gains and plate corners, filtered or coloured noise."""
+"""Simulated cameras, and faults of a recording: noise, occlusions, bad markers, moving feet, wrong rates and gains."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.recording.plate_types import PlateSignals
-from mocap_id.simulation.joint_motion import smoothstep
-from mocap_id.simulation.markers import MarkerSet
-from mocap_id.simulation.options import FaultOptions
-from mocap_id.simulation.schedule import Schedule
+from mocap_id_simulation.bodies import MarkerSet
+from mocap_id_simulation.motion import smoothstep
+from mocap_id_simulation.options import FaultOptions
+from mocap_id_simulation.sit_to_stand import Schedule
 
 if TYPE_CHECKING:
-    from mocap_id.simulation.scene import Scene
+    from mocap_id_simulation.scene import Scene
+
+BURST = (5, 200)  # frames
+BURSTS_PER_SECOND = 0.6
+JUMP = (0.02, 0.08)  # m
+JUMP_LENGTH = (5, 100)  # frames
+
+
+@dataclass(frozen=True)
+class MarkerEpisode:
+    """Frames of one marker with an occlusion or a jump, named as in truth.json."""
+
+    label: str
+    first_frame: int
+    n_frames: int
+
+    @property
+    def frames(self) -> slice:
+        """The frames."""
+        return slice(self.first_frame, self.first_frame + self.n_frames)
+
+
+def draw_occlusions(
+    rng: np.random.Generator, labels: Sequence[str], frames: int, rate: float, often: float
+) -> tuple[MarkerEpisode, ...]:
+    """Draw occlusions of the markers ``labels``; ``often`` is a factor on the usual number, ``rate`` is in Hz."""
+    bursts = []
+    for _ in range(round(often * BURSTS_PER_SECOND * frames / rate)):
+        count = min(int(np.exp(rng.uniform(*np.log(BURST)))), frames // 2)
+        bursts.append(MarkerEpisode(str(rng.choice(labels)), int(rng.integers(frames - count)), count))
+    return tuple(bursts)
+
+
+def draw_jumps(
+    rng: np.random.Generator, labels: Sequence[str], frames: int, number: int
+) -> tuple[tuple[MarkerEpisode, FloatArray], ...]:
+    """Draw ``number`` jumps of random markers at random times, with their shift (3,) in a random direction, m."""
+    jumps = []
+    for _ in range(number):
+        count = int(rng.integers(JUMP_LENGTH[0], min(JUMP_LENGTH[1], frames // 2) + 1))
+        direction = rng.normal(0, 1, 3)
+        shift = rng.uniform(*JUMP) * direction / np.linalg.norm(direction)
+        jumps.append((MarkerEpisode(str(rng.choice(labels)), int(rng.integers(frames - count)), count), shift))
+    return tuple(jumps)
+
+
+def find_visible(labels: Sequence[str], occlusions: Sequence[MarkerEpisode], frames: int) -> BoolArray:
+    """Return whether each marker is visible, (T, M)."""
+    visible = np.ones((frames, len(labels)), dtype=np.bool_)
+    for each in occlusions:
+        visible[each.frames, labels.index(each.label)] = False
+    return visible
+
+
+def measure_positions(rng: np.random.Generator, positions: FloatArray, noise: float, visible: BoolArray) -> FloatArray:
+    """Return positions (T, M, 3) with white noise of standard deviation ``noise``, m; NaN where not visible."""
+    noisy = positions + rng.normal(0, 1, positions.shape) * noise
+    return np.where(visible[..., None], noisy, np.nan)
+
+
+# --- faults
 
 GHOST = "GHOST"
 """Beginning of the label of a trajectory that belongs to no marker."""
@@ -140,7 +201,16 @@ def add_camera_faults(
         points[first:last, [one, other]] = points[first:last, [other, one]]
         names = [labels[one], labels[other]]
         truth["mislabelled"] = {"labels": names, "first_frame": first, "n_frames": last - first}
-    ghosts = _draw_ghosts(rng, faults, markers, points)
+    ghosts = []  # trajectories that belong to no marker
+    if faults.ghost_walks:
+        start, end = rng.uniform(-1.5, 1.5, 3), rng.uniform(-1.5, 1.5, 3)
+        start[2], end[2] = rng.uniform(0.2, 1.8, 2)
+        ghosts.append(np.linspace(start, end, frames) + rng.normal(0, 5e-4, (frames, 3)))
+    if faults.ghost_reflects:
+        marker, normal = _draw_moving_marker(rng, markers), rng.normal(size=3)
+        normal /= np.linalg.norm(normal)
+        mirror = np.nanmean(points[:, marker], axis=0) + rng.uniform(0.1, 0.4) * normal
+        ghosts.append(points[:, marker] - 2 * ((points[:, marker] - mirror) @ normal)[:, None] * normal)
     if ghosts:
         points = np.concatenate([points, np.stack(ghosts, axis=1)], axis=1)
         labels = (*labels, *(f"{GHOST}{k + 1}" for k in range(len(ghosts))))
@@ -152,25 +222,11 @@ def add_camera_faults(
         points = points[source]
     points *= 1 + faults.camera_scale
     if faults.tilt_deg:
-        points = points @ _rotation_about(scene.plane.axes[2], np.radians(faults.tilt_deg)).T
+        # rotation about the plane's normal
+        (x, y, z), angle = scene.plane.axes[2], np.radians(faults.tilt_deg)
+        skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        points = points @ (np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew).T
     return labels, points, truth
-
-
-def _draw_ghosts(
-    rng: np.random.Generator, faults: FaultOptions, markers: MarkerSet, points: FloatArray
-) -> list[FloatArray]:
-    """Return trajectories (T, 3) that belong to no marker, m."""
-    ghosts = []
-    if faults.ghost_walks:
-        start, end = rng.uniform(-1.5, 1.5, 3), rng.uniform(-1.5, 1.5, 3)
-        start[2], end[2] = rng.uniform(0.2, 1.8, 2)
-        ghosts.append(np.linspace(start, end, len(points)) + rng.normal(0, 5e-4, (len(points), 3)))
-    if faults.ghost_reflects:
-        marker, normal = _draw_moving_marker(rng, markers), rng.normal(size=3)
-        normal /= np.linalg.norm(normal)
-        mirror = np.nanmean(points[:, marker], axis=0) + rng.uniform(0.1, 0.4) * normal
-        ghosts.append(points[:, marker] - 2 * ((points[:, marker] - mirror) @ normal)[:, None] * normal)
-    return ghosts
 
 
 def add_plate_faults(faults: FaultOptions, signals: PlateSignals, along: FloatArray) -> PlateSignals:
@@ -206,10 +262,3 @@ def _filter_visible(points: FloatArray, cut_off: float, rate: float) -> FloatArr
                 filled = np.interp(time, time[known], points[known, marker, axis])
                 out[known, marker, axis] = sosfiltfilt(butter(2, cut_off, fs=rate, output="sos"), filled)[known]
     return out
-
-
-def _rotation_about(axis: FloatArray, angle: float) -> FloatArray:
-    """Return the rotation matrix (3, 3) about a unit axis."""
-    x, y, z = axis
-    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew)

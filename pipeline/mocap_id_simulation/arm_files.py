@@ -1,0 +1,303 @@
+"""Simulated arms and chains on disk: recording, truth, and a configuration that is ready to run."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.geometry import so3
+from mocap_id.prescription.sampling import sobol
+from mocap_id_simulation.arm import (
+    ArmBody,
+    ArmMarkers,
+    arm_bodies,
+    body_keys,
+    carried_loads,
+    device_yaml,
+    generate_arm,
+    person_seed,
+)
+from mocap_id_simulation.arm_sensors import film_skeleton, simulate_sensors
+from mocap_id_simulation.bodies import GRAVITY
+from mocap_id_simulation.chains import SimulatedSpaceTrial, generate_chain
+from mocap_id_simulation.instruments import imu_csv
+from mocap_id_simulation.motion import X
+from mocap_id_simulation.options import PRESETS, ArmOptions, ChainOptions
+from mocap_id_simulation.trial_files import (
+    flow_mapping,
+    points_bytes,
+    trial_contents,
+    write_trial,
+    yaml_head,
+)
+
+
+def write_arm(folder: Path, options: ArmOptions) -> Path:
+    """Simulate an arm, write it with its exact truth, and return the path of ``trial.yaml``.
+
+    The folder is created if necessary. It receives ``trial.c3d``, ``truth.json``, ``truth.npz``, ``trial.yaml`` and,
+    depending on the options, ``kinect.csv``, ``imu_<segment>.csv`` and ``device.yaml``. The trial is named after it.
+
+    StoreError is raised if the folder already contains a trial, or cannot be written.
+    """
+
+    def make(name: str) -> dict[str, bytes]:
+        trial = generate_arm(options)
+        reach = options.movement == "reach"
+        moves = f"{options.cycles} rounds of reaches" if reach else f"{options.repetitions} curls"
+        text = yaml_head(f"A {options.side} arm, {moves}.", "mocap-id simulate arm", options.seed, name)
+        text += f"{_RECORDING}protocol: {options.movement}\nside: {options.side}\n"
+        truth = arm_document(options, trial)
+        logs: dict[str, bytes] = {}
+        if options.calibration:
+            text += f"calibration: {json.dumps(options.calibration, ensure_ascii=False)}\n"
+        if not reach:
+            # the exact inertial parameters of all bodies
+            keys: dict[str, Any] = {"condition": options.condition, "metronome_hz": 0.5}
+            if options.condition != "C":
+                keys["device"], logs["device.yaml"] = "device.yaml", device_yaml()
+            keys["loads"] = {name: body_keys(one) for name, one in carried_loads(options.condition).items()}
+            keys |= {name: body_keys(one) for name, one in arm_bodies(trial.document["body"]).items()}
+            text += "curl:\n" + "".join(f"  {key}: {json.dumps(value)}\n" for key, value in keys.items())
+        if options.imus:
+            sensors = simulate_sensors(trial, options)
+            truth["imu"] = {segment: dict(sensor.truth) for segment, sensor in sensors.items()}
+            logs |= {f"imu_{segment}.csv": imu_csv(sensor) for segment, sensor in sensors.items()}
+            text += f"imus: {flow_mapping({segment: f'imu_{segment}.csv' for segment in sensors})}\n"
+        if options.skeleton:
+            skeleton = film_skeleton(trial, options)
+            truth["kinect"], logs["kinect.csv"] = skeleton.document(), skeleton.csv()
+            text += "# from the depth camera alone: recording: {skeleton: kinect.csv}\n"
+        recording = points_bytes(trial.labels, trial.positions, trial.rate)
+        return trial_contents(recording, truth, spatial_arrays(trial), text) | logs
+
+    return write_trial(folder, make)
+
+
+def write_chain(folder: Path, options: ChainOptions) -> Path:
+    """Simulate a chain of bodies, write it with its exact truth, and return the path of ``trial.yaml``."""
+
+    def make(name: str) -> dict[str, bytes]:
+        trial = generate_chain(options)
+        what = f"A chain of {len(options.kinds)} joints ({options.kinds})."
+        text = yaml_head(what, "mocap-id simulate chain", options.seed, name) + f"{_RECORDING}protocol: free\n"
+        markers = [
+            {"label": label, "name": label, "segment": int(trial.assignment[i]), "local_xyz_m": trial.local[i].tolist()}
+            for i, label in enumerate(trial.labels)
+        ]
+        truth = {**_describe_recording(options, trial, "sphere"), **trial.document, "markers": markers}
+        recording = points_bytes(trial.labels, trial.positions, trial.rate)
+        return trial_contents(recording, truth, spatial_arrays(trial), text)
+
+    return write_trial(folder, make)
+
+
+_RECORDING = "recording: trial.c3d  # markers\nspace: 3d\n"
+
+
+# --- the truth
+
+_CONVENTIONS = """\
+SI units unless a name ends in _mm, _deg or _hz. The laboratory's z is up; all vectors are in its axes unless their
+names say otherwise. The file of a left arm contains the mirror image (y negated): the truth is that of the right arm.
+seg_R[n, s] takes segment axes to the laboratory; seg_origin is the origin of the segment's frame.
+Frames of the ISB (Wu 2005), right arm, x forward, y up, z to the right. Thorax: origin IJ, y from mid(PX, T8) to
+mid(IJ, C7). Upper arm: origin GH, y from mid(EL, EM) to GH, x normal to GH, EL, EM. Forearm: origin mid(EL, EM),
+y from US to it, x normal to US, RS and it. Hand: origin mid(RS, US), parallel to the forearm at zero wrist angles.
+thorax from upper arm: R_y(plane) R_x(-elevation) R_y(axial); isb_shoulder contains plane, -elevation, axial. Plane 0 is
+abduction, 90° forward flexion; internal rotation is positive. isb_condition = 1 / |sin elevation|.
+upper arm from forearm: R_z(flexion) R_x(carrying) R_y(pronation) = R(elbow_axis, q_hinge) R_x(carry0)
+R(pronation_axis, q_pron). forearm from hand: R_z(flexion) R_x(deviation).
+_rate and _acc are derivatives of the angles; q_hinge and q_pron contain angle, rate and acceleration.
+GH in the thorax: gh0_in_thorax_m + sc_translation_m (1 - cos elevation) / 2 along sc_direction. AC moves with it.
+Markers: local_xyz_m is the position at the first frame, where soft tissue is zero; in the still start (t < static_s)
+the skin only drifts. bone_xyz_m is the position of the landmark. The skin does not follow the share twist_loss of the
+axial rotation of the upper arm and of the pronation.
+Plain chains: joint_R is child to parent, the product of exp(s_k axis_k) over the columns of joint_axes; the origin of a
+child is the centre of its joint.
+curls: tau_total = tau_human + tau_device about the hinge of the elbow, positive in flexion, N m; the bodies are
+forearm, hand and carried loads. The true device is drawn at random around its description in device.yaml.
+reach: volume in the thorax that the end of the forearm's y axis reaches within box_rad, the ranges of plane, elevation,
+axial and hinge (plane and axial where sin elevation > sin 15°)."""
+_STEEP = np.sin(np.radians(15.0))
+
+
+def spatial_arrays(trial: SimulatedSpaceTrial) -> dict[str, np.ndarray[Any, Any]]:
+    """Return arrays for ``truth.npz``."""
+    out: dict[str, np.ndarray[Any, Any]] = {
+        "t": trial.time,
+        "seg_R": trial.rotations,
+        "seg_origin": trial.origins,
+        "omega": trial.omega,
+        "alpha": trial.alpha,
+        "markers_true_mm": (1e3 * trial.true_positions).astype(np.float32),
+        **trial.arrays,
+    }
+    if not trial.angles:
+        return out
+    for suffix, values in (("", trial.angles), ("_rate", trial.rates), ("_acc", trial.accelerations)):
+        shoulder = (values["shoulder_plane"], -values["shoulder_elevation"], values["shoulder_axial"])
+        out["isb_shoulder" + suffix] = np.stack(shoulder, axis=1)
+        elbow = (values["elbow_flexion"], values["elbow_carrying"], values["elbow_pronation"])
+        out["isb_elbow" + suffix] = np.stack(elbow, axis=1)
+        out["wrist_angles" + suffix] = np.stack([values["wrist_flexion"], values["wrist_deviation"]], axis=1)
+    out["isb_condition"] = 1 / np.abs(np.sin(trial.angles["shoulder_elevation"]))
+    return out
+
+
+def arm_document(options: ArmOptions, trial: SimulatedSpaceTrial) -> dict[str, Any]:
+    """Return JSON values for ``truth.json`` of an arm."""
+    body: ArmBody = trial.document["body"]
+    markers: ArmMarkers = trial.document["markers"]
+    protocol = dict(trial.document["protocol"])
+    if options.movement == "curl":
+        bodies = {**arm_bodies(body), **carried_loads(options.condition)}
+        protocol["bodies"] = {name: body_keys(one) for name, one in bodies.items()}
+        # with the range of every shoulder angle within each curl
+        repetitions = []
+        for each in protocol["repetitions"]:
+            within = (trial.time >= each["start"]) & (trial.time <= each["end"])
+            angles = {name: trial.angles[f"shoulder_{name}"] for name in ("plane", "elevation", "axial")}
+            moved = {name: float(np.ptp(angle[within])) for name, angle in angles.items()}
+            repetitions.append({**each, "compensation_rad": moved})
+        protocol["repetitions"] = repetitions
+    ranges = _ranges(trial, np.ones(len(trial.time), dtype=np.bool_))
+    gated = _ranges(trial, np.sin(trial.angles["shoulder_elevation"]) > _STEEP)
+    reach = {}
+    if options.movement == "reach":
+        box = np.array([gated["plane"], ranges["elevation"], gated["axial"], ranges["hinge"]])
+        volume, sd = reach_volume(body, box, float(np.mean(ranges["pronation"])))
+        reach = {"reach": {"volume_m3": volume, "mc_sd_m3": sd, "box_rad": box.tolist()}}
+    glide = float(np.linalg.norm(body.glide))
+    moved = 1e3 * np.sqrt((trial.skin**2).sum(axis=2).mean(axis=0))
+    return {
+        **_describe_recording(options, trial, options.movement),
+        "subject_seed": person_seed(options),
+        "side": options.side,
+        "subject": {
+            "sex": body.subject.sex,
+            "stature_m": body.subject.height,
+            "mass_kg": body.subject.mass,
+            "segment_lengths_m": {"upper_arm": body.upper_arm, "forearm": body.forearm},
+            "gh0_in_thorax_m": body.shoulder.tolist(),
+            "sc_translation_m": glide,
+            "sc_direction": (body.glide / glide).tolist() if glide else None,
+            "elbow_centre_in_upper_arm_m": body.elbow.tolist(),
+            "elbow_axis_in_upper_arm": body.elbow_axis.tolist(),
+            "carry0_rad": float(body.carrying),
+            "pronation_axis_in_forearm": body.pronation_axis.tolist(),
+            "wjc_in_forearm_m": body.wrist.tolist(),
+            "landmarks_in_segment_m": {
+                name: {"segment": segment, "xyz": point.tolist()} for name, (segment, point) in body.landmarks.items()
+            },
+        },
+        "markers": [
+            {
+                "label": label,
+                "name": name,
+                "segment": int(markers.segment[i]),
+                "local_xyz_m": markers.local[i].tolist(),
+                "bone_xyz_m": body.landmarks[name][1].tolist() if name in body.landmarks else None,
+                "sta_amplitude_m": float(markers.slide[i]),
+                "twist_loss": float(markers.twist_loss[i]),
+                "sta_rms_mm": float(moved[i]),
+            }
+            for i, (label, name) in enumerate(zip(markers.labels, markers.names, strict=True))
+        ],
+        **protocol,
+        "ranges_rad": ranges,
+        "ranges_gated_rad": gated,
+        **reach,
+    }
+
+
+def _ranges(trial: SimulatedSpaceTrial, where: BoolArray) -> dict[str, list[float]]:
+    """Return the lowest and highest value of each angle in the frames ``where`` (F,), rad."""
+    values = {name.split("_")[1]: trial.angles[name] for name in trial.angles if not name.startswith("wrist")}
+    values |= {"hinge": trial.arrays["q_hinge"][:, 0], "pronation": trial.arrays["q_pron"][:, 0]}
+    return {name: [float(each[where].min()), float(each[where].max())] for name, each in values.items()}
+
+
+def _describe_recording(options: ArmOptions | ChainOptions, trial: SimulatedSpaceTrial, kind: str) -> dict[str, Any]:
+    """Return the entries of the truth that arms and chains share."""
+    return {
+        "conventions": _CONVENTIONS,
+        "g": GRAVITY,
+        "kind": kind,
+        "seed": options.seed,
+        "options": asdict(options),
+        "point_rate_hz": trial.rate,
+        "n_frames": len(trial.time),
+        "static_s": trial.still,
+        "segments": list(trial.segments),
+        "assignment": dict(zip(trial.labels, trial.assignment.tolist(), strict=True)),
+        "marker_noise_sd_mm": 1e3 * PRESETS[options.preset].marker_noise,
+        "dropouts": [asdict(burst) for burst in trial.bursts],
+        "dropped_fraction": float(np.isnan(trial.positions[..., 0]).mean()),
+    }
+
+
+# --- the volume that the wrist reaches
+
+POINTS = 2**14  # number of points, including points beyond the largest reach
+ELEVATIONS = 320
+_HINGES = 500
+
+
+def reach_volume(body: ArmBody, box: FloatArray, pronation: float) -> tuple[float, float]:
+    """Return the volume that the wrist reaches within a box of joint angles (thesis 7.2), and its standard error, m³.
+
+    The volume is in the thorax frame. For each of many evenly spread points, the angles that reach it are computed: the
+    distance from the shoulder gives the hinge angle. At a given elevation, the height gives the axial rotation, and the
+    direction gives the plane. A point is reached if these angles are within the box for at least one elevation of many.
+
+    Parameters
+    ----------
+    body : ArmBody
+    box : (4, 2) array
+        Lowest and highest plane, elevation, axial rotation and hinge angle, rad.
+    pronation : float
+        Constant pronation, rad.
+    """
+    hinge = np.linspace(box[3, 0], box[3, 1], _HINGES)
+    forearm = so3.exp(X * body.carrying) @ so3.exp(body.pronation_axis * pronation)
+    wrist = body.elbow + so3.exp(hinge[:, None] * body.elbow_axis) @ forearm @ np.array([0.0, -body.forearm, 0.0])
+    reach = np.linalg.norm(wrist, axis=1)
+    side = float(reach.max() + np.linalg.norm(body.glide))
+    offsets = side * (2 * sobol(POINTS, 3, 0) - 1)
+    points = body.shoulder + offsets[np.linalg.norm(offsets, axis=1) <= side]
+    reached = np.zeros(len(points), dtype=np.bool_)
+    order = np.argsort(reach)
+    for elevation in np.linspace(box[1, 0], box[1, 1], ELEVATIONS):
+        away = points[~reached] - body.shoulder - (1 - np.cos(elevation)) / 2 * body.glide
+        distance = np.linalg.norm(away, axis=1)
+        arm = np.stack([np.interp(distance, reach[order], each) for each in wrist[order].T], axis=1)
+        near = (distance >= reach.min()) & (distance <= reach.max())
+        reached[~reached] = near & _is_reached(away, arm, elevation, box)
+    share = float(reached.sum() / POINTS)
+    whole = (2 * side) ** 3
+    return whole * share, whole * float(np.sqrt(share * (1 - share) / POINTS))
+
+
+def _is_reached(away: FloatArray, arm: FloatArray, elevation: float, box: FloatArray) -> BoolArray:
+    """Return whether R_y(plane) R_x(-elevation) R_y(axial) within the box rotates ``arm`` into ``away`` (N, 3)."""
+    sine, cosine = np.sin(elevation), np.cos(elevation)
+    forward = (away[:, 1] - cosine * arm[:, 1]) / sine
+    possible = np.abs(forward) <= np.hypot(arm[:, 0], arm[:, 2])
+    spread = np.arccos(np.clip(forward / np.hypot(arm[:, 0], arm[:, 2]), -1, 1))
+    allowed = np.zeros(len(away), dtype=np.bool_)
+    for sign in (-1, 1):
+        axial = sign * spread - np.arctan2(arm[:, 0], arm[:, 2])
+        across = arm[:, 0] * np.cos(axial) + arm[:, 2] * np.sin(axial)
+        plane = np.arctan2(away[:, 0], away[:, 2]) - np.arctan2(across, cosine * forward - sine * arm[:, 1])
+        allowed |= _is_within(axial, box[2]) & _is_within(plane, box[0])
+    return np.asarray(possible & allowed)
+
+
+def _is_within(angle: FloatArray, limits: FloatArray) -> BoolArray:
+    return np.asarray(np.mod(angle - limits[0], 2 * np.pi) <= limits[1] - limits[0])

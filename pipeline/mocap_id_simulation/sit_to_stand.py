@@ -1,0 +1,354 @@
+"""A person rising from a chair and sitting down: the timing, and the motion with a prescribed centre of pressure.
+
+Shank and thigh follow the schedule. The trunk's lean is then computed for the whole trial at once, so that the moments
+of all forces balance about the combined point of application of ground and chair. That point is under the feet and
+moves towards the chair in proportion to the chair's load. The forward lean before the rise follows from this balance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_banded
+from scipy.optimize import brentq
+
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import NumericalError
+from mocap_id.geometry import planar
+from mocap_id_simulation.bodies import GRAVITY, SimulatedBody
+from mocap_id_simulation.motion import STEP, JointMotion, motion_through, smoothstep
+from mocap_id_simulation.options import Options, Strategy
+
+
+@dataclass(frozen=True)
+class StrategyParameters:
+    """Parameters of a strategy for rising and sitting; times in s, angles in degrees.
+
+    Centres of pressure are under the feet, measured from the ankle, negative towards the toes, m.
+    """
+
+    rise: float  # duration of the rise
+    unload: float  # duration of unloading the chair
+    sit: float  # duration of sitting down
+    load: float  # duration of loading the chair
+    lean: float  # lean of the trunk at which the seated body balances at seat-off; determines the feet's position
+    dip: float  # additional rotation of the shank around seat-off and seat-on
+    trunk: float  # lean of the trunk at rest
+    seat_cop: float  # centre of pressure while seated
+    off_cop: float  # centre of pressure at seat-off
+    stand_cop: float  # centre of pressure while standing
+
+
+STRATEGIES: Mapping[Strategy, StrategyParameters] = {
+    "normal": StrategyParameters(1.70, 0.40, 2.00, 0.35, 45.0, 3.0, 4.0, -0.02, -0.010, -0.050),
+    "dynamic": StrategyParameters(1.45, 0.25, 1.90, 0.30, 48.0, 2.5, 8.0, -0.02, 0.005, -0.050),
+    "stable": StrategyParameters(2.30, 0.55, 2.20, 0.45, 41.0, 5.0, 6.0, -0.03, -0.035, -0.045),
+}
+
+LOADED_ORDER = 4  # the chair's force has three continuous derivatives
+
+
+@dataclass(frozen=True)
+class SitToStand:
+    """Times of one repetition, s, named as in truth.json."""
+
+    rise_start: float
+    seat_off: float
+    rise_end: float
+    unload: float
+    sit_start: float
+    seat_on: float
+    sit_end: float
+    load: float
+
+    @property
+    def legs_start(self) -> float:
+        """Time at which the legs begin to extend and the load of the chair begins to decrease, s."""
+        return self.seat_off - self.unload
+
+    @property
+    def legs_end(self) -> float:
+        """Time at which the legs are bent again and the chair is fully loaded, s."""
+        return self.seat_on + self.load
+
+
+@dataclass(frozen=True)
+class FailedRise:
+    """A failed rise: the chair is unloaded, the hips rise a little, and the person falls back; times in s."""
+
+    start: float
+    top: float
+    end: float
+    height: float = 0.15  # height of the hips at the top: 0 seated, 1 standing
+
+    @property
+    def unload(self) -> float:
+        """Duration of unloading the chair, s; loading it again takes equally long."""
+        return 0.4 * (self.top - self.start)
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Repetitions of a trial and its duration, s, with failed attempts and a pause half-way through the last rise."""
+
+    repetitions: tuple[SitToStand, ...]
+    duration: float
+    attempts: tuple[FailedRise, ...] = ()
+    hold: float = 0.0  # duration of the pause, s; 0 without it
+
+    def height_at(self, time: FloatArray, late: float = 0.0, early: float = 0.0) -> FloatArray:
+        """Return the relative height of the hips at times (T,): 0 seated, 1 standing.
+
+        ``late`` delays the start of the rise and ``early`` advances the end of sitting down, s.
+        """
+        level = np.zeros_like(time)
+        for failed in self.attempts:
+            up = smoothstep((time - failed.start) / (failed.top - failed.start))
+            level += failed.height * (up - smoothstep((time - failed.top) / (failed.end - failed.top)))
+        for k, each in enumerate(self.repetitions):
+            begin, finish = each.legs_start + late, each.legs_end - early
+            up = smoothstep((time - begin) / (each.rise_end - begin))
+            if self.hold > 0 and k == len(self.repetitions) - 1:
+                half = 0.5 * (each.rise_end - begin - self.hold)
+                up = 0.5 * (smoothstep((time - begin) / half) + smoothstep((time - each.rise_end + half) / half))
+            level += up - smoothstep((time - each.sit_start) / (finish - each.sit_start))
+        return level
+
+    def bumps(self, time: FloatArray) -> FloatArray:
+        """Return the sum (T,) of short bumps of height 1 around each seat-off and seat-on, at times (T,)."""
+        level = np.zeros_like(time)
+        for each in self.repetitions:
+            for middle, width in ((each.seat_off, each.rise_end - each.legs_start), (each.seat_on, each.load + 0.8)):
+                phase = (time - middle) / width + 0.5
+                level += 4 * smoothstep(phase) * (1 - smoothstep(phase))
+        return level
+
+    def chair_load(self, time: FloatArray) -> FloatArray:
+        """Return the relative load of the chair at times (T,): 1 seated at rest, exactly 0 from seat-off to seat-on."""
+        released = np.zeros_like(time)
+        for failed in self.attempts:
+            off = smoothstep((time - failed.start) / failed.unload, LOADED_ORDER)
+            on = smoothstep((time - (failed.end - failed.unload)) / failed.unload, LOADED_ORDER)
+            released += off - on
+        level = 1.0 - released
+        for each in self.repetitions:
+            level -= smoothstep((time - (each.seat_off - each.unload)) / each.unload, LOADED_ORDER)
+            level += smoothstep((time - each.seat_on) / each.load, LOADED_ORDER)
+        return np.where(np.abs(level) < 1e-15, 0.0, level)
+
+
+def _draw_schedule(rng: np.random.Generator, options: Options) -> Schedule:
+    """Draw a sequence of repetitions whose durations vary by up to 6 %.
+
+    A failed rise precedes each of the last ``attempts`` repetitions; the last rise stops half-way for ``hold`` seconds.
+    """
+    strategy, repetitions, hold = STRATEGIES[options.strategy], options.repetitions, options.hold
+
+    def vary(value: float) -> float:
+        return value * float(rng.uniform(0.94, 1.06))
+
+    completed: list[SitToStand] = []
+    failed: list[FailedRise] = []
+    now = 1.5 + options.rest_before
+    for k in range(repetitions):
+        if k >= repetitions - options.attempts:
+            failed.append(FailedRise(now, now + 1.0, now + 2.0))
+            now = failed[-1].end + 0.8
+        rise, unload, sit, load = (vary(x) for x in (strategy.rise, strategy.unload, strategy.sit, strategy.load))
+        seat_off = now + vary(0.8) + unload
+        rise_end = seat_off - unload + rise + (hold if k == repetitions - 1 else 0.0)
+        sit_start = rise_end + float(rng.uniform(0.8, 1.3)) + (options.rest_standing if k == 0 else 0.0)
+        seat_on = sit_start + sit - load
+        sit_end = seat_on + load + vary(0.7)
+        completed.append(SitToStand(now, seat_off, rise_end, unload, sit_start, seat_on, sit_end, load))
+        now = sit_end + float(rng.uniform(0.8, 1.2))
+    return Schedule(tuple(completed), now + 0.5 + options.rest_after, tuple(failed), hold)
+
+
+# --- the motion, with a prescribed centre of pressure
+
+SEATED_THIGH = -np.pi / 2  # horizontal, pointing backwards
+STANDING_KNEE = np.radians(4.0)
+STANDING_TRUNK = np.radians(1.5)
+MARGIN = 2.0  # s of rest beyond both ends of the trial
+
+
+@dataclass(frozen=True)
+class Chair:
+    """A chair that pushes on a point of the thigh and carries a fraction of the total vertical force."""
+
+    point: tuple[float, float]  # point on the underside of the thigh, near the hip, in the thigh's frame, m
+    share: float  # fraction of the total vertical force while the person sits still
+    friction: float  # horizontal force divided by vertical force
+    schedule: Schedule
+
+    def load(self, time: FloatArray) -> FloatArray:
+        """Return the fraction (T,) of the total vertical force that the chair carries at times (T,)."""
+        return self.share * self.schedule.chair_load(time)
+
+
+@dataclass(frozen=True)
+class Rail:
+    """A rail that carries a fraction of the vertical force while the person rises; no plate measures its force."""
+
+    share: float  # largest fraction of the total vertical force
+    schedule: Schedule
+
+    def load(self, time: FloatArray) -> FloatArray:
+        """Return the fraction (T,) of the total vertical force that the rail carries at times (T,).
+
+        The rail is loaded from the start of each rise until shortly before its end.
+        """
+        level = np.zeros_like(time)
+        for each in self.schedule.repetitions:
+            length = each.rise_end - each.rise_start
+            level += smoothstep((time - each.rise_start) / (0.4 * length))
+            level -= smoothstep((time - each.rise_start - 0.75 * length) / (0.25 * length))
+        return self.share * level
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A trial before the trunk's lean is computed, on the solver's grid of K times."""
+
+    time: FloatArray  # (K,) evenly spaced times, s
+    legs: FloatArray  # (K, 2) angles of shank and thigh from the vertical, rad
+    push: FloatArray  # (K,) combined point of application of the forces of ground and chair at ground level, m
+    chair: Chair
+    trunk: float  # initial guess of the lean, rad
+
+
+def draw_plan(rng: np.random.Generator, body: SimulatedBody, options: Options) -> Plan:
+    """Draw the motion of the legs, the chair and the point ``push``; the trunk's lean is computed later."""
+    strategy = STRATEGIES[options.strategy]
+    schedule = _draw_schedule(rng, options)
+    time = np.arange(-MARGIN, schedule.duration + MARGIN, STEP)
+    legs = _leg_angles(body, strategy, schedule, time)
+    under_feet = _draw_pressure_centre(rng, body, strategy, schedule, time)
+    trunk, thigh = np.radians(strategy.trunk), body.links[2].length
+    point = (rng.uniform(0.05, 0.08), thigh * rng.uniform(0.90, 0.97))
+    friction = rng.uniform(-0.05, 0.05)
+    # position at which the line of the chair's force meets the ground
+    _, origin = planar.segment_poses(np.column_stack([legs[:, 0], legs[:, 1] - legs[:, 0]]), body.centres[:2])
+    contact = origin[:, 2] + planar.rotate(legs[:, 1], np.array(point))
+    seat = contact[:, 0] - friction * contact[:, 1]
+    # the chair's share of the load follows from the balance at rest
+    at_rest = _com_x(body, legs[0, 0], legs[0, 1], trunk)
+    chair = Chair(point, float((at_rest - under_feet[0]) / (seat[0] - under_feet[0])), friction, schedule)
+    push = under_feet + chair.load(time) * (seat - under_feet)
+    return Plan(time, legs, push, chair, trunk)
+
+
+def balance_lean(
+    body: SimulatedBody, plan: Plan, additional: FloatArray | None = None
+) -> tuple[JointMotion, tuple[float, ...]]:
+    """Return the motion with the lean that balances a plan, and the seated angles of shank, thigh and trunk.
+
+    ``additional`` (K,) is another moment about ``push``, N·m. The angles are from the vertical, degrees.
+    NumericalError is raised if no lean of the trunk balances the body.
+    """
+    legs = plan.legs
+    moment, hip = _leg_moment(body, legs, plan.push)
+    lean = _solve_lean(body, moment if additional is None else moment + additional, plan, hip)
+    angles = np.column_stack([legs[:, 0], legs[:, 1] - legs[:, 0], lean - legs[:, 1]])
+    seated = tuple(float(x) for x in np.degrees([legs[0, 0], legs[0, 1], lean[0]]))
+    return motion_through(plan.time, angles, plan.chair.schedule.duration), seated
+
+
+def _leg_angles(body: SimulatedBody, strategy: StrategyParameters, schedule: Schedule, time: FloatArray) -> FloatArray:
+    """Return the angles of shank and thigh from the vertical, (K, 2) rad."""
+    ankle = body.links[1].centre[0]
+
+    def standing_error(shank: float) -> float:
+        return _com_x(body, shank, shank - STANDING_KNEE, STANDING_TRUNK) - (ankle + strategy.stand_cop)
+
+    def seated_error(shank: float) -> float:
+        return _com_x(body, shank, SEATED_THIGH, np.radians(strategy.lean)) - (ankle + strategy.off_cop)
+
+    standing, seated = brentq(standing_error, -0.4, 0.4), brentq(seated_error, -0.2, 1.2)
+    late = 0.08 * strategy.rise
+    lowered = seated + (standing - seated) * schedule.height_at(time, late, 0.1 * strategy.sit)
+    lowered = lowered + np.radians(strategy.dip) * schedule.bumps(time)
+    thigh = SEATED_THIGH + (standing - STANDING_KNEE - SEATED_THIGH) * schedule.height_at(time)
+    return np.column_stack([lowered, thigh])
+
+
+def _draw_pressure_centre(
+    rng: np.random.Generator, body: SimulatedBody, strategy: StrategyParameters, schedule: Schedule, time: FloatArray
+) -> FloatArray:
+    """Return the centre of pressure under the feet, (K,) m, with some millimetres of sway."""
+    shift = np.full_like(time, strategy.seat_cop)
+    for each in schedule.repetitions:
+        for begin, end, change in (
+            (each.rise_start, each.seat_off, strategy.off_cop - strategy.seat_cop),
+            (each.seat_off, each.rise_end, strategy.stand_cop - strategy.off_cop),
+            (each.sit_start, each.sit_end, strategy.seat_cop - strategy.stand_cop),
+        ):
+            shift += change * smoothstep((time - begin) / (end - begin))
+    frequency, phase = rng.uniform(0.08, 0.5, 4), rng.uniform(0, 2 * np.pi, 4)
+    sway = np.sin(2 * np.pi * frequency * time[:, None] + phase) @ rng.uniform(0.0008, 0.0022, 4)
+    return body.links[1].centre[0] + shift + np.asarray(sway)
+
+
+def _com_x(body: SimulatedBody, shank: float, thigh: float, trunk: float) -> float:
+    """Return the horizontal position of the centre of mass, m, given the segments' angles from the vertical."""
+    q = np.array([shank, thigh - shank, trunk - thigh])
+    coms = planar.marker_positions(q, body.centres, np.arange(4), body.coms)
+    return float(body.masses @ coms[:, 0] / body.mass)
+
+
+def _second_difference(values: FloatArray) -> FloatArray:
+    """Return the second derivative along the first axis (time); beyond both ends, the values are constant."""
+    padded = np.concatenate([values[:1], values, values[-1:]])
+    return np.asarray((padded[2:] - 2 * values + padded[:-2]) / STEP**2)
+
+
+def _leg_moment(body: SimulatedBody, legs: FloatArray, push: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the moment (K,) of foot and legs about ``push``, N·m, and the positions (K, 2) of the hip, m.
+
+    ``legs`` (K, 2) are the angles of shank and thigh from the vertical, rad. The trunk has to balance the moment.
+    """
+    q = np.column_stack([legs[:, 0], legs[:, 1] - legs[:, 0], -legs[:, 1]])
+    _, origin = planar.segment_poses(q, body.centres)
+    coms = planar.marker_positions(q, body.centres, np.arange(3), body.coms[:3])
+    change = _second_difference(coms)
+    moment = np.zeros(len(push))
+    for i in range(3):
+        arm = coms[:, i, 0] - push
+        moment += body.masses[i] * (arm * (change[:, i, 1] + GRAVITY) - coms[:, i, 1] * change[:, i, 0])
+    for i in (1, 2):
+        moment += body.links[i].inertia * _second_difference(legs[:, i - 1])
+    return moment, origin[:, 3]
+
+
+def _solve_lean(body: SimulatedBody, moment: FloatArray, plan: Plan, hip: FloatArray) -> FloatArray:
+    """Return the trunk's lean (K,), rad, with which the moments about ``push`` vanish (tridiagonal Newton steps).
+
+    The residual is the moment of trunk, foot and legs. It depends on the lean at the same and both neighbouring times.
+    """
+    mass, com, inertia = body.links[3].mass, body.coms[3], body.links[3].inertia
+    lean = np.full(len(plan.push), plan.trunk)
+    for _ in range(50):
+        arm = planar.rotate(lean, com)  # from the hip to the trunk's centre of mass
+        centre = hip + arm
+        change, rotation = _second_difference(centre), _second_difference(lean)
+        x, y, rise = centre[:, 0] - plan.push, centre[:, 1], change[:, 1] + GRAVITY
+        error = moment + mass * (x * rise - y * change[:, 0]) + inertia * rotation
+        dx, dy = -arm[:, 1], arm[:, 0]  # derivative of the arm with respect to the lean
+        jacobian = np.zeros((3, len(lean)))  # bands
+        jacobian[0, 1:] = (mass * (x[:-1] * dy[1:] - y[:-1] * dx[1:]) + inertia) / STEP**2
+        jacobian[2, :-1] = (mass * (x[1:] * dy[:-1] - y[1:] * dx[:-1]) + inertia) / STEP**2
+        own = (mass * (x * dy - y * dx) + inertia) / STEP**2
+        jacobian[1] = mass * (dx * rise - dy * change[:, 0]) - 2 * own
+        jacobian[1, [0, -1]] += own[[0, -1]]
+        step = solve_banded((1, 1), jacobian, -error)
+        largest = float(np.abs(step).max())
+        lean += step * min(1.0, 0.3 / max(largest, 1e-300))
+        if largest < 1e-10:
+            return lean
+    raise NumericalError(
+        f"the lean of the trunk that balances the simulated body was not found: the last iteration changed it by "
+        f"{largest:.2g} rad"
+    )

@@ -1,0 +1,351 @@
+"""A random robot in space on a force plate, whose joints move together: in memory, and on disk with its exact truth."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.dynamics.regressor import torque_regressor
+from mocap_id.dynamics.space.base_parameters import name_parameters, structural_base
+from mocap_id.dynamics.space.instrument_errors import SpatialCalibration, make_exact
+from mocap_id.dynamics.space.motion import SpatialMotion, move_joints, segment_regressor
+from mocap_id.dynamics.space.pseudo_inertia import point_mass
+from mocap_id.errors import ConfigError
+from mocap_id.geometry import PlaneFrame, se3, so3
+from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
+from mocap_id.recording.plate_types import PlateSignals
+from mocap_id_simulation.bodies import GRAVITY
+from mocap_id_simulation.instruments import FORCE_BIAS, MOMENT_BIAS, SIZE, draw_plate, measure_load
+from mocap_id_simulation.motion import STEP, JointMotion, draw_direction, motion_through, smoothstep
+from mocap_id_simulation.options import Sense, check_options, option
+from mocap_id_simulation.trial_files import points_bytes, trial_contents, write_trial, yaml_head
+
+ErrorPreset = Literal["clean", "default"]
+POSITION = 1e-3  # m: error of the plate's position in the default preset
+SMALL_ERRORS = SpatialCalibration(
+    gain=0.003,
+    moments=0.003,
+    force=FORCE_BIAS,
+    moment=MOMENT_BIAS,
+    position=POSITION,
+    yaw=2 * POSITION / SIZE[0],
+    lengths=0.001,
+    tilt=0.002,
+)
+"""Standard deviations of the instruments' errors in the default preset."""
+
+
+@dataclass(frozen=True)
+class SpaceRobotOptions:
+    """Options of a simulated robot in space, whose base stands on a force plate.
+
+    A value out of range raises ConfigError.
+    """
+
+    seed: int = option(0, "Seed of robot and movement; a payload does not change them.")
+    preset: ErrorPreset = option("default", "clean: exact instruments; default: small errors.")
+    joints: int = option(2, "Number of hinges, 1 to 6.", (1, 6))
+    payload: float = option(0.0, "Mass at the end of the last segment, kg.", (0, 100), "kg")
+    duration: float = option(30.0, "Duration, s.", (5, 600), "s")
+    rate: float = option(120.0, "Frames per second.", (30, 2000), "Hz")
+    analog_rate: float = option(1200.0, "Plate samples per second, a multiple of the frame rate.")
+
+    def __post_init__(self) -> None:
+        check_options(self, "simulate robot-in-space")
+        if not (self.analog_rate / self.rate).is_integer():
+            raise ConfigError(
+                f"simulate robot-in-space: `analog_rate` is {self.analog_rate:g} Hz; expected a multiple of `rate`, "
+                f"{self.rate:g} Hz"
+            )
+
+    @property
+    def noise(self) -> float:
+        """Factor on the noise of cameras and plate: 0 or 1."""
+        return 0.0 if self.preset == "clean" else 1.0
+
+    @property
+    def errors(self) -> SpatialCalibration:
+        """Standard deviations of the instruments' errors."""
+        return make_exact() if self.preset == "clean" else SMALL_ERRORS
+
+
+_LENGTH = (0.42, 0.39, 0.30, 0.22, 0.18, 0.15)  # m, of the moving segments
+_MASS = (12.0, 8.0, 5.0, 3.0, 2.0, 1.2, 0.8)  # kg, base first
+_PEDESTAL = 0.30  # m: height of the first joint above the plate
+_LEAST_ANGLE = 0.6  # rad, between neighbouring axes
+_POINTS = 40  # number of point masses of a segment
+_MARKERS = 6  # number of markers on every segment
+_FREQUENCIES = (0.1, 0.6)  # Hz, of the movement
+_WAVES, _AMPLITUDE, _REST = 4, 0.55, 1.0  # waves per joint, rad, s
+
+
+@dataclass(frozen=True)
+class SpaceRobot:
+    """A robot in space on a base at rest."""
+
+    chain: SpatialChain  # n hinges, and the markers
+    base: FloatArray  # (4, 4) pose of the base in a frame with y up and its origin at the plate's centre, m
+    parameters: FloatArray  # (n + 1, 10) inertial parameters of every segment in its frame, with the payload, SI units
+    payload: FloatArray  # (10,) parameters of the payload in the frame of the last segment; zeros without a payload
+    motion: JointMotion
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the markers: B1 … on the base, then S1_1 … on segment 1."""
+        numbers = [int(np.sum(self.chain.segment[:k] == s)) + 1 for k, s in enumerate(self.chain.segment)]
+        return tuple(
+            f"B{n}" if s == 0 else f"S{s}_{n}" for s, n in zip(self.chain.segment.tolist(), numbers, strict=True)
+        )
+
+
+def draw_space_robot(rng: np.random.Generator, joints: int, payload: float, duration: float) -> SpaceRobot:
+    """Draw a robot with hinges in general directions, and its movement for a duration, s.
+
+    The payload, kg, and the duration do not change the robot.
+    """
+    along = np.array([0.0, 1.0, 0.0])  # long axis of a segment in its frame
+    base = se3.pose(so3.exp(rng.normal(0, 0.5, 3) * [0, 1, 0]), np.array([*rng.uniform(-0.05, 0.05, 3)]) * [1, 0, 1])
+    axis, links, parameters = draw_direction(rng), [], [_draw_parameters(rng, _MASS[0], _PEDESTAL, 0.12)]
+    for k in range(joints):
+        before = axis
+        while np.linalg.norm(np.cross(before, axis)) < np.sin(_LEAST_ANGLE) or abs(axis @ along) > np.cos(_LEAST_ANGLE):
+            axis = draw_direction(rng)
+        height = _PEDESTAL if k == 0 else _LENGTH[k - 1]
+        centre = height * along + rng.normal(0, 0.02, 3)
+        offset = so3.exp(rng.normal(0, 0.35, 3))
+        links.append(SpatialJoint("hinge", k, centre, first_axis=axis, offset=offset))
+        parameters.append(_draw_parameters(rng, _MASS[k + 1], _LENGTH[k], 0.05))
+        axis = offset.T @ axis
+    # markers around the long axis of every segment
+    local = []
+    for length in (_PEDESTAL, *_LENGTH[:joints]):
+        angle = np.arange(_MARKERS) * 2.4 + rng.uniform(0, 2 * np.pi)
+        radius = rng.uniform(0.06, 0.11, _MARKERS)
+        heights = length * (0.15 + 0.75 * np.arange(_MARKERS) / (_MARKERS - 1)) + rng.normal(0, 0.01, _MARKERS)
+        local.append(np.column_stack([radius * np.cos(angle), heights, radius * np.sin(angle)]))
+    segment = np.repeat(np.arange(joints + 1), _MARKERS)
+    chain = SpatialChain(tuple(links), segment, np.concatenate(local), np.zeros(len(segment), dtype=np.bool_))
+    # a movement of all joints together, at rest in the first and last second
+    time = np.arange(-1.0, duration + 1.0, STEP)
+    envelope = smoothstep((time - _REST) / 2) * smoothstep((duration - _REST - time) / 2)
+    angles = np.zeros((len(time), joints))
+    for j in range(joints):
+        frequency, phase = rng.uniform(*_FREQUENCIES, _WAVES), rng.uniform(0, 2 * np.pi, _WAVES)
+        share = rng.dirichlet(np.full(_WAVES, 3.0)) * _WAVES
+        waves = np.sin(2 * np.pi * frequency * time[:, None] + phase) * share
+        angles[:, j] = _AMPLITUDE / np.sqrt(_WAVES / 2) * waves.sum(axis=1)
+    motion = motion_through(time, envelope[:, None] * angles, duration)
+    load = payload * _draw_parameters(rng, 1.0, 0.08, 0.05, _LENGTH[joints - 1])
+    parameters[-1] = parameters[-1] + load
+    return SpaceRobot(chain, base, np.array(parameters), load, motion)
+
+
+def _draw_parameters(
+    rng: np.random.Generator, mass: float, length: float, width: float, start: float = 0.0
+) -> FloatArray:
+    """Return the inertial parameters (10,) of random point masses along y, beginning at ``start``, m."""
+    positions = rng.uniform(-1, 1, (_POINTS, 3)) * [width, length / 2, width] + [0, start + length / 2, 0]
+    share = rng.dirichlet(np.full(_POINTS, 2.0))
+    return np.asarray(sum(mass * part * point_mass(position) for part, position in zip(share, positions, strict=True)))
+
+
+MARKER_NOISE = 5e-4  # m, each axis
+FRAME = PlaneFrame(0.0)
+"""Coordinate frame of a trial in space, in the laboratory."""
+CLOCK_OFFSET = 0.04  # s: largest offset between cameras and plate
+
+
+@dataclass(frozen=True)
+class InstrumentErrors:
+    """Errors of the instruments; the fields correspond to :class:`SpatialCalibration`."""
+
+    gain: float  # relative error of the plate's forces and moments
+    moments: float  # further relative error of the plate's moments
+    position: FloatArray  # (3,) laboratory axes, m
+    yaw: float  # rad
+    lengths: float  # relative error of the cameras' lengths
+    tilt: FloatArray  # (2,) about x and z of the trial's frame, rad
+
+
+@dataclass(frozen=True)
+class SpaceRobotTrial:
+    """A trial in memory. Vectors are in the frame of a trial in space (y up) with the origin of the laboratory."""
+
+    options: SpaceRobotOptions
+    robot: SpaceRobot
+    origin: FloatArray  # (3,) the plate's centre in that frame, m
+    time: FloatArray  # (T,) s
+    q: FloatArray  # (T, n) rad
+    dq: FloatArray  # (T, n) rad/s
+    ddq: FloatArray  # (T, n) rad/s²
+    motion: SpatialMotion  # true motion
+    wrench: FloatArray  # (T, 6) true force and moment of the ground about the origin, N and N·m
+    torque: FloatArray  # (T, n) true joint torques, N·m
+    points: FloatArray  # (T, M, 3) measured markers, laboratory axes with z up, m
+    signals: PlateSignals
+    clock_offset: float  # the plate's sample with time t was measured at t + offset, s
+    errors: InstrumentErrors
+
+
+def generate_space_robot(options: SpaceRobotOptions) -> SpaceRobotTrial:
+    """Draw a robot and measure it; the same options give the same numbers.
+
+    A payload changes the noise and the clock offset, but not the robot, its movement and the errors of the instruments.
+    """
+    of_robot, of_laboratory, of_recording = (
+        np.random.default_rng([options.seed, k]) for k in (0, 1, 2 if options.payload == 0 else 3)
+    )
+    robot = draw_space_robot(of_robot, options.joints, options.payload, options.duration)
+    sense: Sense = "reaction" if of_laboratory.random() < 0.5 else "action"
+    plate = draw_plate(of_laboratory, sense, moved=True, flipped=False, noise=options.noise, bias=options.noise)
+    sd = options.errors
+    errors = InstrumentErrors(
+        gain=float(of_laboratory.normal(0, sd.gain)),
+        moments=float(of_laboratory.normal(0, sd.moments)),
+        position=of_laboratory.normal(0, sd.position, 3),
+        yaw=float(of_laboratory.normal(0, sd.yaw)),
+        lengths=float(of_laboratory.normal(0, sd.lengths)),
+        tilt=of_laboratory.normal(0, sd.tilt, 2),
+    )
+    # the true motion and forces
+    origin = FRAME.to_plane(plate.centre)
+    time = np.arange(round(options.duration * options.rate)) / options.rate
+    base = robot.base.copy()
+    base[:3, 3] += origin
+    q, dq, ddq, _ = robot.motion.at(time)
+    motion = move_joints(robot.chain, base, q, dq, ddq)
+    regressor = segment_regressor(motion, GRAVITY)
+    parameters = robot.parameters.ravel()
+    # the plate's samples have their own clock; the wrench is about the plate's centre
+    offset = float(of_recording.uniform(-CLOCK_OFFSET, CLOCK_OFFSET)) * options.noise
+    at = np.arange(round(options.duration * options.analog_rate)) / options.analog_rate + offset
+    loaded = segment_regressor(move_joints(robot.chain, robot.base, *robot.motion.at(at)[:3]), GRAVITY) @ parameters
+    # markers in the laboratory
+    segment = robot.chain.segment
+    rotated = np.einsum("tmij,mj->tmi", motion.rotation[:, segment], robot.chain.local)
+    true = np.asarray(motion.origin[:, segment] + rotated)
+    tilt = so3.exp(np.array([errors.tilt[0], 0.0, errors.tilt[1]]))
+    noise = of_recording.normal(0, 1, true.shape) * MARKER_NOISE * options.noise
+    points = FRAME.from_plane((1 + errors.lengths) * true @ tilt.T + noise)
+    # the plate's channels with their errors, and its corners with the error of the file
+    force, moment = (loaded[:, part] @ FRAME.axes * (1 + errors.gain) for part in (slice(3), slice(3, 6)))
+    signals = measure_load(of_recording, plate, force, (1 + errors.moments) * moment, options.analog_rate)
+    placed = replace(plate, centre=plate.centre + errors.position, yaw=plate.yaw + errors.yaw)
+    return SpaceRobotTrial(
+        options=options,
+        robot=replace(robot, base=base),
+        origin=origin,
+        time=time,
+        q=q,
+        dq=dq,
+        ddq=ddq,
+        motion=motion,
+        wrench=regressor @ parameters,
+        torque=torque_regressor(motion, regressor) @ parameters,
+        points=points,
+        signals=replace(signals, corners=placed.corners),
+        clock_offset=offset,
+        errors=errors,
+    )
+
+
+_CONVENTIONS = (
+    "Laboratory axes, Z up, SI. seg_R takes segment axes to the laboratory; seg_origin is the segment's joint, or the "
+    "base's origin. Ten parameters of a segment in its own frame about its origin: m, mx, my, mz, Ixx, Iyy, Izz, Ixy, "
+    "Ixz, Iyz. wrench: true force and moment of the ground about the laboratory's origin at the frames. torque: about "
+    "each joint's axis. joint_axes: axis in the frame of the parent, then in the frame of the child. A plate sample "
+    "with time t was measured at t + clock_offset_s. base_parameters: in frames with z along the hinge (the base: "
+    "laboratory axes X, Z, -Y), with the moments of the base about its origin."
+)
+
+
+def simulate_space_robot(folder: Path, options: SpaceRobotOptions) -> Path:
+    """Simulate a robot in space, write it with its exact truth, and return the path of ``trial.yaml``.
+
+    The folder is created if necessary. It receives ``trial.c3d``, ``truth.json``, ``truth.npz`` and ``trial.yaml``, and
+    gives the trial its name.
+
+    StoreError is raised if the folder already contains a trial, or cannot be written.
+    """
+
+    def make(name: str) -> dict[str, bytes]:
+        trial, sd = generate_space_robot(options), options.errors
+        load = f", with a payload of {options.payload:g} kg" if options.payload else ""
+        what = f"A robot of {options.joints} hinges in space on a force plate{load}."
+        text = yaml_head(what, "mocap-id simulate robot-in-space", options.seed, name)
+        text += f"""\
+space: 3d
+protocol: free
+recording: trial.c3d  # markers and force plate
+identify-dim:  # standard deviations of the instruments' errors
+  plate_gain_sd: {sd.gain:g}
+  plate_moments_sd: {sd.moments:g}
+  plate_zero_sd_n: {sd.force:g}  # N
+  plate_zero_sd_nm: {sd.moment:g}  # N*m
+  plate_position_sd_m: {sd.position:g}  # m
+  camera_scale_sd: {sd.lengths:g}
+  camera_tilt_sd_deg: {np.degrees(sd.tilt):.3g}
+"""
+        recording = points_bytes(trial.robot.labels, trial.points, options.rate, [trial.signals])
+        return trial_contents(recording, _describe(trial), _arrays(trial), text)
+
+    return write_trial(folder, make)
+
+
+def _describe(trial: SpaceRobotTrial) -> dict[str, Any]:
+    """Return JSON values for ``truth.json``."""
+    robot, options = trial.robot, trial.options
+    structure = structural_base(robot.chain, se3.pose(robot.base[:3, :3], np.zeros(3)))
+    joints = robot.chain.joints
+    return {
+        "kind": "robot-in-space",
+        "conventions": _CONVENTIONS,
+        "options": asdict(options),
+        "rate_hz": options.rate,
+        "static_s": 1.0,
+        "marker_noise_m": MARKER_NOISE * options.noise,
+        "segments": ["base", *(f"segment_{k}" for k in range(1, len(joints) + 1))],
+        "joints": [f"joint_{k}" for k in range(1, len(joints) + 1)],
+        "joint_kinds": [joint.kind for joint in joints],
+        "joint_centres_m": [joint.centre.tolist() for joint in joints],
+        "joint_axes": [[joint.first_axis.tolist(), (joint.offset.T @ joint.first_axis).tolist()] for joint in joints],
+        "assignment": dict(zip(robot.labels, robot.chain.segment.tolist(), strict=True)),
+        "local_xyz_m": dict(zip(robot.labels, robot.chain.local.tolist(), strict=True)),
+        "clock_offset_s": trial.clock_offset,
+        "instrument_errors": {
+            name: value.tolist() if isinstance(value, np.ndarray) else value
+            for name, value in vars(trial.errors).items()
+        },
+        "parameters": dict(zip(name_parameters(len(robot.parameters)), robot.parameters.ravel().tolist(), strict=True)),
+        "payload": {"segment": len(joints), "parameters": robot.payload.tolist()},
+        "base_parameters": {
+            "names": list(structure.names),
+            "units": list(structure.units),
+            "values": (structure.mapping @ robot.parameters.ravel()).tolist(),
+        },
+    }
+
+
+def _arrays(trial: SpaceRobotTrial) -> dict[str, FloatArray]:
+    to_lab, motion = FRAME.axes.T, trial.motion
+
+    def vectors(values: FloatArray) -> FloatArray:
+        return np.asarray(values @ to_lab.T)
+
+    return {
+        "t": trial.time,
+        "q": trial.q,
+        "dq": trial.dq,
+        "ddq": trial.ddq,
+        "seg_R": to_lab @ motion.rotation,
+        "seg_origin": vectors(motion.origin),
+        "omega": vectors(motion.omega),
+        "alpha": vectors(motion.alpha),
+        "joint_lab": vectors(motion.joint),
+        "wrench": np.concatenate([vectors(trial.wrench[:, :3]), vectors(trial.wrench[:, 3:])], axis=1),
+        "torque": trial.torque,
+    }
