@@ -11,12 +11,12 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from mocap_id.config.prescription import load_prescription
 from mocap_id.errors import Refused
-from mocap_id.workflows import prescribe as workflow
-from mocap_id.workflows.prescribe.result import Timed
-from mocap_id.workflows.prescribe.spring_map import SpringMap
 from mocap_id.workflows.run_folder import describe_sources
+from mocap_id_assist.assisted_body import PrescriptionResult, SpringMap, Timed
+from mocap_id_assist.files import load_prescription
+from mocap_id_assist.prescription_output import device_lines, prescription_output
+from mocap_id_assist.prescriptions import prescribe_from
 from mocap_id_cli import progress
 from mocap_id_cli.console import AsJson, Quiet, Verbose, log_to_stderr, print_json
 
@@ -51,8 +51,8 @@ def prescribe(
         if not quiet:
             typer.echo(line, err=True)
 
-    found = workflow.prescribe_from(load_prescription(config), out, progress.report_stages(quiet), tell)
-    output = workflow.prescription_output(found)
+    found = prescribe_from(load_prescription(config), out, progress.report_stages(quiet), tell)
+    output = prescription_output(found)
     if out is not None:
         output = replace(output, made_from=describe_sources(out, config))
     files = () if out is None else output.write(out)
@@ -66,7 +66,7 @@ def prescribe(
         raise typer.Exit(Refused.exit_code)
 
 
-def _lines(found: workflow.PrescriptionResult) -> Iterator[str]:
+def _lines(found: PrescriptionResult) -> Iterator[str]:
     name = found.config.wishes.prescription
     if found.workspace is not None:
         low, high = found.workspace.workspace.interval
@@ -85,10 +85,10 @@ def _lines(found: workflow.PrescriptionResult) -> Iterator[str]:
         yield _searched(found.map)
     if found.graph is not None and found.graph_postures is not None:
         yield from _graph(found)
-    yield from workflow.device_lines(found)
+    yield from device_lines(found)
 
 
-def _one(found: workflow.PrescriptionResult) -> Iterator[str]:
+def _one(found: PrescriptionResult) -> Iterator[str]:
     one, joint, name = found.one, found.joint, found.config.wishes.prescription
     assert one is not None and joint is not None
     without = "nothing" if one.without is None else _range(one.without)
@@ -104,7 +104,7 @@ def _one(found: workflow.PrescriptionResult) -> Iterator[str]:
     yield f"no other spring widens the range by more than another {math.degrees(one.gap):.2f}°"
 
 
-def _several(found: workflow.PrescriptionResult) -> Iterator[str]:
+def _several(found: PrescriptionResult) -> Iterator[str]:
     springs, name = found.several, found.config.wishes.prescription
     assert springs is not None
     yield (
@@ -140,7 +140,7 @@ def _searched(springs: SpringMap) -> str:
     )
 
 
-def _graph(found: workflow.PrescriptionResult) -> Iterator[str]:
+def _graph(found: PrescriptionResult) -> Iterator[str]:
     graph, postures = found.graph, found.graph_postures
     assert graph is not None and postures is not None
     for node in graph.nodes:

@@ -10,9 +10,9 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from mocap_id.prescription.workspace import Overlay
-from mocap_id.workflows import workspace as workflow
 from mocap_id.workflows.run_folder import describe_sources
+from mocap_id_assist import workspaces as workflow
+from mocap_id_assist.workspace import Overlay
 from mocap_id_cli import progress
 from mocap_id_cli.console import AsJson, Quiet, Verbose, log_to_stderr, print_json
 

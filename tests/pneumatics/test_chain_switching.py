@@ -8,18 +8,20 @@ import numpy as np
 import pytest
 
 from mocap_id.arrays import FloatArray
-from mocap_id.pneumatics.assisted_chain import Actuator, AssistedChain, find_pressures
-from mocap_id.pneumatics.chain_tour import (
-    STEP,
+from mocap_id.dynamics.cylinder import Cylinder, PressureLimits, Setting
+from mocap_id_assist.controllers import TOUR_STEP as STEP
+from mocap_id_assist.controllers import (
+    Actuator,
+    AssistedChain,
     ChainNode,
     TourRules,
     compute_node_depths,
+    find_pressures,
     find_unsafe_changes,
     simulate_tour,
 )
-from mocap_id.pneumatics.cylinder import Cylinder, PressureLimits, Setting
-from mocap_id.pneumatics.held_angles import find_holdable, find_task_setting
-from mocap_id.prescription.one_joint import OneJoint
+from mocap_id_assist.devices import find_held_angles, find_task_setting
+from mocap_id_assist.one_joint import OneJoint
 
 CYLINDER = Cylinder(0.03, 2.835e-4, 2.552e-4, 0.09, 0.09, 0.08, np.radians(140), 1.2, 0.2, 0.02)
 JOINT = OneJoint(4.336, 0.0, 0.0, np.radians(140), -2.2, 2.2)
@@ -51,8 +53,8 @@ def test_a_chain_of_one_joint_is_the_joint() -> None:
     assert found[1] * (0.1 * 2.2 + CYLINDER.coulomb) == pytest.approx(one[1], rel=1e-6)
     grid = np.linspace(0.0, JOINT.upper, 500)
     depth = ONE.depth(grid[:, None], found[0])
-    np.testing.assert_array_equal(depth > 1e-4, find_holdable(JOINT, CYLINDER, one[0], grid) & (depth > 1e-4))
-    held = find_holdable(JOINT, CYLINDER, one[0], grid)
+    np.testing.assert_array_equal(depth > 1e-4, find_held_angles(JOINT, CYLINDER, one[0], grid) & (depth > 1e-4))
+    held = find_held_angles(JOINT, CYLINDER, one[0], grid)
     edge = grid[np.flatnonzero(np.diff(held.astype(int)))[0]]
     near = np.flatnonzero(np.abs(grid - edge) < 0.05)
     np.testing.assert_allclose(np.abs(depth[near]), np.abs(grid[near] - edge), atol=0.01)

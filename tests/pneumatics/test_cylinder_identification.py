@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mocap_id.dynamics.cylinder import Cylinder, Setting
 from mocap_id.errors import NumericalError
-from mocap_id.pneumatics.cylinder import Cylinder, Setting
-from mocap_id.pneumatics.identification import TorqueLog, identify_cylinder, predict_torque
+from mocap_id_assist.devices import TorqueLog, identify_cylinder, predict_torque
 
 DESCRIBED = Cylinder(0.03, 2.8e-4, 2.5e-4, 0.08, 0.08, 0.08, 2.44, 1.2)
 MODES = (Setting(446e3, 101_325.0), Setting(101_325.0, 446e3), Setting(446e3, 446e3))

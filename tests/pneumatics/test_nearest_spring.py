@@ -7,8 +7,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from mocap_id.pneumatics.cylinder import Cylinder, PressureLimits, Setting, gas_of_change, normal_litres
-from mocap_id.pneumatics.nearest_spring import find_nearest_setting
+from mocap_id.dynamics.cylinder import Cylinder, PressureLimits, Setting
+from mocap_id_assist.devices import find_nearest_setting, gas_of_change, normal_litres
 
 LIMITS = PressureLimits(101_325.0, 7e5)
 cylinders = st.builds(

@@ -13,9 +13,9 @@ from typer.testing import CliRunner, Result
 
 from mocap_id.config.device import load_device
 from mocap_id.errors import ConfigError
-from mocap_id.pneumatics.identification import TorqueLog, predict_torque
 from mocap_id.store import Table
-from mocap_id.workflows.pneumatic import identify as identification
+from mocap_id_assist import pneumatic as identification
+from mocap_id_assist.devices import TorqueLog, predict_torque
 from mocap_id_cli.app import build
 
 DEVICE = Path(__file__).resolve().parents[2] / "configs" / "devices" / "elbow.yaml"

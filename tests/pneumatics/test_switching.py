@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mocap_id.pneumatics.cylinder import Cylinder, PressureLimits, Setting
-from mocap_id.pneumatics.held_angles import find_held_range, find_holdable, find_task_setting, find_widest_setting
-from mocap_id.pneumatics.switching import (
+from mocap_id.dynamics.cylinder import Cylinder, PressureLimits, Setting
+from mocap_id_assist.controllers import (
     STEP,
     Controller,
     Node,
@@ -20,7 +19,8 @@ from mocap_id.pneumatics.switching import (
     plan_tour,
     simulate_switching,
 )
-from mocap_id.prescription.one_joint import OneJoint
+from mocap_id_assist.devices import find_held_angles, find_held_range, find_task_setting, find_widest_setting
+from mocap_id_assist.one_joint import OneJoint
 
 CYLINDER = Cylinder(0.03, 2.835e-4, 2.552e-4, 0.09, 0.09, 0.08, np.radians(140), 1.2, 0.2, 0.02)
 JOINT = OneJoint(4.336, 0.0, 0.0, np.radians(140), -2.2, 2.2)
@@ -35,7 +35,7 @@ def controller(hysteresis: float = np.radians(3.0)) -> Controller:
     for name, low, high in TASKS:
         found = find_task_setting(JOINT, CYLINDER, LIMITS, [(low, high)])
         assert found is not None
-        nodes.append(Node(name, found[0], compute_depths(find_holdable(JOINT, CYLINDER, found[0], angle), angle)))
+        nodes.append(Node(name, found[0], compute_depths(find_held_angles(JOINT, CYLINDER, found[0], angle), angle)))
     return Controller(tuple(nodes), angle, np.radians(2.0), hysteresis, np.full(2, 0.2), np.full(2, 0.4))
 
 
@@ -72,7 +72,7 @@ def test_no_pressures_of_a_grid_hold_more(required: tuple[float, ...]) -> None:
     found = find_widest_setting(JOINT, CYLINDER, LIMITS, start, required)
     best = find_held_range(JOINT, CYLINDER, found, required)
     assert best is not None
-    assert find_holdable(JOINT, CYLINDER, found, np.linspace(*best, 500)).all()
+    assert find_held_angles(JOINT, CYLINDER, found, np.linspace(*best, 500)).all()
     grid = np.linspace(LIMITS.lowest, LIMITS.supply, 13).tolist()
     parts = [find_held_range(JOINT, CYLINDER, Setting(a, b), required) for a in grid for b in grid]
     assert best[1] - best[0] >= max(part[1] - part[0] for part in parts if part) - np.radians(0.3)
@@ -117,7 +117,7 @@ def test_a_change_at_rest_is_unsafe_only_if_one_side_lags() -> None:
     angle = np.linspace(0.0, JOINT.upper, 721)
     nodes = []
     for name, setting in (("soft", Setting(3.2e5, 1.1e5)), ("stiff", Setting(5.8e5, 4.0e5))):
-        nodes.append(Node(name, setting, compute_depths(find_holdable(JOINT, CYLINDER, setting, angle), angle)))
+        nodes.append(Node(name, setting, compute_depths(find_held_angles(JOINT, CYLINDER, setting, angle), angle)))
     together = Controller(tuple(nodes), angle, 0.03, 0.05, np.full(2, 0.2), np.full(2, 0.2))
     apart = replace(together, fill=np.array([0.05, 0.5]), vent=np.array([0.5, 0.05]))
     for before, after in ((0, 1), (1, 0)):

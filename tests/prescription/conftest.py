@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mocap_id.workflows.workspace import SubjectArm, read_arm
+from mocap_id_assist.workspaces import SubjectArm, read_arm
 
 
 @pytest.fixture(scope="session")

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mocap_id.config.prescription import load_prescription
 from mocap_id.errors import ConfigError
-from mocap_id.pneumatics.held_angles import find_holdable
-from mocap_id.workflows.prescribe import device_lines, prescribe_from, prescription_output
+from mocap_id_assist.devices import find_held_angles
+from mocap_id_assist.files import load_prescription
+from mocap_id_assist.prescription_output import device_lines, prescription_output
+from mocap_id_assist.prescriptions import prescribe_from
 
 ROOT = Path(__file__).resolve().parents[2]
 DEVICE = ROOT / "configs" / "devices" / "elbow.yaml"
@@ -48,7 +49,7 @@ def test_the_example_is_held_by_its_device(tmp_path: Path) -> None:
     each, joint = found.devices.springs[0], found.joint  # type: ignore[union-attr]
     assert joint is not None
     angle = np.linspace(*found.devices.range, 300)  # type: ignore[union-attr, misc]
-    assert find_holdable(joint, each.device.keys.cylinder(), each.setting, angle).all()
+    assert find_held_angles(joint, each.device.keys.cylinder(), each.setting, angle).all()
     assert controller["problems"] == []
     assert all(visit["held"] for visit in controller["tour"]["tasks"])
     assert controller["tour"]["shortest_dwell_s"] > controller["tour"]["settling_s"]

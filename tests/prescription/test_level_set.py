@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import RegularGridInterpolator
 
-from mocap_id.config.prescription import SearchGrid
-from mocap_id.prescription.level_set import (
+from mocap_id_assist.files import SearchGrid
+from mocap_id_assist.level_set import (
     JointDynamics,
     Scheme,
     StateGrid,
@@ -16,8 +16,8 @@ from mocap_id.prescription.level_set import (
     find_reached_and_held,
     solve_level_set,
 )
-from mocap_id.prescription.one_joint import OneJoint
-from mocap_id.workflows.prescribe.spring_map import ROWS_FILE, map_springs
+from mocap_id_assist.one_joint import OneJoint
+from mocap_id_assist.prescriptions import ROWS_FILE, map_springs
 
 WEIGHT, INERTIA, STIFFNESS, REST = 3.43 * 9.81 * 0.30, 0.43, 4.297, float(np.radians(210))
 SECOND, FIRST = Scheme(second_order=True, grows_only=False), Scheme(second_order=False, grows_only=False)

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.prescription.one_joint import OneJoint
-from mocap_id.prescription.one_spring import Prescription, SpringRequirements, prescribe_spring
-from mocap_id.prescription.sub_workspaces import find_least_spring
+from mocap_id_assist.one_joint import OneJoint, Prescription, SpringRequirements, find_least_spring, prescribe_spring
 
 LOWER, UPPER = np.radians([-60.0, 180.0])
 

@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
-from mocap_id.prescription.arms import PlanarArm
-from mocap_id.prescription.joint_limits import JointLimits
-from mocap_id.prescription.one_joint import ChainMasses
-from mocap_id.prescription.postures import SpringPlace, sample_postures
-from mocap_id.prescription.several_springs import find_holdable, prescribe_several
-from mocap_id.prescription.sub_workspaces import SubWorkspace, build_graph
+from mocap_id_assist.several_joints import (
+    ChainMasses,
+    SpringPlace,
+    SubWorkspace,
+    build_graph,
+    find_held_postures,
+    prescribe_several,
+    sample_postures,
+)
+from mocap_id_assist.workspace import JointLimits, PlanarArm
 
 CENTRES = np.array([[0.0, 1.5], [0.0, 0.31]])
 MASSES = np.array([[2.0, 0.0, 0.27], [1.57, 0.0, 0.30]])
@@ -61,7 +65,7 @@ def test_the_area_is_counted_from_what_the_springs_hold() -> None:
     places = [SpringPlace((0,), 15.0), SpringPlace((1,), 6.0)]
     sampled = sample_postures(ARM, WEIGHTS, LIMITS, places, NOWHERE, count=1024)
     found = prescribe_several(sampled, places, STRENGTH, boxes=3000)
-    held = find_holdable(sampled, places, STRENGTH, found)
+    held = find_held_postures(sampled, places, STRENGTH, found)
     assert found.area == pytest.approx(len(np.unique(sampled.cell[held])) * sampled.size, rel=1e-12)
     assert found.without < found.area <= found.reachable
     assert found.area + found.gap <= found.reachable + 0.01
@@ -72,7 +76,7 @@ def test_a_spring_that_is_soft_beside_the_stiffest_allowed_is_told_and_counted()
     places = [SpringPlace((0,), 8000.0)]
     sampled = sample_postures(ARM, WEIGHTS, LIMITS, places, NOWHERE, count=512)
     found = prescribe_several(sampled, places, STRENGTH, boxes=8000)
-    held = find_holdable(sampled, places, STRENGTH, found)
+    held = find_held_postures(sampled, places, STRENGTH, found)
     assert found.helps
     assert 0 < found.stiffness[0] < 8.0
     assert np.isfinite(found.rest).all()
@@ -103,7 +107,7 @@ def test_a_required_point_is_held_or_refused() -> None:
     there = sampled.cell >= sampled.cells
     np.testing.assert_allclose(sampled.tips[there], np.tile(point, (there.sum(), 1)), atol=2e-4)
     found = prescribe_several(sampled, places, STRENGTH, boxes=4000)
-    assert find_holdable(sampled, places, STRENGTH, found)[there].any()
+    assert find_held_postures(sampled, places, STRENGTH, found)[there].any()
     with pytest.raises(ValueError, match="no springs"):
         prescribe_several(sampled, places, 1e-3 * STRENGTH, boxes=200)
     with pytest.raises(ValueError, match="cannot be reached"):

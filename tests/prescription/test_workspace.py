@@ -11,17 +11,24 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
+from mocap_id.arrays import sobol
 from mocap_id.config import load
 from mocap_id.errors import StoreError
 from mocap_id.geometry import Chain, Revolute, se3
-from mocap_id.prescription.alpha_shape import compute_alpha_shape, compute_measure
-from mocap_id.prescription.arms import PlanarArm, SpatialArm
-from mocap_id.prescription.joint_limits import JointLimits, find_limits
-from mocap_id.prescription.sampling import sample_box, sobol
-from mocap_id.prescription.workspace import compute_workspace, overlay_workspaces
 from mocap_id.store import Folder, Tree
 from mocap_id.store.hdf5 import encode
-from mocap_id.workflows.workspace import measure, read_arm
+from mocap_id_assist.workspace import (
+    JointLimits,
+    PlanarArm,
+    SpatialArm,
+    compute_alpha_shape,
+    compute_measure,
+    compute_workspace,
+    find_limits,
+    overlay_workspaces,
+    sample_box,
+)
+from mocap_id_assist.workspaces import measure, read_arm
 
 UPPER, FORE = 0.31, 0.28
 LOWER_LIMITS, UPPER_LIMITS = np.array([0.98, -2.0]), np.array([3.05, -0.1])

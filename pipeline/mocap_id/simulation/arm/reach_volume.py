@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, sobol
 from mocap_id.geometry import so3
-from mocap_id.prescription.sampling import sobol
 from mocap_id.simulation.arm.body import ArmBody
 from mocap_id.simulation.arm.rotations import X
 

@@ -1,10 +1,10 @@
-"""Widest interval of a sampled torque curve that fits between two limits after a constant shift."""
+"""Compiled searches: the widest interval of a torque curve between two limits, and cells that can be held."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.compilation import compiled
 
 
@@ -78,3 +78,46 @@ def find_widest_runs(  # noqa: PLR0917
         runs[k, 1] = curve[start : end + 1].min() if end >= start else np.nan
         runs[k, 2] = curve[start : end + 1].max() if end >= start else np.nan
     return runs
+
+
+@compiled
+def count_cells(  # noqa: PLR0917
+    gravity: FloatArray,
+    stretch: FloatArray,
+    cell: IntArray,
+    cells: int,
+    required: int,
+    across: BoolArray,
+    torque: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+) -> int:  # pragma: no cover
+    """Return an upper bound of the number of cells with a posture that can be held, for all springs of a box.
+
+    The number is exact if both corners of the box are the same. It is -1 if a required point cannot be held. The first
+    parameters are fields of :class:`Postures`. ``across`` (S, n) is True if the spring spans the joint; ``torque`` (n,
+    2) are the person's limits, N·m; ``low`` and ``high`` (S, 2) are the corners of the box: stiffness, N·m/rad, and
+    rest angle, rad, of each spring.
+    """
+    held = np.zeros(cells + required, np.bool_)
+    joints, springs = gravity.shape[1], stretch.shape[1]
+    for i in range(gravity.shape[0]):
+        if held[cell[i]]:
+            continue
+        fits = True
+        for j in range(joints):
+            least, most = gravity[i, j], gravity[i, j]
+            for s in range(springs):
+                if across[s, j]:
+                    under, over = stretch[i, s] - high[s, 1], stretch[i, s] - low[s, 1]
+                    least += min(low[s, 0] * under, high[s, 0] * under)
+                    most += max(low[s, 0] * over, high[s, 0] * over)
+            if most < torque[j, 0] or least > torque[j, 1]:
+                fits = False
+                break
+        if fits:
+            held[cell[i]] = True
+    for r in range(required):
+        if not held[cells + r]:
+            return -1
+    return int(held[:cells].sum())

@@ -8,12 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import FloatArray, find_runs
-from mocap_id.prescription.one_joint import OneJoint
-from mocap_id.prescription.upwind import MarchOptions, StateRates, march
+from mocap_id_assist.level_set_kernels import MarchOptions, StateRates, march
+from mocap_id_assist.one_joint import OneJoint
 
 CFL = 0.8
 """Time step as a fraction of the largest stable one."""
+
+
 _PAD = 2
+
+
 _CAP = 3.0  # largest computed χ, in radii of the initial set
 
 

@@ -22,11 +22,15 @@ from mocap_id.arrays import BoolArray, FloatArray
 
 ISOTHERMAL, ADIABATIC = 1.0, 1.4
 """Exponents of air for slow and fast changes of volume."""
+
+
 _COULOMB_SPEED = 0.05  # rad/s: below this speed, Coulomb friction grows with the speed
+
+
 _GRID = 721  # number of angles between which the zero of the torque is searched
+
+
 _ROUNDING = 1e-12  # fraction of the largest torque
-_GAS_CONSTANT = 287.05  # J/(kg K), dry air
-_NORMAL_DENSITY = 1.2929  # kg/m³, air at 0 °C and 101,325 Pa
 
 
 @dataclass(frozen=True)
@@ -171,49 +175,6 @@ class Cylinder:
     def at_exponent(self, exponent: float) -> Cylinder:
         """Return the cylinder with this exponent of the gas."""
         return replace(self, exponent=exponent)
-
-
-def settle_pressures(
-    pressures: FloatArray, target: FloatArray, time: float, fill: FloatArray, vent: FloatArray
-) -> FloatArray:
-    """Return the pressures (..., 2), Pa, after they have approached ``target`` (..., 2), Pa, for ``time``, s.
-
-    ``fill`` and ``vent`` are the time constants of rising and falling pressures, s.
-    """
-    lag = np.where(target > pressures, fill, vent)
-    return np.asarray(target + (pressures - target) * np.exp(-time / lag))
-
-
-def excess_torque(torque: FloatArray, low: FloatArray | float, high: FloatArray | float) -> FloatArray:
-    """Return the part of a torque beyond the limits ``low`` and ``high``, N·m; at least 0."""
-    return np.asarray(np.maximum(np.maximum(torque - high, low - torque), 0.0))
-
-
-def gas_of_change(cylinder: Cylinder, before: Setting, after: Setting, temperature: float = 293.15) -> float:
-    """Return the mass of gas that a change of the setting takes from the supply, kg, at a temperature, K.
-
-    A chamber that loses pressure vents and takes no gas. An open chamber has the pressure of the atmosphere at full
-    flexion. The mass of gas in a chamber is P₀V₀/RT, and does not depend on the angle at which the setting is changed.
-    The hoses between valve and supply are not included.
-    """
-    change = _sealed_pressures(after, cylinder) - _sealed_pressures(before, cylinder)
-    volumes = cylinder.volumes(np.asarray(cylinder.full_flexion))
-    return float(np.maximum(change, 0.0) @ volumes / (_GAS_CONSTANT * temperature))
-
-
-def normal_litres(gas: float) -> float:
-    """Return the volume of a mass of air, kg, at 0 °C and 101,325 Pa, in litres."""
-    return 1e3 * gas / _NORMAL_DENSITY
-
-
-def usable_gas(volume: float, pressure: float, supply: float, temperature: float = 293.15) -> float:
-    """Return the mass of gas, kg, that a reservoir (m³, Pa) gives until its pressure is down to ``supply``, Pa."""
-    return max(pressure - supply, 0.0) * volume / (_GAS_CONSTANT * temperature)
-
-
-def _sealed_pressures(setting: Setting, cylinder: Cylinder) -> FloatArray:
-    given = (setting.flexion, setting.extension)
-    return np.array([cylinder.atmosphere if pressure is None else pressure for pressure in given])
 
 
 def compute_torque_and_sd(  # noqa: PLR0917

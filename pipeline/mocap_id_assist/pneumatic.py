@@ -1,25 +1,195 @@
-"""Parameters of a device from a log of torque against angle, or from a trial of a relaxed person."""
+"""A pneumatic device as a spring: its torque, pressures, parameters from a log, and gas (thesis 8.1, 9.5)."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from mocap_id import __version__
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config.device import DeviceConfig
+from mocap_id.dynamics.cylinder import ADIABATIC, ISOTHERMAL, Setting
 from mocap_id.errors import ConfigError, RecordingError
-from mocap_id.pneumatics.cylinder import Setting
-from mocap_id.pneumatics.identification import ESTIMATED, TorqueLog, identify_cylinder
 from mocap_id.recording.clock import SENSOR_HZ, check_times
 from mocap_id.recording.text_tables import read_csv
+from mocap_id.reporting.paper_figures import render
+from mocap_id.reporting.results.columns import to_finite
+from mocap_id.reporting.results.result import Result
+from mocap_id.stages.device import Condition, DeviceFile
 from mocap_id.store import Table
 from mocap_id.workflows.run_folder import open_run
+from mocap_id_assist.devices import (
+    ESTIMATED,
+    NearestSpring,
+    TorqueLog,
+    find_nearest_setting,
+    gas_of_change,
+    identify_cylinder,
+    normal_litres,
+    usable_gas,
+)
+from mocap_id_assist.figures import draw_curve
+
+_NO_ZERO = "the torque is not zero at any angle of the stroke"
+
+
+_NO_TORQUE = "the device gives no torque in this condition"
+
+
+def device_curve(
+    config: DeviceConfig, condition: Condition, exponent: float | None = None, angles: int = 181
+) -> Result:
+    """Return torque and stiffness of a device at equally spaced angles of its stroke.
+
+    ``angles`` is their number. ``exponent`` replaces the polytropic exponent of the device.
+
+    ConfigError is raised if the exponent is not between 1 and 1.4, or a pressure is not between zero and the pressure
+    of the supply.
+    """
+    keys = _apply_exponent(config.keys, condition, exponent)
+    cylinder, setting = keys.cylinder(), condition.setting()
+    angle = np.linspace(*cylinder.limits, angles)
+    torque, sd = keys.torque(condition, angle)
+    none = np.zeros(angles)
+    slow, fast = (
+        cylinder.at_exponent(n).torque(angle, setting) if condition.worn else none for n in (ISOTHERMAL, ADIABATIC)
+    )
+    rest = cylinder.rest_angle(setting) if condition.worn else None
+    friction = cylinder.coulomb if condition.worn else 0.0
+    content = {
+        "product": __version__,
+        "device": keys.device,
+        "flexion_Pa": setting.flexion,
+        "extension_Pa": setting.extension,
+        "polytropic": cylinder.exponent,
+        "angle_rad": angle.tolist(),
+        "torque_Nm": torque.tolist(),
+        "sd_torque_Nm": sd.tolist(),
+        "torque_isothermal_Nm": slow.tolist(),
+        "torque_adiabatic_Nm": fast.tolist(),
+        "torque_flexing_Nm": (torque - friction).tolist(),
+        "torque_extending_Nm": (torque + friction).tolist(),
+        "stiffness_Nm_rad": (cylinder.stiffness(angle, setting) if condition.worn else none).tolist(),
+        "rest_angle_rad": to_finite(np.nan if rest is None else rest),
+        "why": "" if rest is not None else _NO_ZERO if torque.any() else _NO_TORQUE,
+    }
+
+    def draw() -> Figure:
+        return draw_curve(angle, torque, sd, (slow, fast), friction)
+
+    return Result(
+        "pneumatic-curve",
+        "curve.json",
+        content,
+        other_files=lambda: render("curve", f"torque of the device: {keys.device}", draw),
+    )
+
+
+def _apply_exponent(keys: DeviceFile, condition: Condition, exponent: float | None) -> DeviceFile:
+    """Return the device with the exponent; raise ConfigError if the exponent or a pressure is out of range."""
+    if exponent is not None and not ISOTHERMAL <= exponent <= ADIABATIC:
+        raise ConfigError(f"the exponent is {exponent:g}; expected 1 (isothermal) to 1.4 (adiabatic)")
+    for pressure in (condition.flexion_Pa, condition.extension_Pa):
+        if not isinstance(pressure, str) and not 0 < pressure <= keys.supply_Pa * (1 + 1e-9):
+            supply = f"{keys.supply_Pa:g} Pa"
+            raise ConfigError(
+                f"a pressure is {pressure:g} Pa; expected an absolute pressure above 0, up to the supply's {supply}"
+            )
+    return keys if exponent is None else keys.model_copy(update={"polytropic": exponent})
+
+
+_SPAN_GRID = 361
+
+
+def spring_pressures(
+    config: DeviceConfig, stiffness: float, rest: float, span: tuple[float, float] | None = None
+) -> dict[str, Any]:
+    """Return the pressures with which a device best approximates a spring, and the spring that results.
+
+    ConfigError is raised if the stiffness is not above zero, or the range is empty or beyond the stroke.
+
+    Parameters
+    ----------
+    config : DeviceConfig
+    stiffness, rest : float
+        Stiffness, N·m/rad, and rest angle, rad, of the spring.
+    span : (low, high), optional
+        Range in which both torques should agree, rad; by default, they should agree near the rest angle.
+    """
+    if not 0 < stiffness < np.inf or not np.isfinite(rest):
+        raise ConfigError(
+            f"the spring has {stiffness:g} N·m/rad and a rest angle of {rest:g} rad; expected a stiffness above zero "
+            "and a finite rest angle"
+        )
+    if span is not None and not span[0] < span[1]:
+        raise ConfigError(
+            f"the range {span[0]:g} to {span[1]:g} rad is empty: the first angle must be below the second"
+        )
+    angles = None if span is None else np.linspace(*span, _SPAN_GRID)
+    keys = config.keys
+    try:
+        nearest = find_nearest_setting(keys.cylinder(), stiffness, rest, keys.limits(), angles)
+    except ValueError as error:
+        raise ConfigError(f"{keys.device}: {error}") from error
+    return {"device": keys.device, **spring_document(nearest)}
+
+
+def spring_document(spring: NearestSpring) -> dict[str, Any]:
+    """Return the approximation of a spring by a device as JSON values."""
+    return {
+        "flexion_Pa": spring.setting.flexion,
+        "extension_Pa": spring.setting.extension,
+        "achieved": {
+            "stiffness_Nm_rad": to_finite(spring.stiffness),
+            "rest_angle_rad": to_finite(spring.rest),
+            "range_rad": list(spring.range),
+            "largest_torque_error_Nm": spring.largest_error,
+            "rms_torque_error_Nm": spring.rms_error,
+        },
+        "why": spring.why,
+    }
+
+
+def gas_budget(config: DeviceConfig) -> dict[str, Any]:
+    """Return the gas of each change between two worn conditions, and how often a reservoir allows this change.
+
+    ConfigError is raised if the device is worn in fewer than two conditions.
+    """
+    keys = config.keys
+    worn = {name: one.setting() for name, one in keys.conditions.items() if one.worn}
+    if len(worn) < 2:
+        where = config.source.where(("conditions",))
+        raise ConfigError(f"{where}: a budget needs at least two worn conditions in `conditions:`; found {len(worn)}")
+    cylinder, store = keys.cylinder(), keys.reservoir
+    usable = (
+        None if store is None else usable_gas(store.volume_m3, store.pressure_Pa, keys.supply_Pa, keys.temperature_K)
+    )
+    changes = []
+    for before, after in itertools.permutations(worn, 2):
+        gas = gas_of_change(cylinder, worn[before], worn[after], keys.temperature_K)
+        changes.append(
+            {
+                "from": before,
+                "to": after,
+                "gas_g": 1e3 * gas,
+                "normal_litres": normal_litres(gas),
+                "changes_per_reservoir": None if usable is None or gas == 0 else int(usable / gas),
+            }
+        )
+    return {"device": keys.device, "reservoir_g": None if usable is None else 1e3 * usable, "changes": changes}
+
 
 ANGLE, TORQUE, TIME, VELOCITY = "angle_rad", "torque_Nm", "time_s", "velocity_rad_s"
+
+
 PRESSURES = "flexion_Pa", "extension_Pa"
+
+
 _KEYS = {
     "area_flexion": "area_flexion_m2",
     "area_extension": "area_extension_m2",
@@ -30,10 +200,18 @@ _KEYS = {
     "coulomb": "coulomb_Nm",
     "viscous": "viscous_Nms",
 }
+
+
 _LIMITS = {"area_flexion_m2": (0.25, True), "area_extension_m2": (0.25, True), "full_flexion_deg": (10.0, False)}
 """Largest plausible difference from the described value: as a fraction of this value (True), or in degrees (False)."""
+
+
 _LEAST = 20  # least number of samples
+
+
 _NOT_DETERMINED = "the log does not determine this parameter"
+
+
 _IN_SPACE = "elbow_flexion", "delbow_flexion", "elbow_torque"
 
 

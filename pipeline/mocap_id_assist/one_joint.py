@@ -1,33 +1,166 @@
-"""Global search for the spring with which a person can hold the largest range of a joint (eq. 7.10, 7.11).
+"""One joint under gravity: the angles that a person can hold, and the spring that widens their range.
 
-With w(θ) = g(θ) + kθ, an angle can be held if w - kθ₀ is within the limits of the torque. Two conditions must be met
-for an interval: w varies in it by at most the distance of the limits, and an allowed rest angle shifts it between them.
-For one stiffness, a single pass over a grid of angles finds the widest such interval for all rest angles
-(:mod:`mocap_id.prescription.torque_windows`). The stiffness is searched by branch and bound. If the stiffness changes
-by up to h, the torques change by at most h times the largest distance from a rest angle. Limits widened by this amount
-give an upper bound for all these stiffnesses. Sequential quadratic programming (eq. 7.9) refines the best spring. The
-reported range can be held exactly.
+The torque that holds the joint at rest is τ_H = g(θ) + k(θ - θ₀) with g(θ) = a sin θ + b cos θ (eq. 7.8). For an arm
+that hangs down at θ = 0, a = mgl and b = 0. A person can hold the angles at which τ_H is within the limits of the
+torque.
+
+The best spring (eq. 7.10, 7.11) is found by a global search. With w(θ) = g(θ) + kθ, an angle can be held if w - kθ₀ is
+within the limits of the torque. Two conditions must be met for an interval: w varies in it by at most the distance of
+the limits, and an allowed rest angle shifts it between them. For one stiffness, a single pass over a grid of angles
+finds the widest such interval for all rest angles (:mod:`mocap_id_assist.holding_kernels`). The stiffness is searched
+by branch and bound. If the stiffness changes by up to h, the torques change by at most h times the largest distance
+from a rest angle. Limits widened by this amount give an upper bound for all these stiffnesses. Sequential quadratic
+programming (eq. 7.9) refines the best spring. The reported range can be held exactly.
+
+The softest spring for an interval of angles (thesis 9.6): the limits of the torque are τ_low and τ_high, those of the
+rest angle θ_least and θ_most. A rest angle exists for a stiffness k if w meets three inequalities: max w - min w ≤
+τ_high - τ_low, max w - τ_high ≤ k θ_most and min w - τ_low ≥ k θ_least. Each involves a maximum or minimum of functions
+that are linear in k, and is convex in k. The suitable stiffnesses therefore form an interval, and bisection finds its
+lower end.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import ceil, floor
 from typing import Any
 
 import numpy as np
 from scipy.optimize import Bounds, minimize
 
 from mocap_id.arrays import FloatArray
-from mocap_id.prescription.one_joint import OneJoint
-from mocap_id.prescription.torque_windows import find_widest_runs
+from mocap_id_assist.holding_kernels import find_widest_runs
+
+_SLACK = 1e-8  # tolerance of the limits, as a fraction of the size of the torque
+
+
+@dataclass(frozen=True)
+class OneJoint:
+    """A joint under gravity, with limits of its angle and of the person's torque.
+
+    ValueError is raised if a lower limit is not below the upper one, or the gravitational moment is zero.
+    """
+
+    sine: float  # a, N·m; mgl of eq. 7.7
+    cosine: float  # b, N·m
+    lower: float  # limits of the angle, rad
+    upper: float
+    torque_low: float  # limits of the person's torque, N·m; extension is negative
+    torque_high: float
+
+    def __post_init__(self) -> None:
+        if not self.lower < self.upper:
+            raise ValueError(
+                f"the limits of the angle are crossed: {np.degrees(self.lower):.1f}° is not below "
+                f"{np.degrees(self.upper):.1f}°"
+            )
+        if not self.torque_low < self.torque_high:
+            raise ValueError(
+                f"the limits of the torque are crossed: {self.torque_low:g} N·m is not below {self.torque_high:g} N·m"
+            )
+        if not 0 < self.weight < np.inf:
+            raise ValueError("the gravitational moment is zero or not finite; expected mass and lever arm above zero")
+
+    @property
+    def weight(self) -> float:
+        """Largest gravitational moment, N·m: mgl."""
+        return float(np.hypot(self.sine, self.cosine))
+
+    def gravity(self, angle: FloatArray) -> FloatArray:
+        """Return the gravitational moment g(θ), N·m, at angles, rad."""
+        return np.asarray(self.sine * np.sin(angle) + self.cosine * np.cos(angle))
+
+    def torque(self, angle: FloatArray, stiffness: float, rest: float) -> FloatArray:
+        """Return the torque that holds the joint at rest, N·m (eq. 7.8)."""
+        return self.gravity(angle) + stiffness * (np.asarray(angle) - rest)
+
+    def turning_points(self, stiffness: float) -> FloatArray:
+        """Return the angles within the limits at which the torque has an extremum, rad (eq. 7.9, corrected).
+
+        With a sin θ + b cos θ = mgl sin(θ + φ), these angles satisfy cos(θ + φ) = -k/mgl. For k > mgl there are none.
+        """
+        share = -stiffness / self.weight
+        if share < -1:
+            return np.zeros(0)
+        phase, half = np.arctan2(self.cosine, self.sine), np.arccos(share)
+        angles = []
+        for base in (half - phase, -half - phase):
+            first = ceil((self.lower - base) / (2 * np.pi))
+            last = floor((self.upper - base) / (2 * np.pi))
+            angles += [base + 2 * np.pi * turn for turn in range(first, last + 1)]
+        return np.unique(angles)
+
+    def held_intervals(self, stiffness: float, rest: float) -> list[tuple[float, float]]:
+        """Return the intervals of angles that a person with this spring can hold, in ascending order, rad."""
+        slack = _SLACK * (self.torque_high - self.torque_low + self.weight)
+        knots = np.unique(np.concatenate([[self.lower, self.upper], self.turning_points(stiffness)]))
+        intervals: list[tuple[float, float]] = []
+        for start, end in itertools.pairwise(knots):  # the torque is monotone in between
+            part = self._held_part(float(start), float(end), stiffness, rest, slack)
+            if part is None:
+                continue
+            if intervals and part[0] <= intervals[-1][1]:
+                intervals[-1] = (intervals[-1][0], part[1])
+            else:
+                intervals.append(part)
+        return intervals
+
+    def widest_interval(
+        self, stiffness: float, rest: float, required: Sequence[float] = ()
+    ) -> tuple[float, float] | None:
+        """Return the widest of the held intervals that contain all required angles, rad; None if there is none."""
+        tolerance = 1e-6
+        fitting = [
+            part
+            for part in self.held_intervals(stiffness, rest)
+            if all(part[0] - tolerance <= angle <= part[1] + tolerance for angle in required)
+        ]
+        return max(fitting, key=lambda part: part[1] - part[0], default=None)
+
+    def _held_part(
+        self, start: float, end: float, stiffness: float, rest: float, slack: float
+    ) -> tuple[float, float] | None:
+        """Return the part that can be held of an interval with monotone torque; None if no part can be held."""
+        at_start, at_end = self.torque(np.array([start, end]), stiffness, rest).tolist()
+        low, high = self.torque_low - slack, self.torque_high + slack
+        if max(at_start, at_end) < low or min(at_start, at_end) > high:
+            return None
+
+        def find_end(here: float, there: float, value: float) -> float:
+            if low <= value <= high:
+                return here
+            return self._crossing(here, there, low if value < low else high, stiffness, rest)
+
+        return find_end(start, end, at_start), find_end(end, start, at_end)
+
+    def _crossing(self, here: float, there: float, level: float, stiffness: float, rest: float) -> float:
+        """Return the angle between two angles at which the torque crosses a level, by bisection down to rounding."""
+        sign = self.torque(np.array(here), stiffness, rest) > level
+        for _ in range(60):
+            middle = 0.5 * (here + there)
+            if (self.torque(np.array(middle), stiffness, rest) > level) == sign:
+                here = middle
+            else:
+                there = middle
+        return there
+
 
 REST = (-2 * np.pi, 2 * np.pi)
 """Allowed rest angles, rad (eq. 7.10)."""
+
+
 PENALTY = 1e-4
 """δ of eq. 7.10: gain of range, rad, that justifies a stiffness of mgl per radian."""
+
+
 _HELPS = np.radians(0.5)  # least gain of range for which a spring is prescribed
+
+
 _TOLERANCE = np.radians(0.2)
+
+
 _COARSE, _FINE, _LEVELS, _REFINED_FROM = 512, 4096, 16, 3  # angles of the grids; levels of the search
 
 
@@ -228,3 +361,56 @@ def _constraint_margins(
         return np.concatenate([value - least, most - value, [x[3] - x[2] * rest[0], x[2] * rest[1] - x[3]]])
 
     return margins
+
+
+_LEAST_GRID = 721
+
+
+_LEAST_STEPS = 200
+
+
+def find_least_spring(
+    joint: OneJoint, interval: tuple[float, float], rest: tuple[float, float], stiffest: float | None = None
+) -> tuple[float, float] | None:
+    """Return stiffness, N·m/rad, and rest angle, rad, of the softest spring that holds an interval of angles, rad.
+
+    The result is (0, NaN) if no spring is needed, and None if no spring is sufficient. ``rest`` contains the smallest
+    and largest rest angle, rad. ``stiffest`` is the largest stiffness; by default it is twenty times the largest
+    gravitational moment per radian.
+    """
+    grid = np.linspace(*interval, _LEAST_GRID) if interval[1] > interval[0] else np.array([interval[0]])
+    gravity = joint.gravity(grid)
+
+    def excess(k: float) -> float:
+        w = gravity + k * grid
+        above, below = w.max() - joint.torque_high, w.min() - joint.torque_low
+        return float(max(above - below, above - k * rest[1], k * rest[0] - below)) / joint.weight
+
+    if excess(0.0) <= 1e-9:
+        return 0.0, np.nan
+    low, high = 0.0, 20.0 * joint.weight if stiffest is None else stiffest
+    best = _minimise(excess, low, high)
+    if excess(best) > 1e-9:
+        return None
+    outside, inside = 0.0, best
+    for _ in range(_LEAST_STEPS):
+        middle = 0.5 * (outside + inside)
+        outside, inside = (outside, middle) if excess(middle) <= 1e-9 else (middle, inside)
+    return inside, _centre_rest(joint, gravity + inside * grid, inside, rest)
+
+
+def _minimise(excess: Callable[[float], float], low: float, high: float) -> float:
+    """Return the minimiser of a convex function by ternary search, or the first point at which it is at most 0."""
+    for _ in range(_LEAST_STEPS):
+        one, other = low + (high - low) / 3, high - (high - low) / 3
+        here, there = excess(one), excess(other)
+        if min(here, there) <= 0:
+            return one if here <= 0 else other
+        low, high = (low, other) if here <= there else (one, high)
+    return 0.5 * (low + high)
+
+
+def _centre_rest(joint: OneJoint, w: FloatArray, stiffness: float, rest: tuple[float, float]) -> float:
+    """Return the rest angle, rad, in ``rest`` that best centres ``w`` (M,) minus the spring torque in the limits."""
+    middle = 0.5 * (w.max() - joint.torque_high + w.min() - joint.torque_low) / stiffness
+    return float(np.clip(middle, *rest))
