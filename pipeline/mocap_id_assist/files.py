@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -302,7 +301,16 @@ def load_chain(file: Path) -> ChainFile:
     """
     source = read(file.absolute())
     parsed = parse(source, _File, "keys such as `chain:`, `joints:` and `tip:`")
-    raise_mistakes(_joint_mistakes(parsed, source))
+    mistakes = []
+    for index, joint in enumerate(parsed.joints):
+        if joint.axis == (0.0, 0.0, 0.0):
+            where = source.where(("joints", index, "axis"))
+            mistakes.append(f"{where}: the axis of the joint `{joint.name}` is zero: expected a direction")
+        low, high = joint.limits_deg
+        if low >= high:
+            where = source.where(("joints", index, "limits_deg"))
+            mistakes.append(f"{where}: the first limit, {low:g}°, is not below the second, {high:g}°")
+    raise_mistakes(mistakes)
     axes = [np.array(_AXES[joint.axis] if isinstance(joint.axis, str) else joint.axis) for joint in parsed.joints]
     return ChainFile(
         name=parsed.chain,
@@ -312,15 +320,3 @@ def load_chain(file: Path) -> ChainFile:
         limits=np.array([np.radians(joint.limits_deg) for joint in parsed.joints]),
         tip=np.array(parsed.tip),
     )
-
-
-def _joint_mistakes(parsed: _File, source: Source) -> Iterator[str]:
-    """Yield a message for every joint whose axis is zero or whose limits are in the wrong order."""
-    for index, joint in enumerate(parsed.joints):
-        if joint.axis == (0.0, 0.0, 0.0):
-            where = source.where(("joints", index, "axis"))
-            yield f"{where}: the axis of the joint `{joint.name}` is zero: expected a direction"
-        low, high = joint.limits_deg
-        if low >= high:
-            where = source.where(("joints", index, "limits_deg"))
-            yield f"{where}: the first limit, {low:g}°, is not below the second, {high:g}°"
