@@ -12,8 +12,9 @@ Commands:
 
 - ``workspaces``: ``mocap-id workspace``
 - ``pneumatic``: ``mocap-id pneumatic``
-- ``assisted_body``, ``prescriptions``, ``device_control``, ``prescription_output``: ``mocap-id prescribe``
-- ``files``: their YAML files; ``figures``: their figures
+- ``assisted_body``, ``prescriptions``, ``device_control``, ``prescription_output``, ``prescription_figures``:
+  ``mocap-id prescribe``
+- ``files``: the YAML files of prescriptions and chains
 
 ``mocap_id`` does not import this package; the commands do.
 """

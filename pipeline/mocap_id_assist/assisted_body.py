@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from mocap_id.dynamics.cylinder import Setting
 from mocap_id.errors import ConfigError
 from mocap_id.store import Tree
 from mocap_id.workflows.run_folder import check_provenance, open_run_to
+from mocap_id_assist.controllers import Controlled
 from mocap_id_assist.devices import NearestSpring
 from mocap_id_assist.files import JointWish, PrescriptionConfig, Task
 from mocap_id_assist.level_set import JointDynamics, ReachableSet
@@ -33,10 +33,6 @@ from mocap_id_assist.several_joints import (
 )
 from mocap_id_assist.workspace import JointLimits, PlanarArm
 from mocap_id_assist.workspaces import Reach, SubjectArm, read_folder
-
-if TYPE_CHECKING:
-    from mocap_id_assist.device_control import ControlledChain, ControlledTasks
-
 
 _LAST = "identify-dim"
 
@@ -84,12 +80,6 @@ def read_body(config: PrescriptionConfig, progress: runner.Progress) -> Assisted
         masses *= np.array([[part.mass_kg] for part in wishes.chain])
         names = tuple(part.name for part in wishes.chain)
         return _make_body(config, names, chain, masses, None, None, wishes.gravity)
-    return _read_trial_body(config, progress)
-
-
-def _read_trial_body(config: PrescriptionConfig, progress: runner.Progress) -> AssistedBody:
-    """Return the body of a trial."""
-    wishes = config.wishes
     assert wishes.trial is not None
     folder, trial = open_run_to(wishes.trial, _LAST, progress)
     name = wishes.trial.name if trial is None else trial.name
@@ -232,9 +222,8 @@ class PrescriptionResult:
     timed: Timed | None = None
     map: SpringMap | None = None
     graph: Graph | None = None
-    graph_postures: FloatArray | None = None  # (N, n) the postures of the graph, rad
     devices: DeviceSprings | None = None
-    controlled: ControlledTasks | ControlledChain | None = None
+    controlled: Controlled | None = None
 
     @property
     def refused(self) -> str | None:
@@ -243,35 +232,31 @@ class PrescriptionResult:
 
 
 _ANGLES = 1441
-
-
 _LEAST_FIRST = 1e3  # penalty that favours the softest springs
-
-
 _SIDE = 3  # number of points along a side of a task's box
 
 
-def build_task_graph(tasks: Sequence[Task], result: PrescriptionResult) -> tuple[Graph | None, FloatArray | None]:
-    """Return the graph and its postures (N, n), rad; None without tasks.
+def build_task_graph(result: PrescriptionResult) -> Graph | None:
+    """Return the graph of sub-workspaces of the tasks; None without tasks.
 
     Tasks of one group belong to one node. The springs of a node are the softest springs that hold all its tasks. The
     node contains every posture that the person can hold with these springs.
 
     ValueError is raised if a task is outside the joint's limits, or cannot be reached.
     """
-    if not tasks:
-        return None, None
     groups: dict[str, list[Task]] = {}
-    for task in tasks:
+    for task in result.config.wishes.tasks:
         groups.setdefault(task.group or task.name, []).append(task)
+    if not groups:
+        return None
     if result.joint is not None:
-        q = np.linspace(result.joint.lower, result.joint.upper, _ANGLES)[:, None]
-        nodes = [_make_angle_node(name, members, result, q[:, 0]) for name, members in groups.items()]
-        return build_graph(nodes, q), q
+        angles = np.linspace(result.joint.lower, result.joint.upper, _ANGLES)
+        nodes = [_make_angle_node(name, members, result, angles) for name, members in groups.items()]
+        return build_graph(nodes, angles[:, None])
     assert result.postures is not None
     free = result.postures.cell < result.postures.cells
     nodes = [_make_tip_node(name, members, result, free) for name, members in groups.items()]
-    return build_graph(nodes, result.postures.q[free]), result.postures.q[free]
+    return build_graph(nodes, result.postures.q[free])
 
 
 def _make_angle_node(name: str, tasks: Sequence[Task], result: PrescriptionResult, angles: FloatArray) -> SubWorkspace:
@@ -298,7 +283,7 @@ def _make_angle_node(name: str, tasks: Sequence[Task], result: PrescriptionResul
 def _make_tip_node(name: str, tasks: Sequence[Task], result: PrescriptionResult, free: BoolArray) -> SubWorkspace:
     body, members = result.body, tuple(task.name for task in tasks)
     assert body.weights is not None and result.postures is not None
-    points = np.concatenate([task_points(task) for task in tasks])
+    points = np.concatenate([find_task_points(task) for task in tasks])
     wishes = result.config.wishes
     sampled = sample_postures(body.arm, body.weights, body.limits, result.places, points, wishes.postures, wishes.seed)
     try:
@@ -309,7 +294,7 @@ def _make_tip_node(name: str, tasks: Sequence[Task], result: PrescriptionResult,
     return SubWorkspace(name, members, springs.stiffness, springs.rest, held)
 
 
-def task_points(task: Task) -> FloatArray:
+def find_task_points(task: Task) -> FloatArray:
     """Return the points (P, 2) of a task, m: the task's point, or a grid in its box."""
     if task.point_m is not None:
         return np.array([task.point_m])

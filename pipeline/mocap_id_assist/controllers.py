@@ -1,19 +1,19 @@
 """Controllers that change the pressures of cylinders between sub-workspaces, simulated (thesis 9.6).
 
-Each node of the controller has a setting of the cylinder and the angles that the person can hold with it. The depth of
-an angle in a node is its distance from the nearest angle that is not held. The controller changes from node i to j
-where the depth in i is below a margin, and the depth in j is above margin plus hysteresis. Before the controller
-changes back, the joint has to move by at least the hysteresis. After a change, each sealed pressure settles with a
-first-order lag. The person follows a reference with the torque that the motion needs, as far as the strength allows.
+A node of a controller is a set of sealed pressures. The depth of a posture in a node is its distance from the nearest
+posture that the person cannot hold with these pressures. The controller leaves a node where its depth is below a
+margin, for the node with the largest depth, if this is above margin plus hysteresis. Before the controller changes
+back, the joints have to move by at least the hysteresis. After a change, each sealed pressure settles with a
+first-order lag.
 
-At rest, the person needs τ = g(q) - Σ τ_device(q). A posture can be held if every torque is within the limits, for
-isothermal and for adiabatic changes of volume. To first order, the distance of a posture from the nearest posture that
-cannot be held is the smallest ratio of a torque's reserve to the norm of its gradient.
+One joint (:class:`AssistedJoint`) moves with its inertia and friction: the person follows a reference with the torque
+that the motion needs, as far as the strength allows. The depth is exact on a grid of angles.
 
-A node is a set of sealed pressures. The depth of a posture in a node is its distance from the nearest posture that the
-node does not hold. The rule is the same as for one joint: where the depth is below a margin, the controller changes to
-the node with the largest depth, if this is above margin plus hysteresis. If the current node does not hold the posture,
-the depth must only be above 0. Each posture is treated as at rest: torques of acceleration and friction are ignored.
+A chain (:class:`AssistedChain`) is treated as at rest in each posture: torques of acceleration and friction are
+ignored. The person needs τ = g(q) - Σ τ_device(q). A posture can be held if every torque is within the limits, for
+isothermal and for adiabatic changes of volume. The depth is, to first order, the smallest ratio of a torque's reserve
+to the norm of its gradient. If the current node does not hold the posture, the depth of the next node must only be
+above 0.
 """
 
 from __future__ import annotations
@@ -30,15 +30,109 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.cylinder import ADIABATIC, ISOTHERMAL, Cylinder, PressureLimits, Setting
+from mocap_id.dynamics.cylinder import ADIABATIC, ISOTHERMAL, Cylinder, PressureLimits
 from mocap_id_assist.devices import RESERVE
 from mocap_id_assist.one_joint import OneJoint
 
+JOINT_STEP, CHAIN_STEP = 0.002, 0.01
+"""Time steps of the simulated tours of a joint and of a chain, s."""
 
-def settle_pressures(
-    pressures: FloatArray, target: FloatArray, time: float, fill: FloatArray, vent: FloatArray
-) -> FloatArray:
-    """Return the pressures (..., 2), Pa, after they have approached ``target`` (..., 2), Pa, for ``time``, s.
+
+@dataclass(frozen=True)
+class Actuator:
+    """A cylinder whose travel follows the sum of its joints' angles."""
+
+    cylinder: Cylinder
+    limits: PressureLimits
+    joints: tuple[int, ...]  # counted from 0
+    fill: FloatArray  # (2,) time constants of rising pressures in the flexion and the extension chamber, s
+    vent: FloatArray  # (2,) time constants of falling pressures, s
+    temperature: float  # temperature of the gas, K
+
+    @property
+    def slowest(self) -> float:
+        """The largest time constant, s."""
+        return float(np.max([self.fill, self.vent]))
+
+
+@dataclass(frozen=True)
+class Node:
+    """A node of a controller: its name and its sealed pressures (D, 2), Pa."""
+
+    name: str
+    pressures: FloatArray
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Rules of a controller and of the tour that tests it."""
+
+    margin: float  # depth below which the controller leaves a node, rad
+    hysteresis: float  # additional depth of the next node, rad
+    speed: float  # largest speed of a joint, rad/s
+    hold: float  # time for which the ends or postures of a task are held, s
+
+
+@dataclass(frozen=True)
+class Tour:
+    """A simulated tour of n joints with D cylinders through all tasks and back, with T samples."""
+
+    time: FloatArray  # (T,) s
+    q: FloatArray  # (T, n) rad
+    node: IntArray  # (T,) index of the current node
+    pressures: FloatArray  # (T, D, 2) sealed pressures, Pa
+    excess: FloatArray  # (T,) part of the holding torque beyond the person's limits, N·m
+    switches: tuple[tuple[int, int, int], ...]  # sample, node before and node after each change
+    torque: FloatArray | None = None  # (T,) the person's torque, N·m; for one joint only
+    reference: FloatArray | None = None  # (T,) angle that the person follows, rad; for one joint only
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change from one node to another, simulated from M states that both nodes hold."""
+
+    before: int  # indices of the nodes
+    after: int
+    states: FloatArray  # (M, n) postures at rest, rad; for one joint (M, 2) angle, rad, and velocity, rad/s
+    missing: FloatArray  # (M,) largest torque beyond the person's limits during the change, N·m
+    switched: BoolArray  # (M,) whether the controller makes the change in this state
+    unsafe: BoolArray  # (M,) whether the missing torque is above a tolerance
+
+
+@dataclass(frozen=True)
+class Visit:
+    """A visit of a task in a tour."""
+
+    task: str
+    start: float  # s
+    posture: FloatArray  # (n,) posture at the start, rad
+    held: bool  # whether the task was reached and held
+    missing: float  # largest missing torque, N·m
+
+
+@dataclass(frozen=True)
+class Controlled:
+    """A controller for the tasks of n joints with D devices, its simulated tour and its checks."""
+
+    nodes: tuple[Node, ...]
+    joints: tuple[tuple[int, ...], ...]  # joints of each device, counted from 0
+    grid: FloatArray  # (N, n) angles of the joint, or sampled postures of the chain, rad
+    held: BoolArray  # (K, N) whether each of the K nodes holds each of them
+    # (K,) smallest reserve of torque in each node's tasks: for one joint in N·m, for a chain as a fraction of the
+    # intended reserve
+    reserve: tuple[float, ...]
+    made_for: tuple[tuple[float, float], ...]  # for one joint: the interval of each node's tasks, rad; else empty
+    tour: Tour
+    visits: tuple[Visit, ...]
+    gas: tuple[float, ...]  # gas of each change in the tour, kg
+    changes: tuple[Change, ...]
+    shortest_dwell: float  # shortest time in a node between two changes, s; infinite with fewer than two changes
+    settling: float  # time that the pressures need to settle, s
+    problems: tuple[str, ...]  # one sentence for each failed check
+
+
+def _settle(pressures: FloatArray, target: FloatArray, time: float, fill: FloatArray, vent: FloatArray) -> FloatArray:
+    """Return the pressures (D, 2), Pa, after they have approached ``target`` (D, 2), Pa, for ``time``, s.
 
     ``fill`` and ``vent`` are the time constants of rising and falling pressures, s.
     """
@@ -46,65 +140,16 @@ def settle_pressures(
     return np.asarray(target + (pressures - target) * np.exp(-time / lag))
 
 
-def excess_torque(torque: FloatArray, low: FloatArray | float, high: FloatArray | float) -> FloatArray:
+def _excess(torque: FloatArray, low: FloatArray | float, high: FloatArray | float) -> FloatArray:
     """Return the part of a torque beyond the limits ``low`` and ``high``, N·m; at least 0."""
     return np.asarray(np.maximum(np.maximum(torque - high, low - torque), 0.0))
 
 
-STEP = 0.002
-"""Time step of the simulation, s."""
-
-
 _TRACKING = 12.0  # rad/s: bandwidth of the person's corrections
-
-
+_BRAKING = 30.0  # 1/s: rate at which the person brakes, as far as the strength allows
 _STARTS = 4.0  # 1/s: largest acceleration of a tour divided by its largest speed
-
-
-@dataclass(frozen=True)
-class Node:
-    """A node of the controller: its setting, and the depth of each grid angle (N,), rad."""
-
-    name: str
-    setting: Setting
-    depth: FloatArray
-
-
-@dataclass(frozen=True)
-class Controller:
-    """Nodes and rules of the controller."""
-
-    nodes: tuple[Node, ...]
-    angle: FloatArray  # (N,) grid of angles of the nodes' depths, rad
-    margin: float  # depth below which the controller leaves a node, rad
-    hysteresis: float  # additional depth of the next node, rad
-    fill: FloatArray  # (2,) time constants of rising pressures in the flexion and the extension chamber, s
-    vent: FloatArray  # (2,) time constants of falling pressures, s
-
-    @property
-    def slowest(self) -> float:
-        """The largest time constant, s."""
-        return float(np.max([self.fill, self.vent]))
-
-    def depth(self, node: int, angle: FloatArray) -> FloatArray:
-        """Return the depth of angles in a node, rad."""
-        return np.asarray(np.interp(angle, self.angle, self.nodes[node].depth))
-
-    def may_change(self, before: int, after: int, angle: FloatArray) -> BoolArray:
-        """Return whether the controller may change from one node to another at each angle, rad."""
-        return np.asarray(
-            (self.depth(before, angle) < self.margin) & (self.depth(after, angle) > self.margin + self.hysteresis)
-        )
-
-    def next_node(self, node: int, angle: float) -> int:
-        """Return the next node at an angle, rad: the allowed node with the largest depth, or else the same node."""
-        at = np.array(angle)
-        others = [k for k in range(len(self.nodes)) if k != node and bool(self.may_change(node, k, at))]
-        return max(others, key=lambda k: float(self.depth(k, at)), default=node)
-
-    def settle(self, pressures: FloatArray, target: FloatArray, time: float) -> FloatArray:
-        """Return the pressures (..., 2), Pa, after they have approached ``target`` (..., 2), Pa, for ``time``, s."""
-        return settle_pressures(pressures, target, time, self.fill, self.vent)
+_SETTLED = 5.0  # simulated time constants of a change
+_TOLERANCE = 1e-3  # fraction of the range of the person's torque
 
 
 def compute_depths(held: BoolArray, angle: FloatArray) -> FloatArray:
@@ -122,79 +167,78 @@ def compute_depths(held: BoolArray, angle: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Person:
+class JointController:
+    """The K nodes of a controller for one joint, their depths, and its rules."""
+
+    nodes: tuple[Node, ...]
+    angle: FloatArray  # (N,) grid of angles, rad
+    depths: FloatArray  # (K, N) depth of each angle of the grid in each node, rad
+    rules: Rules
+
+    def depth(self, node: int, angle: FloatArray) -> FloatArray:
+        """Return the depth of angles in a node, rad."""
+        return np.asarray(np.interp(angle, self.angle, self.depths[node]))
+
+    def may_change(self, before: int, after: int, angle: FloatArray) -> BoolArray:
+        """Return whether the controller may change from one node to another at each angle, rad."""
+        rules = self.rules
+        deep = self.depth(after, angle) > rules.margin + rules.hysteresis
+        return np.asarray((self.depth(before, angle) < rules.margin) & deep)
+
+
+@dataclass(frozen=True)
+class AssistedJoint:
     """A person's joint with its limits of angle and torque, and the device on it."""
 
     joint: OneJoint
     inertia: float  # kg·m²
-    cylinder: Cylinder
+    actuator: Actuator
 
     @property
     def limits(self) -> tuple[float, float]:
         """Range of the joint within the stroke of the device, rad."""
-        low, high = self.cylinder.limits
+        low, high = self.actuator.cylinder.limits
         return max(low, self.joint.lower), min(high, self.joint.upper)
 
     def holding_torque(self, angle: FloatArray, pressures: FloatArray) -> FloatArray:
         """Return the person's torque (B,), N·m, that holds angles (B,), rad, with sealed pressures (B, 2), Pa."""
-        device = (self.cylinder.torque_by_pressure(angle) * pressures).sum(axis=-1)
-        return np.asarray(self.joint.gravity(angle) - device - self.cylinder.torque_of_atmosphere())
+        cylinder = self.actuator.cylinder
+        device = (cylinder.torque_by_pressure(angle) * pressures).sum(axis=-1)
+        return np.asarray(self.joint.gravity(angle) - device - cylinder.torque_of_atmosphere())
 
     def excess(self, needed: FloatArray) -> FloatArray:
         """Return the part of a torque beyond the person's limits, N·m; at least 0."""
-        return excess_torque(needed, self.joint.torque_low, self.joint.torque_high)
+        return _excess(needed, self.joint.torque_low, self.joint.torque_high)
 
     def step(
         self, angle: FloatArray, velocity: FloatArray, needed: FloatArray, acceleration: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return angle, velocity and the person's torque (B,) after a step with an intended acceleration, rad/s²."""
-        friction = self.cylinder.friction(velocity)
+        friction = self.actuator.cylinder.friction(velocity)
         torque = np.clip(needed - friction + self.inertia * acceleration, self.joint.torque_low, self.joint.torque_high)
-        velocity = velocity + STEP * (torque - needed + friction) / self.inertia
-        moved = angle + STEP * velocity
+        velocity = velocity + JOINT_STEP * (torque - needed + friction) / self.inertia
+        moved = angle + JOINT_STEP * velocity
         angle = np.clip(moved, *self.limits)
         return angle, np.where(moved == angle, velocity, 0.0), torque
 
 
 @dataclass(frozen=True)
-class Visit:
-    """A visit of a task in a tour."""
-
-    task: str
-    time: tuple[float, float]  # start and end, s
-    held_until: tuple[float, float]  # last time at which each end of the task is held, s
-
-
-@dataclass(frozen=True)
-class Tour:
-    """Reference motion through all tasks, with T samples."""
+class Reference:
+    """Reference motion of one joint through all tasks, with T samples."""
 
     time: FloatArray  # (T,) s
     angle: FloatArray  # (T,) rad
     velocity: FloatArray  # (T,) rad/s
     acceleration: FloatArray  # (T,) rad/s²
-    visits: tuple[Visit, ...]
+    # task, start and end of each visit, s, and the last time at which each end of the task is held, s
+    visits: tuple[tuple[str, float, float, tuple[float, float]], ...]
 
 
-@dataclass(frozen=True)
-class SwitchedMotion:
-    """A simulated tour with the controller, with T samples."""
+def plan_tour(tasks: Sequence[tuple[str, float, float]], rules: Rules, tremor: float = 0.0) -> Reference:
+    """Return a reference that visits all tasks (name, low, high), rad, in order and back, through each interval.
 
-    tour: Tour
-    angle: FloatArray  # (T,) rad
-    velocity: FloatArray  # (T,) rad/s
-    torque: FloatArray  # (T,) the person's torque, N·m
-    excess: FloatArray  # (T,) part of the holding torque beyond the person's limits, N·m
-    node: IntArray  # (T,) index of the current node
-    pressures: FloatArray  # (T, 2) sealed pressures, Pa
-    switches: tuple[tuple[int, int, int], ...]  # sample, node before and node after each change
-
-
-def plan_tour(tasks: Sequence[tuple[str, float, float]], speed: float, hold: float, tremor: float = 0.0) -> Tour:
-    """Return a tour that visits all tasks (name, low, high), rad, in order and back, and moves through each interval.
-
-    ``speed`` is the largest speed of a movement, rad/s; each movement has minimum jerk and a bounded acceleration. The
-    ends of each task are held for ``hold``, s. ``tremor`` is the amplitude of a tremor of 5 Hz, rad.
+    Each movement has minimum jerk and a bounded acceleration. The ends of each task are held. ``tremor`` is the
+    amplitude of a tremor of 5 Hz, rad.
     """
     order = [*tasks, *tasks[-2::-1]]
     pieces, visits, here, now = [np.array([order[0][1]])], [], order[0][1], 0.0
@@ -203,78 +247,71 @@ def plan_tour(tasks: Sequence[tuple[str, float, float]], speed: float, hold: flo
         arrivals, departures = [], []
         for end in ends:
             distance = abs(end - here)
-            duration = max(1.875 * distance / speed, np.sqrt(5.7735 * distance / (_STARTS * speed)), STEP)
-            s = np.arange(1, int(np.ceil(duration / STEP)) + 1) * STEP / duration
+            duration = max(
+                1.875 * distance / rules.speed, np.sqrt(5.7735 * distance / (_STARTS * rules.speed)), JOINT_STEP
+            )
+            s = np.arange(1, int(np.ceil(duration / JOINT_STEP)) + 1) * JOINT_STEP / duration
             s = np.minimum(s, 1.0)
-            still = np.full(int(hold / STEP), end)
+            still = np.full(int(rules.hold / JOINT_STEP), end)
             pieces += [here + (end - here) * (10 * s**3 - 15 * s**4 + 6 * s**5), still]
-            arrivals.append(now + len(s) * STEP)
-            now, here = arrivals[-1] + len(still) * STEP, end
+            arrivals.append(now + len(s) * JOINT_STEP)
+            now, here = arrivals[-1] + len(still) * JOINT_STEP, end
             departures.append(now)
-        visits.append(Visit(name, (arrivals[0], now), (departures[0], departures[1])))
+        visits.append((name, arrivals[0], now, (departures[0], departures[1])))
     angle: FloatArray = np.concatenate(pieces)
-    time = np.asarray(STEP * np.arange(len(angle)), dtype=np.float64)
+    time = np.asarray(JOINT_STEP * np.arange(len(angle)), dtype=np.float64)
     angle += tremor * np.sin(2 * np.pi * 5.0 * time)
-    velocity: FloatArray = np.gradient(angle, STEP)
-    acceleration: FloatArray = np.gradient(velocity, STEP)
-    return Tour(time, angle, velocity, acceleration, tuple(visits))
+    velocity: FloatArray = np.gradient(angle, JOINT_STEP)
+    acceleration: FloatArray = np.gradient(velocity, JOINT_STEP)
+    return Reference(time, angle, velocity, acceleration, tuple(visits))
 
 
-def simulate_switching(person: Person, controller: Controller, tour: Tour, start: int) -> SwitchedMotion:
-    """Return the simulated tour that starts in node ``start``."""
-    count, node = len(tour.time), start
-    angle, velocity = np.clip(tour.angle[:1], *person.limits), np.zeros(1)
-    pressures = controller.nodes[start].setting.pressures()
-    track, nodes = np.empty((count, 4)), np.empty(count, dtype=np.int64)
-    gas, switches = np.empty((count, 2)), []
-    for k in range(count):
-        after = controller.next_node(node, float(angle[0])) if k % 5 == 0 else node
-        if after != node:
-            switches.append((k, node, after))
-            node = after
-        needed = person.holding_torque(angle, pressures[None])
-        track[k] = angle[0], velocity[0], 0.0, person.excess(needed)[0]
-        nodes[k], gas[k] = node, pressures
-        error, rate = tour.angle[k] - angle, tour.velocity[k] - velocity
-        intended = tour.acceleration[k] + 2 * _TRACKING * rate + _TRACKING**2 * error
-        angle, velocity, torque = person.step(angle, velocity, needed, intended)
-        track[k, 2] = torque[0]
-        pressures = controller.settle(pressures, controller.nodes[node].setting.pressures(), STEP)
-    angles, velocities, torques, excess = track.T
-    return SwitchedMotion(tour, angles, velocities, torques, excess, nodes, gas, tuple(switches))
+def simulate_joint(assisted: AssistedJoint, controller: JointController, reference: Reference, start: int) -> Tour:
+    """Return the simulated tour along a reference; it starts in node ``start``.
 
-
-_BRAKING = 30.0  # 1/s: rate at which the person brakes, as far as the strength allows
-
-
-_SETTLED = 5.0  # simulated time constants
-
-
-_TOLERANCE = 1e-3  # fraction of the range of the person's torque
-
-
-@dataclass(frozen=True)
-class TransitionMap:
-    """Transitions from one node to another that start in the states of a grid."""
-
-    before: int  # indices of the nodes
-    after: int
-    angle: FloatArray  # (A,) angles that can be held with both settings, rad
-    velocity: FloatArray  # (V,) rad/s
-    excess: FloatArray  # (A, V) largest torque beyond the person's limits during the transition, N·m
-    switched: BoolArray  # (A,) whether the controller changes at this angle
-    unsafe: BoolArray  # (A, V) whether the excess is above the tolerance
-
-
-def map_transition(  # noqa: PLR0917
-    person: Person, controller: Controller, before: int, after: int, speed: float, size: tuple[int, int] = (41, 21)
-) -> TransitionMap | None:
-    """Return simulated transitions from all states that both nodes hold; the person brakes and then holds the joint.
-
-    The result is None if no angle can be held with both settings. ``before`` and ``after`` are indices of nodes;
-    ``speed`` is the largest speed of the grid, rad/s; ``size`` is the number of its angles and velocities.
+    At every fifth sample, the controller changes to the allowed node with the largest depth.
     """
-    both = (controller.nodes[before].depth > 0) & (controller.nodes[after].depth > 0)
+    count, node, nodes = len(reference.time), start, controller.nodes
+    angle, velocity = np.clip(reference.angle[:1], *assisted.limits), np.zeros(1)
+    pressures, fill, vent = nodes[start].pressures, assisted.actuator.fill, assisted.actuator.vent
+    track, active = np.empty((count, 3)), np.empty(count, dtype=np.int64)
+    gas, switches = np.empty((count, 1, 2)), []
+    for k in range(count):
+        if k % 5 == 0:
+            here = angle[0]
+            others = [j for j in range(len(nodes)) if j != node and bool(controller.may_change(node, j, here))]
+            after = max(others, key=lambda j: float(controller.depth(j, here)), default=node)
+            if after != node:
+                switches.append((k, node, after))
+                node = after
+        needed = assisted.holding_torque(angle, pressures)
+        active[k], gas[k] = node, pressures
+        error, rate = reference.angle[k] - angle, reference.velocity[k] - velocity
+        intended = reference.acceleration[k] + 2 * _TRACKING * rate + _TRACKING**2 * error
+        track[k, :2] = angle[0], assisted.excess(needed)[0]
+        angle, velocity, torque = assisted.step(angle, velocity, needed, intended)
+        track[k, 2] = torque[0]
+        pressures = _settle(pressures, nodes[node].pressures, JOINT_STEP, fill, vent)
+    angles, excess, torques = track.T
+    return Tour(
+        reference.time, angles[:, None], active, gas, excess, tuple(switches), torques, reference=reference.angle
+    )
+
+
+def map_change(  # noqa: PLR0917
+    assisted: AssistedJoint,
+    controller: JointController,
+    before: int,
+    after: int,
+    speed: float,
+    size: tuple[int, int] = (41, 21),
+) -> Change | None:
+    """Return the change from node ``before`` to ``after``, simulated from a grid of all states that both nodes hold.
+
+    The person brakes and then holds the joint. The result is None if no angle can be held with both settings. ``speed``
+    is the largest speed of the grid, rad/s; ``size`` is the number of its angles and velocities.
+    """
+    both = (controller.depths[before] > 0) & (controller.depths[after] > 0)
     if not both.any():
         return None
     held = controller.angle[both]
@@ -282,34 +319,20 @@ def map_transition(  # noqa: PLR0917
     velocities = np.linspace(-speed, speed, size[1])
     grid = np.stack(np.meshgrid(angles, velocities, indexing="ij"), axis=-1).reshape(-1, 2)
     angle, velocity = grid[:, 0], grid[:, 1]
-    target = controller.nodes[after].setting.pressures()
-    pressures = controller.nodes[before].setting.pressures()
+    pressures, target = controller.nodes[before].pressures, controller.nodes[after].pressures
     worst = np.zeros(len(grid))
-    for _ in range(int(_SETTLED * controller.slowest / STEP)):
-        needed = person.holding_torque(angle, pressures[None])
-        worst = np.maximum(worst, person.excess(needed))
-        angle, velocity, _torque = person.step(angle, velocity, needed, -_BRAKING * velocity)
-        pressures = controller.settle(pressures, target, STEP)
-    worst = np.maximum(worst, person.excess(person.holding_torque(angle, pressures[None])))
-    excess = worst.reshape(len(angles), len(velocities))
-    tolerance = _TOLERANCE * (person.joint.torque_high - person.joint.torque_low)
-    switched = controller.may_change(before, after, angles)
-    return TransitionMap(before, after, angles, velocities, excess, switched, excess > tolerance)
+    for _ in range(int(_SETTLED * assisted.actuator.slowest / JOINT_STEP)):
+        needed = assisted.holding_torque(angle, pressures)
+        worst = np.maximum(worst, assisted.excess(needed))
+        angle, velocity, _torque = assisted.step(angle, velocity, needed, -_BRAKING * velocity)
+        pressures = _settle(pressures, target, JOINT_STEP, assisted.actuator.fill, assisted.actuator.vent)
+    worst = np.maximum(worst, assisted.excess(assisted.holding_torque(angle, pressures)))
+    tolerance = _TOLERANCE * (assisted.joint.torque_high - assisted.joint.torque_low)
+    switched = controller.may_change(before, after, grid[:, 0])
+    return Change(before, after, grid, worst, switched, worst > tolerance)
 
 
 _DIFFERENCE = 1e-4  # rad, of the finite differences
-
-
-@dataclass(frozen=True)
-class Actuator:
-    """A cylinder whose travel follows the sum of its joints' angles."""
-
-    cylinder: Cylinder
-    limits: PressureLimits
-    joints: tuple[int, ...]  # counted from 0
-    fill: FloatArray  # (2,) time constants of rising pressures in the flexion and the extension chamber, s
-    vent: FloatArray  # (2,) time constants of falling pressures, s
-    temperature: float  # temperature of the gas, K
 
 
 @dataclass(frozen=True)
@@ -338,7 +361,7 @@ class AssistedChain:
 
     def excess(self, needed: FloatArray) -> FloatArray:
         """Return the largest part (M,) of the torques (M, n) beyond the person's limits, N·m; at least 0."""
-        return np.asarray(excess_torque(needed, self.strength[:, 0], self.strength[:, 1]).max(axis=1))
+        return np.asarray(_excess(needed, self.strength[:, 0], self.strength[:, 1]).max(axis=1))
 
     def depth(self, q: FloatArray, pressures: FloatArray) -> FloatArray:
         """Return the distance (M,) of postures from the nearest posture that is not held with pressures (D, 2), rad.
@@ -367,18 +390,18 @@ class AssistedChain:
     def settle(self, pressures: FloatArray, target: FloatArray, time: float) -> FloatArray:
         """Return the pressures (D, 2), Pa, after they have approached ``target`` (D, 2), Pa, for ``time``, s."""
         fill, vent = (np.stack([getattr(one, way) for one in self.actuators]) for way in ("fill", "vent"))
-        return settle_pressures(pressures, target, time, fill, vent)
+        return _settle(pressures, target, time, fill, vent)
 
     @property
     def slowest(self) -> float:
         """The largest time constant, s."""
-        return float(max(np.max([one.fill, one.vent]) for one in self.actuators))
+        return max(one.slowest for one in self.actuators)
 
 
 def find_pressures(chain: AssistedChain, q: FloatArray) -> tuple[FloatArray, float] | None:
     """Return the lowest pressures (D, 2), Pa, that hold postures (M, n) with a reserve, and the fraction they attain.
 
-    The reserve of a joint is :data:`~mocap_id.pneumatics.held_angles.RESERVE` times half the range of its torque, plus
+    The reserve of a joint is :data:`~mocap_id_assist.devices.RESERVE` times half the range of its torque, plus
     the Coulomb friction at the joint. If no pressures have this reserve, the pressures with the largest fraction of the
     reserve are returned; a negative fraction means that a posture cannot be held. None is returned if a posture is
     beyond a stroke.
@@ -409,95 +432,49 @@ def find_pressures(chain: AssistedChain, q: FloatArray) -> tuple[FloatArray, flo
     return solution[:-1].reshape(count, 2) * supply[:, None], left
 
 
-TOUR_STEP = 0.01
-"""Time step of the tour, s."""
-
-
 _NEIGHBOURS = 12
-
-
 _BETWEEN = 33  # number of postures on the straight line from one stop to the next
-
-
-_CHANGE = 1e-3  # rad: cost of a change of node in the search for a path
-
-
+_NODE_CHANGE = 1e-3  # rad: cost of a change of node in the search for a path
 _SETTLING_STEPS = 40
+_CHAIN_SETTLED = 4.0  # simulated time constants of a change
 
 
-_TOUR_SETTLED = 4.0  # simulated time constants of a change
-
-
-@dataclass(frozen=True)
-class ChainNode:
-    """A node of the controller: its name and its sealed pressures (D, 2), Pa."""
-
-    name: str
-    pressures: FloatArray
-
-
-@dataclass(frozen=True)
-class TourRules:
-    """Rules of the controller and of the tour."""
-
-    margin: float  # depth below which the controller leaves a node, rad
-    hysteresis: float  # additional depth of the next node, rad
-    speed: float  # largest speed of a joint, rad/s
-    hold: float  # time for which each stop is held, s
-
-
-@dataclass(frozen=True)
-class ChainTour:
-    """A simulated tour of n joints with D cylinders, with T samples."""
-
-    time: FloatArray  # (T,) s
-    q: FloatArray  # (T, n) rad
-    node: IntArray  # (T,) index of the current node
-    pressures: FloatArray  # (T, D, 2) sealed pressures, Pa
-    excess: FloatArray  # (T,) part of the holding torque beyond the person's limits, N·m
-    switches: tuple[tuple[int, int, int], ...]  # sample, node before and node after each change
-    visits: tuple[tuple[int, int, int], ...]  # index of the stop, first and last sample at which it is held
-    no_path: tuple[tuple[int, int], ...]  # pairs of stops without a path through held postures
-
-
-def compute_node_depths(chain: AssistedChain, nodes: Sequence[ChainNode], q: FloatArray) -> FloatArray:
+def compute_node_depths(chain: AssistedChain, nodes: Sequence[Node], q: FloatArray) -> FloatArray:
     """Return the depth (K, M) of postures (M, n) in each of the K nodes, rad."""
     return np.stack([chain.depth(q, node.pressures) for node in nodes])
 
 
-def simulate_tour(
-    chain: AssistedChain, nodes: Sequence[ChainNode], stops: FloatArray, postures: FloatArray, rules: TourRules
-) -> ChainTour:
-    """Return a tour through ``stops`` (P, n) and back; its paths use ``postures`` (N, n) that a node holds, rad."""
+def simulate_chain(
+    chain: AssistedChain, nodes: Sequence[Node], stops: FloatArray, postures: FloatArray, rules: Rules
+) -> tuple[Tour, list[tuple[int, int, int]], list[tuple[int, int]]]:
+    """Return a tour through ``stops`` (P, n) and back, its visits, and pairs of stops without a path.
+
+    The paths use ``postures`` (N, n), rad, that a node holds. A visit is the index of the stop, and the first and last
+    sample at which it is held. Between stops without a path, the chain moves straight.
+    """
     order = [*range(len(stops)), *range(len(stops) - 2, -1, -1)]
     shares = np.linspace(0, 1, _BETWEEN)[1:-1, None]
     straight = [one + shares * (other - one) for one, other in itertools.pairwise(stops)]
     known = np.concatenate([stops, *straight, postures])
     deep = rules.margin + rules.hysteresis
     paths = functools.cache(lambda least: _find_paths(chain, nodes, known, len(stops), least))
-    q, visits, no_path = [stops[order[0]][None]], [], []
-    hold, count = max(int(rules.hold / TOUR_STEP), 1), 1
+    pieces, visits, no_path = [stops[order[0]][None]], [], []
+    hold, count = max(int(rules.hold / CHAIN_STEP), 1), 1
     for a, b in [(order[0], order[0]), *itertools.pairwise(order)]:
         path = next((path for least in (deep, 0.0) if (path := _trace_path(*paths(least), a, b)) is not None), None)
         if path is None:
             no_path.append((a, b))
         points = known[[a, b] if path is None else np.array(path) % len(known)]
-        pieces = [_move_straight(one, other, rules.speed) for one, other in itertools.pairwise(points)]
-        q += [*pieces, np.repeat(stops[b][None], hold, axis=0)]
-        count += sum(map(len, pieces)) + hold
+        for one, other in itertools.pairwise(points):
+            steps = max(int(np.ceil(np.abs(other - one).max() / (rules.speed * CHAIN_STEP))), 1)
+            pieces.append(one + np.linspace(0, 1, steps + 1)[1:, None] * (other - one))
+            count += steps
+        pieces.append(np.repeat(stops[b][None], hold, axis=0))
+        count += hold
         visits.append((b, count - hold, count - 1))
-    return _control(chain, nodes, np.concatenate(q), rules, tuple(visits), tuple(dict.fromkeys(no_path)))
+    q = np.concatenate(pieces)
 
-
-def _control(  # noqa: PLR0917
-    chain: AssistedChain,
-    nodes: Sequence[ChainNode],
-    q: FloatArray,
-    rules: TourRules,
-    visits: tuple[tuple[int, int, int], ...],
-    no_path: tuple[tuple[int, int], ...],
-) -> ChainTour:
-    """Return the tour with the node and the pressures of every sample."""
+    # the node and the pressures of every sample
     depth = compute_node_depths(chain, nodes, q)
     here = int(depth[:, 0].argmax())
     gas, node, switches = nodes[here].pressures, np.empty(len(q), dtype=np.int64), []
@@ -506,18 +483,18 @@ def _control(  # noqa: PLR0917
         if depth[here, k] < rules.margin:
             better = int(depth[:, k].argmax())
             held = depth[here, k] > 0
-            if better != here and depth[better, k] > (rules.margin + rules.hysteresis if held else 0.0):
+            if better != here and depth[better, k] > (deep if held else 0.0):
                 switches.append((k, here, better))
                 here = better
         node[k], pressures[k] = here, gas
-        gas = chain.settle(gas, nodes[here].pressures, TOUR_STEP)
+        gas = chain.settle(gas, nodes[here].pressures, CHAIN_STEP)
     excess = chain.excess(chain.holding_torques(q, pressures))
-    time: FloatArray = TOUR_STEP * np.arange(len(q), dtype=np.float64)
-    return ChainTour(time, q, node, pressures, excess, tuple(switches), visits, no_path)
+    time: FloatArray = CHAIN_STEP * np.arange(len(q), dtype=np.float64)
+    return Tour(time, q, node, pressures, excess, tuple(switches)), visits, list(dict.fromkeys(no_path))
 
 
 def find_unsafe_changes(
-    chain: AssistedChain, before: ChainNode, after: ChainNode, q: FloatArray, tolerance: float
+    chain: AssistedChain, before: Node, after: Node, q: FloatArray, tolerance: float
 ) -> tuple[BoolArray, FloatArray]:
     """Return whether a change of node at rest in postures (M, n) is unsafe, and the largest missing torque (M,), N·m.
 
@@ -527,12 +504,12 @@ def find_unsafe_changes(
     gas, worst = before.pressures, np.zeros(len(q))
     for _ in range(_SETTLING_STEPS + 1):
         worst = np.maximum(worst, chain.excess(chain.holding_torques(q, gas[None])))
-        gas = chain.settle(gas, after.pressures, _TOUR_SETTLED * chain.slowest / _SETTLING_STEPS)
+        gas = chain.settle(gas, after.pressures, _CHAIN_SETTLED * chain.slowest / _SETTLING_STEPS)
     return worst > tolerance, worst
 
 
 def _find_paths(
-    chain: AssistedChain, nodes: Sequence[ChainNode], known: FloatArray, stops: int, least: float
+    chain: AssistedChain, nodes: Sequence[Node], known: FloatArray, stops: int, least: float
 ) -> tuple[IntArray, IntArray]:
     """Return the states at the stops, and the previous state of every state on the shortest path from each stop.
 
@@ -553,7 +530,7 @@ def _find_paths(
         edges.append((k * len(known) + start[free], k * len(known) + end[free], length[free]))
         for j in range(k):
             both = np.flatnonzero(usable[k] & usable[j])
-            edges.append((k * len(known) + both, j * len(known) + both, np.full(len(both), _CHANGE)))
+            edges.append((k * len(known) + both, j * len(known) + both, np.full(len(both), _NODE_CHANGE)))
     one, two, cost = (np.concatenate(part) for part in zip(*edges, strict=True))
     graph = csr_array((cost, (one, two)), shape=(depth.size,) * 2)
     states = depth[:, :stops].argmax(axis=0) * len(known) + np.arange(stops)
@@ -568,9 +545,3 @@ def _trace_path(states: IntArray, before: IntArray, start: int, end: int) -> lis
             return None
         path.append(int(before[start, path[-1]]))
     return path[::-1]
-
-
-def _move_straight(start: FloatArray, end: FloatArray, speed: float) -> FloatArray:
-    """Return postures (K, n) from ``start`` (excluded) to ``end``; no joint is faster than ``speed``, rad/s."""
-    count = max(int(np.ceil(np.abs(end - start).max() / (speed * TOUR_STEP))), 1)
-    return np.asarray(start + np.linspace(0, 1, count + 1)[1:, None] * (end - start))

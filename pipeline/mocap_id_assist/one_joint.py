@@ -25,7 +25,7 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil, floor
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.optimize import Bounds, minimize
@@ -95,12 +95,29 @@ class OneJoint:
     def held_intervals(self, stiffness: float, rest: float) -> list[tuple[float, float]]:
         """Return the intervals of angles that a person with this spring can hold, in ascending order, rad."""
         slack = _SLACK * (self.torque_high - self.torque_low + self.weight)
-        knots = np.unique(np.concatenate([[self.lower, self.upper], self.turning_points(stiffness)]))
+        low, high = self.torque_low - slack, self.torque_high + slack
+
+        def find_end(here: float, there: float, value: float) -> float:
+            """Return the first angle from ``here``, with torque ``value``, to ``there`` that can be held."""
+            if low <= value <= high:
+                return here
+            level = low if value < low else high
+            sign = self.torque(np.array(here), stiffness, rest) > level
+            for _ in range(60):  # by bisection down to rounding
+                middle = 0.5 * (here + there)
+                if (self.torque(np.array(middle), stiffness, rest) > level) == sign:
+                    here = middle
+                else:
+                    there = middle
+            return there
+
+        knots = np.unique(np.concatenate([[self.lower, self.upper], self.turning_points(stiffness)])).tolist()
         intervals: list[tuple[float, float]] = []
         for start, end in itertools.pairwise(knots):  # the torque is monotone in between
-            part = self._held_part(float(start), float(end), stiffness, rest, slack)
-            if part is None:
+            at_start, at_end = self.torque(np.array([start, end]), stiffness, rest).tolist()
+            if max(at_start, at_end) < low or min(at_start, at_end) > high:
                 continue
+            part = find_end(start, end, at_start), find_end(end, start, at_end)
             if intervals and part[0] <= intervals[-1][1]:
                 intervals[-1] = (intervals[-1][0], part[1])
             else:
@@ -118,33 +135,6 @@ class OneJoint:
             if all(part[0] - tolerance <= angle <= part[1] + tolerance for angle in required)
         ]
         return max(fitting, key=lambda part: part[1] - part[0], default=None)
-
-    def _held_part(
-        self, start: float, end: float, stiffness: float, rest: float, slack: float
-    ) -> tuple[float, float] | None:
-        """Return the part that can be held of an interval with monotone torque; None if no part can be held."""
-        at_start, at_end = self.torque(np.array([start, end]), stiffness, rest).tolist()
-        low, high = self.torque_low - slack, self.torque_high + slack
-        if max(at_start, at_end) < low or min(at_start, at_end) > high:
-            return None
-
-        def find_end(here: float, there: float, value: float) -> float:
-            if low <= value <= high:
-                return here
-            return self._crossing(here, there, low if value < low else high, stiffness, rest)
-
-        return find_end(start, end, at_start), find_end(end, start, at_end)
-
-    def _crossing(self, here: float, there: float, level: float, stiffness: float, rest: float) -> float:
-        """Return the angle between two angles at which the torque crosses a level, by bisection down to rounding."""
-        sign = self.torque(np.array(here), stiffness, rest) > level
-        for _ in range(60):
-            middle = 0.5 * (here + there)
-            if (self.torque(np.array(middle), stiffness, rest) > level) == sign:
-                here = middle
-            else:
-                there = middle
-        return there
 
 
 REST = (-2 * np.pi, 2 * np.pi)
@@ -186,13 +176,7 @@ class Prescription:
     helps: bool  # whether the spring gives a relevant gain
 
 
-@dataclass(frozen=True)
-class _Spring:
-    """Stiffness, N·m/rad, rest angle and width of the range, rad."""
-
-    stiffness: float
-    rest: float
-    width: float
+_Spring: TypeAlias = tuple[float, float, float]  # stiffness, N·m/rad, rest angle and width of the range, rad
 
 
 def prescribe_spring(joint: OneJoint, requirements: SpringRequirements = SpringRequirements()) -> Prescription:
@@ -215,29 +199,41 @@ def prescribe_spring(joint: OneJoint, requirements: SpringRequirements = SpringR
         return Prescription(0.0, np.nan, without, free, max(bound - none, 0.0), False)
     if best is None:
         raise ValueError("no spring lets the person hold all required angles and the angles between them")
-    held = joint.widest_interval(best.stiffness, best.rest, requirements.required)
+    stiffness, rest, _ = best
+    held = joint.widest_interval(stiffness, rest, requirements.required)
     assert held is not None
-    return Prescription(
-        best.stiffness, best.rest, held, free, max(bound - _objective(joint, requirements, best), 0.0), True
-    )
+    return Prescription(stiffness, rest, held, free, max(bound - _objective(joint, requirements, best), 0.0), True)
 
 
 def _search(joint: OneJoint, requirements: SpringRequirements, none: float) -> tuple[_Spring | None, float]:
     """Return the best spring, and an upper bound of range minus penalty; ``none`` is the range without a spring."""
-    half = 0.5 * _largest_stiffness(joint, requirements, none)
+    required, stiffest = requirements.required, requirements.stiffest
+    if stiffest is None:
+        # above this stiffness, no range exceeds five degrees and the range without a spring: over a range R, a spring
+        # changes the torque by kR, and gravity compensates at most 2mgl of this
+        least = max(none, np.ptp(required) if required else 0.0, np.radians(5.0))
+        stiffest = float((joint.torque_high - joint.torque_low + 2 * joint.weight) / least)
+    half = 0.5 * stiffest
     centres, best, worth, bound = np.array([half]), None, none, np.inf
     limits, rests = np.array([joint.torque_low, joint.torque_high]), np.array(requirements.rest)
     pruned = none
     for level in range(_LEVELS):
-        grid, first, last = _angle_grid(joint, requirements, min(_FINE, _COARSE << level // 2))
+        # the grid of angles, and the indices of the first and last required angle
+        grid = np.linspace(joint.lower, joint.upper, min(_FINE, _COARSE << level // 2))
+        first, last = 1, 0
+        if required:
+            inner = np.flatnonzero((grid >= min(required)) & (grid <= max(required)))
+            inner = inner if len(inner) else np.abs(grid - required[0]).argmin(keepdims=True)
+            first, last = int(inner[0]), int(inner[-1])
         step, gravity = float(grid[1] - grid[0]), joint.gravity(grid)
         here = find_widest_runs(gravity, grid, centres, 0.0, limits, rests, first, last)
         promise = np.where(here[:, 0] < 0, -np.inf, here[:, 0] * step - requirements.penalty * centres / joint.weight)
         top = int(promise.argmax())
         if promise[top] > worth and level >= _REFINED_FROM:
             stiffness = float(centres[top])
-            rest = _middle_rest(joint, requirements, stiffness, here[top, 1], here[top, 2])
-            spring = _refine(joint, requirements, stiffness, rest)
+            # the allowed rest angle that shifts the torques of this run nearest to the middle of the limits
+            middle = 0.5 * ((here[top, 2] - joint.torque_high) + (here[top, 1] - joint.torque_low)) / stiffness
+            spring = _refine(joint, requirements, stiffness, float(np.clip(middle, *requirements.rest)))
             if spring is not None and _objective(joint, requirements, spring) > worth:
                 best, worth = spring, _objective(joint, requirements, spring)
         wide = find_widest_runs(gravity, grid, centres, half, limits, rests, first, last)
@@ -253,33 +249,6 @@ def _search(joint: OneJoint, requirements: SpringRequirements, none: float) -> t
     return best, bound
 
 
-def _largest_stiffness(joint: OneJoint, requirements: SpringRequirements, none: float) -> float:
-    """Return a stiffness, N·m/rad, above which no range exceeds five degrees and the range without a spring.
-
-    Over a range R, a spring changes the torque by kR, and gravity compensates at most 2mgl of this.
-    """
-    if requirements.stiffest is not None:
-        return requirements.stiffest
-    least = max(none, np.ptp(requirements.required) if requirements.required else 0.0, np.radians(5.0))
-    return float((joint.torque_high - joint.torque_low + 2 * joint.weight) / least)
-
-
-def _angle_grid(joint: OneJoint, requirements: SpringRequirements, size: int) -> tuple[FloatArray, int, int]:
-    """Return the grid of angles (M,), and the indices of the first and last required angle."""
-    grid = np.linspace(joint.lower, joint.upper, size)
-    if not requirements.required:
-        return grid, 1, 0
-    inner = np.flatnonzero((grid >= min(requirements.required)) & (grid <= max(requirements.required)))
-    nearest = int(np.abs(grid - requirements.required[0]).argmin())
-    return (grid, int(inner[0]), int(inner[-1])) if len(inner) else (grid, nearest, nearest)
-
-
-def _middle_rest(joint: OneJoint, requirements: SpringRequirements, stiffness: float, low: float, high: float) -> float:
-    """Return the allowed rest angle that shifts torques from low to high nearest to the middle of the limits."""
-    middle = 0.5 * ((high - joint.torque_high) + (low - joint.torque_low)) / stiffness
-    return float(np.clip(middle, *requirements.rest))
-
-
 def _refine(joint: OneJoint, requirements: SpringRequirements, stiffness: float, rest: float) -> _Spring | None:
     """Return the better of a spring and its refinement; None if no angle can be held with the spring."""
     start = joint.widest_interval(stiffness, rest, requirements.required)
@@ -290,15 +259,15 @@ def _refine(joint: OneJoint, requirements: SpringRequirements, stiffness: float,
         joint, (*start, stiffness, rest), requirements.required, requirements.rest, most, requirements.penalty
     )
     part = joint.widest_interval(*other, requirements.required)
-    springs = [_Spring(stiffness, rest, start[1] - start[0])]
+    springs = [(stiffness, rest, start[1] - start[0])]
     if part is not None:
-        springs.append(_Spring(*other, part[1] - part[0]))
+        springs.append((*other, part[1] - part[0]))
     return max(springs, key=lambda spring: _objective(joint, requirements, spring))
 
 
 def _objective(joint: OneJoint, requirements: SpringRequirements, spring: _Spring) -> float:
     """Return the objective of the search: range minus penalty, rad."""
-    return spring.width - requirements.penalty * spring.stiffness / joint.weight
+    return spring[2] - requirements.penalty * spring[0] / joint.weight
 
 
 _MARGIN = 1e-7  # fraction of the weight: larger than the solver's violation of its constraints
@@ -351,13 +320,10 @@ def _constraint_margins(
     base = inside + phase - sign * half  # multiples of a full rotation
     least, most = joint.torque_low / weight + _MARGIN, joint.torque_high / weight - _MARGIN
 
-    def torques(x: FloatArray) -> FloatArray:
+    def margins(x: FloatArray) -> FloatArray:
         turning = base - phase + sign * np.arccos(np.clip(-x[2], -1, 1))
         angles = np.concatenate([x[:2], turning, required])
-        return np.asarray(np.sin(angles + phase) + x[2] * angles - x[3])
-
-    def margins(x: FloatArray) -> FloatArray:
-        value = torques(x)
+        value = np.sin(angles + phase) + x[2] * angles - x[3]
         return np.concatenate([value - least, most - value, [x[3] - x[2] * rest[0], x[2] * rest[1] - x[3]]])
 
     return margins
@@ -388,29 +354,24 @@ def find_least_spring(
 
     if excess(0.0) <= 1e-9:
         return 0.0, np.nan
+    # the minimum of the convex function by ternary search, or the first stiffness at which it is at most 0
     low, high = 0.0, 20.0 * joint.weight if stiffest is None else stiffest
-    best = _minimise(excess, low, high)
+    best: float | None = None
+    for _ in range(_LEAST_STEPS):
+        one, other = low + (high - low) / 3, high - (high - low) / 3
+        here, there = excess(one), excess(other)
+        if min(here, there) <= 0:
+            best = one if here <= 0 else other
+            break
+        low, high = (low, other) if here <= there else (one, high)
+    best = 0.5 * (low + high) if best is None else best
     if excess(best) > 1e-9:
         return None
     outside, inside = 0.0, best
     for _ in range(_LEAST_STEPS):
         middle = 0.5 * (outside + inside)
         outside, inside = (outside, middle) if excess(middle) <= 1e-9 else (middle, inside)
-    return inside, _centre_rest(joint, gravity + inside * grid, inside, rest)
-
-
-def _minimise(excess: Callable[[float], float], low: float, high: float) -> float:
-    """Return the minimiser of a convex function by ternary search, or the first point at which it is at most 0."""
-    for _ in range(_LEAST_STEPS):
-        one, other = low + (high - low) / 3, high - (high - low) / 3
-        here, there = excess(one), excess(other)
-        if min(here, there) <= 0:
-            return one if here <= 0 else other
-        low, high = (low, other) if here <= there else (one, high)
-    return 0.5 * (low + high)
-
-
-def _centre_rest(joint: OneJoint, w: FloatArray, stiffness: float, rest: tuple[float, float]) -> float:
-    """Return the rest angle, rad, in ``rest`` that best centres ``w`` (M,) minus the spring torque in the limits."""
-    middle = 0.5 * (w.max() - joint.torque_high + w.min() - joint.torque_low) / stiffness
-    return float(np.clip(middle, *rest))
+    # the allowed rest angle that best centres the torques in the limits
+    w = gravity + inside * grid
+    middle = 0.5 * (w.max() - joint.torque_high + w.min() - joint.torque_low) / inside
+    return inside, float(np.clip(middle, *rest))

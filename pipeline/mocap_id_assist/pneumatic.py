@@ -11,12 +11,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mocap_id import __version__
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray
 from mocap_id.config.device import DeviceConfig
 from mocap_id.dynamics.cylinder import ADIABATIC, ISOTHERMAL, Setting
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.clock import SENSOR_HZ, check_times
 from mocap_id.recording.text_tables import read_csv
+from mocap_id.reporting import paper_figures, style
 from mocap_id.reporting.paper_figures import render
 from mocap_id.reporting.results.columns import to_finite
 from mocap_id.reporting.results.result import Result
@@ -33,7 +34,6 @@ from mocap_id_assist.devices import (
     normal_litres,
     usable_gas,
 )
-from mocap_id_assist.figures import draw_curve
 
 _NO_ZERO = "the torque is not zero at any angle of the stroke"
 
@@ -104,6 +104,41 @@ def _apply_exponent(keys: DeviceFile, condition: Condition, exponent: float | No
 
 
 _SPAN_GRID = 361
+
+
+def draw_curve(
+    angle: FloatArray,
+    torque: FloatArray,
+    deviation: FloatArray,
+    limits: tuple[FloatArray, FloatArray],
+    friction: float,
+) -> Figure:
+    """Draw the torque of a device against the angle: 95 % band, friction, isothermal and adiabatic limits.
+
+    Parameters
+    ----------
+    angle : (N,) array
+        Joint angle, rad.
+    torque, deviation : (N,) arrays
+        Torque of the device and its standard deviation, N·m.
+    limits : pair of (N,) arrays
+        Isothermal and adiabatic torque, N·m.
+    friction : float
+        Coulomb friction, N·m.
+    """
+    figure = paper_figures.make_figure(3.2)
+    axes, degrees = figure.subplots(), np.degrees(angle)
+    band: dict[str, Any] = {"color": style.BLUE, "alpha": 0.15, "lw": 0, "label": "95 % interval"}
+    axes.fill_between(degrees, torque - NORMAL_95 * deviation, torque + NORMAL_95 * deviation, **band)
+    axes.plot(degrees, torque, color=style.BLUE, label="torque")
+    for sign, label in ((-1, "flexing"), (1, "extending")):
+        axes.plot(degrees, torque + sign * friction, ":", color=style.INK, lw=0.8, label=label)
+    for values, dash, label in zip(limits, ("--", "-."), ("isothermal", "adiabatic"), strict=True):
+        axes.plot(degrees, values, dash, color=style.VERMILLION, lw=0.8, label=label)
+    axes.axhline(0, color=style.INK, lw=0.6)
+    axes.set(xlabel="angle, positive in flexion (°)", ylabel="torque on the joint (N·m)")
+    paper_figures.add_legend(figure, [axes])
+    return figure
 
 
 def spring_pressures(

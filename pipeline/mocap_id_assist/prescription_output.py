@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from mocap_id import __version__
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.reporting.paper_figures import render
 from mocap_id.reporting.results.columns import to_finite
 from mocap_id.reporting.results.result import Result, make_text_file
-from mocap_id_assist.assisted_body import DeviceSprings, PrescriptionResult, SpringMap, Timed
-from mocap_id_assist.controllers import STEP, TOUR_STEP, TransitionMap
-from mocap_id_assist.device_control import ChainChange, ControlledChain, ControlledTasks
-from mocap_id_assist.figures import (
+from mocap_id_assist.assisted_body import PrescriptionResult, SpringMap, Timed
+from mocap_id_assist.controllers import Change, Controlled
+from mocap_id_assist.pneumatic import spring_document
+from mocap_id_assist.prescription_figures import (
     draw_chain_tour,
     draw_holdable_postures,
     draw_level_sets,
@@ -24,7 +24,6 @@ from mocap_id_assist.figures import (
     draw_spring_map,
     draw_switching,
 )
-from mocap_id_assist.pneumatic import spring_document
 from mocap_id_assist.several_joints import Graph, find_held_postures
 from mocap_id_assist.workspaces import workspace_result
 
@@ -34,7 +33,7 @@ def prescription_output(found: PrescriptionResult) -> Result:
 
     In the document, `springs` is null if no springs could be prescribed; `why` is then the reason.
     """
-    body = found.body
+    body, one, several = found.body, found.one, found.several
     content: dict[str, Any] = {
         "product": __version__,
         "prescription": found.config.wishes.prescription,
@@ -51,112 +50,48 @@ def prescription_output(found: PrescriptionResult) -> Result:
     }
     if found.workspace is not None:
         content["workspace"] = workspace_result(found.workspace).document
-    if found.one is not None and found.joint is not None:
-        content |= _one_joint(found)
-    if found.several is not None:
-        content |= _several_joints(found)
+    if one is not None and found.joint is not None:
+        spring = {"joints": [1], "stiffness_Nm_per_rad": one.stiffness, "rest_deg": to_finite(np.degrees(one.rest))}
+        content |= {
+            "helps": one.helps,
+            "springs": [spring] if one.helps else [],
+            "moment_of_gravity_Nm": found.joint.weight,
+            "range_deg": _degrees(one.range),
+            "range_without_deg": None if one.without is None else _degrees(one.without),
+            "gap_deg": float(np.degrees(one.gap)),
+        }
+    if several is not None:
+        content |= {
+            "helps": several.helps,
+            "springs": [
+                {
+                    "joints": [joint + 1 for joint in place.joints],
+                    "stiffness_Nm_per_rad": float(several.stiffness[s]),
+                    "rest_deg": to_finite(np.degrees(several.rest[s])),
+                }
+                for s, place in enumerate(found.places)
+                if several.stiffness[s] > 0
+            ],
+            "functional_workspace_m2": several.area,
+            "functional_workspace_without_m2": several.without,
+            "reachable_m2": several.reachable,
+            "gap_m2": several.gap,
+            "boxes": several.boxes,
+        }
     if found.timed is not None:
-        content["level_set"] = _level_set(found.timed)
+        content["level_set"] = _describe_level_set(found.timed)
     if found.map is not None:
-        content["search"] = _spring_map(found.map)
-    if found.graph is not None and found.graph_postures is not None:
-        content["sub_workspaces"] = _graph(found.graph, found.graph_postures)
+        content["search"] = _describe_map(found.map)
+    if found.graph is not None:
+        content["sub_workspaces"] = _describe_graph(found.graph)
     if found.devices is not None:
-        content["devices"] = devices_document(found)
+        content["devices"] = _describe_devices(found)
     if found.controlled is not None:
-        content["controller"] = controller_document(found.controlled)
-    return Result("prescription", "prescription.json", content, other_files=lambda: _files(found), end="")
+        content["controller"] = _describe_controller(found.controlled)
+    return Result("prescription", "prescription.json", content, other_files=lambda: _make_files(found), end="")
 
 
-def _files(found: PrescriptionResult) -> dict[str, bytes]:
-    files: dict[str, bytes] = {}
-    name = found.config.wishes.prescription
-    one, joint, timed, springs = found.one, found.joint, found.timed, found.map
-    if one is not None and joint is not None:
-        files |= render("range", f"range with and without a spring: {name}", lambda: draw_ranges(joint, one))
-    if found.postures is not None and found.several is not None:
-        files |= render("functional", f"holdable postures: {name}", lambda: _draw_holdable(found))
-    if timed is not None:
-        files |= render(
-            "level_set",
-            f"reachable set over time: {name}",
-            lambda: draw_level_sets(timed.reached, timed.bounds, timed.dynamics),
-        )
-        files["horizons.csv"] = make_text_file(_horizon_rows(timed))
-    if springs is not None:
-        files |= render(
-            "search",
-            f"springs by their reachable sets: {name}",
-            lambda: draw_spring_map(springs.stiffness, springs.rest, springs.width, springs.horizon),
-        )
-        files["search.csv"] = make_text_file(_spring_rows(springs))
-    if found.controlled is not None:
-        files |= _controller_files(found.controlled, name)
-    return files
-
-
-def _controller_files(controlled: ControlledTasks | ControlledChain, name: str) -> dict[str, bytes]:
-    title = f"controller over sub-workspaces: {name}"
-    if isinstance(controlled, ControlledChain):
-        names = [node.name for node in controlled.nodes]
-        files = render("controller", title, lambda: draw_chain_tour(controlled.tour, names))
-        return files | {"unsafe_postures.csv": make_text_file(unsafe_postures(controlled))}
-    joint = controlled.person.joint
-    limits = (joint.torque_low, joint.torque_high)
-    files = render(
-        "controller",
-        title,
-        lambda: draw_switching(controlled.controller, controlled.motion, limits, controlled.maps),
-    )
-    return files | {"unsafe_states.csv": make_text_file(unsafe_states(controlled))}
-
-
-def _draw_holdable(found: PrescriptionResult) -> Figure:
-    springs, sampled, strength = found.several, found.postures, found.body.strength
-    assert springs is not None and sampled is not None
-    none = find_held_postures(sampled, (), strength, springs)
-    return draw_holdable_postures(
-        sampled.tips, none, find_held_postures(sampled, found.places, strength, springs), found.body.arm.centres[0]
-    )
-
-
-def _one_joint(found: PrescriptionResult) -> dict[str, Any]:
-    one, joint = found.one, found.joint
-    assert one is not None and joint is not None
-    spring = {"joints": [1], "stiffness_Nm_per_rad": one.stiffness, "rest_deg": to_finite(np.degrees(one.rest))}
-    return {
-        "helps": one.helps,
-        "springs": [spring] if one.helps else [],
-        "moment_of_gravity_Nm": joint.weight,
-        "range_deg": _degrees(one.range),
-        "range_without_deg": None if one.without is None else _degrees(one.without),
-        "gap_deg": float(np.degrees(one.gap)),
-    }
-
-
-def _several_joints(found: PrescriptionResult) -> dict[str, Any]:
-    springs = found.several
-    assert springs is not None
-    return {
-        "helps": springs.helps,
-        "springs": [
-            {
-                "joints": [joint + 1 for joint in place.joints],
-                "stiffness_Nm_per_rad": float(springs.stiffness[s]),
-                "rest_deg": to_finite(np.degrees(springs.rest[s])),
-            }
-            for s, place in enumerate(found.places)
-            if springs.stiffness[s] > 0
-        ],
-        "functional_workspace_m2": springs.area,
-        "functional_workspace_without_m2": springs.without,
-        "reachable_m2": springs.reachable,
-        "gap_m2": springs.gap,
-        "boxes": springs.boxes,
-    }
-
-
-def _level_set(timed: Timed) -> dict[str, Any]:
+def _describe_level_set(timed: Timed) -> dict[str, Any]:
     start = timed.dynamics.equilibrium()
     return {
         "stiffness_Nm_per_rad": timed.dynamics.stiffness,
@@ -176,20 +111,19 @@ def _level_set(timed: Timed) -> dict[str, Any]:
     }
 
 
-def _spring_map(springs: SpringMap) -> dict[str, Any]:
-    best = springs.best
-    found = None
-    if best is not None:
-        k, r = best
-        found = {
+def _describe_map(springs: SpringMap) -> dict[str, Any]:
+    best = None
+    if springs.best is not None:
+        k, r = springs.best
+        best = {
             "stiffness_Nm_per_rad": float(springs.stiffness[k]),
             "rest_deg": float(np.degrees(springs.rest[r])),
             "reached_and_held_deg": float(np.degrees(springs.width[k, r])),
         }
-    return {"horizon_s": springs.horizon, "springs": int(springs.width.size), "best": found}
+    return {"horizon_s": springs.horizon, "springs": int(springs.width.size), "best": best}
 
 
-def _graph(graph: Graph, postures: Any) -> dict[str, Any]:
+def _describe_graph(graph: Graph) -> dict[str, Any]:
     names = [node.name for node in graph.nodes]
     count = range(len(names))
     ways = {(a, b): graph.find_path(a, b) for a in count for b in count if a < b}
@@ -212,7 +146,7 @@ def _graph(graph: Graph, postures: Any) -> dict[str, Any]:
             {
                 "between": [names[k] for k in switch.between],
                 "overlap_share": switch.share,
-                "at_deg": np.degrees(postures[switch.posture]).tolist(),
+                "at_deg": np.degrees(graph.postures[switch.posture]).tolist(),
             }
             for switch in graph.switches
         ],
@@ -221,6 +155,156 @@ def _graph(graph: Graph, postures: Any) -> dict[str, Any]:
             for (a, b), way in ways.items()
         ],
     }
+
+
+def _describe_devices(found: PrescriptionResult) -> dict[str, Any]:
+    """Return the pressures of the devices, and the range or workspace lost relative to the prescribed springs."""
+    devices = found.devices
+    assert devices is not None
+    content: dict[str, Any] = {
+        "springs": [
+            {
+                "joints": [joint + 1 for joint in found.places[each.place].joints],
+                "device": each.device.keys.device,
+                "flexion_Pa": each.setting.flexion,
+                "extension_Pa": each.setting.extension,
+                "nearest_spring": spring_document(each.nearest),
+            }
+            for each in devices.springs
+        ],
+        "why": "" if devices.springs else "no spring was prescribed for the joints of a device",
+    }
+    if found.one is not None:
+        lost = _find_lost_range(found)
+        content["range_deg"] = None if devices.range is None else np.degrees(devices.range).tolist()
+        content["range_lost_deg"] = None if lost is None else float(np.degrees(lost))
+    elif found.several is not None:
+        content["functional_workspace_m2"] = devices.area
+        content["functional_workspace_lost_m2"] = found.several.area - devices.area
+    return content
+
+
+def _find_lost_range(found: PrescriptionResult) -> float | None:
+    """Return how much smaller the held range is with the device than with the linear spring, rad; None if unknown."""
+    assert found.one is not None and found.devices is not None
+    if not found.devices.springs:
+        return None
+    held = found.devices.range
+    return float(np.ptp(found.one.range)) - (0.0 if held is None else held[1] - held[0])
+
+
+def _describe_controller(controlled: Controlled) -> dict[str, Any]:
+    """Return nodes, changes, tour and problems; one joint has angles where a chain has devices and postures."""
+    names, tour, is_joint = [node.name for node in controlled.nodes], controlled.tour, bool(controlled.made_for)
+    nodes = []
+    for k, node in enumerate(controlled.nodes):
+        gas = node.pressures.tolist()
+        entry: dict[str, Any] = {"name": node.name}
+        if is_joint:
+            entry |= {"made_for_deg": np.degrees(controlled.made_for[k]).tolist()}
+            entry |= {"flexion_Pa": gas[0][0], "extension_Pa": gas[0][1], "reserve_Nm": controlled.reserve[k]}
+            entry["held_deg"] = _list_intervals(controlled.grid[:, 0], controlled.held[k])
+        else:
+            entry["devices"] = [
+                {"joints": [joint + 1 for joint in joints], "flexion_Pa": pair[0], "extension_Pa": pair[1]}
+                for joints, pair in zip(controlled.joints, gas, strict=True)
+            ]
+            entry |= {"reserve_share": controlled.reserve[k], "held_share": float(controlled.held[k].mean())}
+        nodes.append(entry)
+    visits = [
+        {
+            "task": visit.task,
+            "start_s": visit.start,
+            **({} if visit.posture is None else {"at_deg": np.degrees(visit.posture).tolist()}),
+            "held": visit.held,
+            "missing_Nm": visit.missing,
+        }
+        for visit in controlled.visits
+    ]
+    steps = []
+    for (k, before, after), gas in zip(tour.switches, controlled.gas, strict=True):
+        at = np.degrees(tour.q[k]).tolist()
+        place = {"angle_deg": at[0]} if is_joint else {"at_deg": at}
+        steps.append(
+            {"time_s": float(tour.time[k]), "from": names[before], "to": names[after], **place, "gas_g": 1e3 * gas}
+        )
+    return {
+        "nodes": nodes,
+        "changes": [_describe_change(one, names, is_joint) for one in controlled.changes],
+        "tour": {
+            "duration_s": float(tour.time[-1]),
+            "tasks": visits,
+            "changes": steps,
+            **({} if is_joint else {"missing_Nm": float(tour.excess.max())}),
+            "gas_g": 1e3 * sum(controlled.gas),
+            "shortest_dwell_s": to_finite(controlled.shortest_dwell),
+            "settling_s": controlled.settling,
+        },
+        "problems": list(controlled.problems),
+    }
+
+
+def _describe_change(one: Change, names: list[str], is_joint: bool) -> dict[str, Any]:
+    entry: dict[str, Any] = {"from": names[one.before], "to": names[one.after]}
+    shares = {
+        "unsafe_share": float(one.unsafe[one.switched].mean()) if one.switched.any() else None,
+        "unsafe_share_of_overlap": float(one.unsafe.mean()),
+    }
+    if not is_joint:
+        return {**entry, "postures": len(one.states), **shares}
+    speed = np.abs(one.states[:, 1])
+    still = speed == speed.min()
+    angle = one.states[still, 0]
+    return {
+        **entry,
+        "overlap_deg": np.degrees(angle[[0, -1]]).tolist(),
+        "changes_deg": _list_intervals(angle, one.switched[still]),
+        **shares,
+        "unsafe_at_rest_deg": _list_intervals(angle, one.unsafe[still]),
+    }
+
+
+def _list_intervals(angle: FloatArray, which: BoolArray) -> list[list[float]]:
+    """Return the intervals of ``angle``, rad, in which ``which`` is true, in degrees."""
+    return [np.degrees([angle[run.start], angle[run.stop - 1]]).tolist() for run in find_runs(which)]
+
+
+def _degrees(pair: tuple[float, float]) -> list[float]:
+    return [float(np.degrees(pair[0])), float(np.degrees(pair[1]))]
+
+
+def _make_files(found: PrescriptionResult) -> dict[str, bytes]:
+    """Return the tables and figures, by name."""
+    files: dict[str, bytes] = {}
+    name = found.config.wishes.prescription
+    one, joint, timed, springs, controlled = found.one, found.joint, found.timed, found.map, found.controlled
+    sampled, several, strength = found.postures, found.several, found.body.strength
+    if one is not None and joint is not None:
+        files |= render("range", f"range with and without a spring: {name}", lambda: draw_ranges(joint, one))
+    if sampled is not None and several is not None:
+        without = find_held_postures(sampled, (), strength, several)
+        held = find_held_postures(sampled, found.places, strength, several)
+        first = found.body.arm.centres[0]
+        title = f"holdable postures: {name}"
+        files |= render("functional", title, lambda: draw_holdable_postures(sampled.tips, without, held, first))
+    if timed is not None:
+        title = f"reachable set over time: {name}"
+        files |= render("level_set", title, lambda: draw_level_sets(timed.reached, timed.bounds, timed.dynamics))
+        files["horizons.csv"] = make_text_file(_horizon_rows(timed))
+    if springs is not None:
+        title = f"springs by their reachable sets: {name}"
+        files |= render("search", title, lambda: draw_spring_map(springs))
+        files["search.csv"] = make_text_file(_spring_rows(springs))
+    if controlled is not None:
+        limits = None if joint is None else (joint.torque_low, joint.torque_high)
+        files |= render(
+            "controller",
+            f"controller over sub-workspaces: {name}",
+            lambda: draw_chain_tour(controlled) if limits is None else draw_switching(controlled, limits),
+        )
+        states = "unsafe_postures.csv" if limits is None else "unsafe_states.csv"
+        files[states] = make_text_file(_unsafe_rows(controlled))
+    return files
 
 
 def _horizon_rows(timed: Timed) -> Iterator[str]:
@@ -238,247 +322,142 @@ def _spring_rows(springs: SpringMap) -> Iterator[str]:
             yield f"{stiffness:.6g},{rest:.6g},{reached},{static:.3f}"
 
 
-def _degrees(pair: tuple[float, float]) -> list[float]:
-    return [float(np.degrees(pair[0])), float(np.degrees(pair[1]))]
+def _unsafe_rows(controlled: Controlled) -> Iterator[str]:
+    """Yield the states in which a change is unsafe: angle and velocity of one joint, or postures of a chain."""
+    names, joints = [node.name for node in controlled.nodes], controlled.grid.shape[1]
+    axes = ["angle_deg", "velocity_deg_s"] if controlled.made_for else [f"angle_{j + 1}_deg" for j in range(joints)]
+    yield ",".join(["from", "to", *axes, "missing_Nm", "controller_changes_here"])
+    for one in controlled.changes:
+        for k in np.flatnonzero(one.unsafe):
+            state = ",".join(f"{value:.2f}" for value in np.degrees(one.states[k]))
+            change = f"{names[one.before]},{names[one.after]}"
+            yield f"{change},{state},{one.missing[k]:.4f},{str(bool(one.switched[k])).lower()}"
 
 
-def devices_document(result: PrescriptionResult) -> dict[str, Any]:
-    """Return the pressures of the devices, and the range or workspace lost relative to the prescribed springs."""
-    devices = result.devices
-    assert devices is not None
-    content: dict[str, Any] = {
-        "springs": [
-            {
-                "joints": [joint + 1 for joint in result.places[each.place].joints],
-                "device": each.device.keys.device,
-                "flexion_Pa": each.setting.flexion,
-                "extension_Pa": each.setting.extension,
-                "nearest_spring": spring_document(each.nearest),
-            }
-            for each in devices.springs
-        ],
-        "why": "" if devices.springs else "no spring was prescribed for the joints of a device",
-    }
-    if result.one is not None:
-        lost = _lost_range(result)
-        content["range_deg"] = None if devices.range is None else np.degrees(devices.range).tolist()
-        content["range_lost_deg"] = None if lost is None else float(np.degrees(lost))
-    elif result.several is not None:
-        content["functional_workspace_m2"] = devices.area
-        content["functional_workspace_lost_m2"] = result.several.area - devices.area
-    return content
+def prescription_lines(found: PrescriptionResult) -> Iterator[str]:
+    """Yield sentences about all computed parts."""
+    name, one, joint, several = found.config.wishes.prescription, found.one, found.joint, found.several
+    if found.workspace is not None:
+        low, high = found.workspace.workspace.interval
+        area = found.workspace.workspace.measure
+        yield f"{name}: joint limits alone allow {area:.5f} m² (95 % interval {low:.5f} to {high:.5f})"
+    if found.refused is not None:
+        yield f"{name}: nothing can be prescribed: {found.refused}. Only the kinematic workspace is known"
+        return
+    if one is not None and joint is not None:
+        without = "nothing" if one.without is None else _range(one.without)
+        yield f"{name}: without a spring {without} can be held; gravity needs up to {joint.weight:.3f} N·m"
+        if one.helps:
+            share = one.stiffness / joint.weight
+            yield (
+                f"spring: {one.stiffness:.4g} N·m/rad ({share:.4f} of the moment of gravity per radian), rest angle "
+                f"{math.degrees(one.rest):.1f}°: {_range(one.range)} can be held"
+            )
+            yield f"no other spring widens the range by more than another {math.degrees(one.gap):.2f}°"
+        else:
+            yield f"no spring helps: no spring widens the range by {math.degrees(one.gap):.1f}° or more"
+    if several is not None:
+        yield (
+            f"{name}: without springs {several.without:.4f} m² of {several.reachable:.4f} m² within reach can be held, "
+            f"with them {several.area:.4f} m²"
+        )
+        if not several.helps:
+            yield "no springs help"
+        for s, place in enumerate(found.places):
+            if several.stiffness[s] > 0:
+                across = " and ".join(found.body.joints[joint] for joint in place.joints)
+                rest = f"{math.degrees(several.rest[s]):.1f}°"
+                yield f"spring on {across}: {several.stiffness[s]:.4g} N·m/rad, rest {rest}"
+        yield (
+            f"no other springs hold over {several.gap:.4f} m² more of these samples ({several.boxes} boxes searched)"
+        )
+    if found.timed is not None:
+        yield from _timed_lines(found.timed)
+    if found.map is not None:
+        yield _map_line(found.map)
+    if found.graph is not None:
+        yield from _graph_lines(found.graph)
+    yield from _device_lines(found)
+    if found.controlled is not None:
+        yield from _controller_lines(found.controlled)
 
 
-def _lost_range(result: PrescriptionResult) -> float | None:
-    """Return how much smaller the held range is with the device than with the linear spring, rad; None if unknown."""
-    assert result.one is not None and result.devices is not None
-    if not result.devices.springs:
-        return None
-    held = result.devices.range
-    return float(np.ptp(result.one.range)) - (0.0 if held is None else held[1] - held[0])
+def _timed_lines(timed: Timed) -> Iterator[str]:
+    for time, bound, error in zip(timed.reached.times, timed.bounds, timed.grid_errors, strict=True):
+        reached = "nothing" if bound is None else _range(bound)
+        of_grid = "" if error is None else f"; half as many grid nodes change this by {math.degrees(error):.1f}°"
+        yield f"within {time:g} s: {reached} reached and held{of_grid}"
+    yield f"ever: {'nothing' if timed.static is None else _range(timed.static)} held"
+    for gap in timed.unheld:
+        yield f"{_range(gap)} can be passed, but not held: the person is too weak for this spring there"
 
 
-def device_lines(result: PrescriptionResult) -> Iterator[str]:
-    """Yield sentences about the devices and the controller."""
-    devices = result.devices
+def _map_line(springs: SpringMap) -> str:
+    if springs.best is None:
+        return "search: the joint does not rest within its limits with any of these springs"
+    k, r = springs.best
+    return (
+        f"search: widest within {springs.horizon:g} s is {math.degrees(springs.width[k, r]):.1f}°, with "
+        f"{springs.stiffness[k]:.4g} N·m/rad and rest angle {math.degrees(springs.rest[r]):.0f}°"
+    )
+
+
+def _graph_lines(graph: Graph) -> Iterator[str]:
+    for node in graph.nodes:
+        text = "no suitable spring was found"
+        if node.stiffness is not None and node.rest is not None:
+            pairs = zip(node.stiffness, node.rest, strict=True)
+            springs = [f"{k:.4g} N·m/rad at {math.degrees(rest):.1f}°" for k, rest in pairs if k > 0]
+            text = ", ".join(springs) or "no spring is needed"
+        yield f"sub-workspace {node.name} ({', '.join(node.tasks)}): {text}"
+    for switch in graph.switches:
+        one, other = (graph.nodes[k].name for k in switch.between)
+        at = ", ".join(f"{angle:.0f}°" for angle in np.degrees(graph.postures[switch.posture]))
+        yield f"switch between {one} and {other} at {at}; overlap {100 * switch.share:.0f} % of the postures"
+
+
+def _device_lines(found: PrescriptionResult) -> Iterator[str]:
+    devices = found.devices
     if devices is None:
         return
     for each in devices.springs:
-        joints = " and ".join(result.body.joints[joint] for joint in result.places[each.place].joints)
-        pressures = [
-            f"{1e-5 * (pressure or 0.0):.2f} bar" for pressure in (each.setting.flexion, each.setting.extension)
-        ]
+        joints = " and ".join(found.body.joints[joint] for joint in found.places[each.place].joints)
+        flexion, extension = (f"{1e-5 * pressure:.2f} bar" for pressure in each.setting.pressures())
         name = each.device.keys.device
-        yield f"device {name} on {joints}: flexion {pressures[0]}, extension {pressures[1]} (absolute)"
-    yield _loss_line(result, devices)
-    if result.controlled is not None:
-        yield from controller_lines(result.controlled)
-
-
-def _loss_line(result: PrescriptionResult, devices: DeviceSprings) -> str:
+        yield f"device {name} on {joints}: flexion {flexion}, extension {extension} (absolute)"
     if not devices.springs:
-        return "device: no spring was prescribed for the joints of the device"
-    if result.several is not None:
-        lost = result.several.area - devices.area
-        return f"with the devices, {devices.area:.4f} m² can be held: {lost:.4f} m² less than with linear springs"
-    lost_range = np.degrees(_lost_range(result) or 0.0)
-    held = "nothing" if devices.range is None else "{:.1f}° to {:.1f}°".format(*np.degrees(devices.range))
-    return f"with the device, {held} can be held: {lost_range:.1f}° less than with the linear spring"
-
-
-def controller_document(controlled: ControlledTasks | ControlledChain) -> dict[str, Any]:
-    """Return nodes, changes, tour and problems of a controller as JSON values."""
-    if isinstance(controlled, ControlledChain):
-        return _chain_document(controlled)
-    return _joint_document(controlled)
-
-
-def _joint_document(controlled: ControlledTasks) -> dict[str, Any]:
-    nodes, motion = controlled.controller.nodes, controlled.motion
-    names = [node.name for node in nodes]
-    visits = [
-        {"task": visit.task, "start_s": visit.time[0], "held": visit.held, "missing_Nm": visit.missing}
-        for visit in controlled.visits
-    ]
-    steps = _change_rows(controlled, STEP, names, lambda k: {"angle_deg": float(np.degrees(motion.angle[k]))})
-    return {
-        "nodes": [
-            {
-                "name": node.name,
-                "made_for_deg": np.degrees([low, high]).tolist(),
-                "flexion_Pa": node.setting.flexion,
-                "extension_Pa": node.setting.extension,
-                "reserve_Nm": margin,
-                "held_deg": _intervals(controlled.controller.angle, node.depth > 0),
-            }
-            for node, (_, low, high), margin in zip(nodes, controlled.tasks, controlled.margins, strict=True)
-        ],
-        "changes": [_transition(one, names) for one in controlled.maps],
-        "tour": _tour(controlled, float(motion.tour.time[-1]), visits, steps),
-        "problems": list(controlled.problems),
-    }
-
-
-def _chain_document(controlled: ControlledChain) -> dict[str, Any]:
-    tour, names = controlled.tour, [node.name for node in controlled.nodes]
-    visits = [
-        {
-            "task": controlled.stops[stop],
-            "start_s": start * TOUR_STEP,
-            "at_deg": np.degrees(tour.q[start]).tolist(),
-            "held": missing <= controlled.tolerance,
-            "missing_Nm": missing,
-        }
-        for (stop, start, _), missing in zip(tour.visits, controlled.missing, strict=True)
-    ]
-    steps = _change_rows(controlled, TOUR_STEP, names, lambda k: {"at_deg": np.degrees(tour.q[k]).tolist()})
-    return {
-        "nodes": [
-            {
-                "name": node.name,
-                "devices": [
-                    {"joints": [joint + 1 for joint in one.joints], "flexion_Pa": gas[0], "extension_Pa": gas[1]}
-                    for one, gas in zip(controlled.chain.actuators, node.pressures.tolist(), strict=True)
-                ],
-                "reserve_share": margin,
-                "held_share": float(share),
-            }
-            for node, margin, share in zip(controlled.nodes, controlled.margins, controlled.held, strict=True)
-        ],
-        "changes": [_chain_change(one, names) for one in controlled.changes],
-        "tour": _tour(controlled, float(tour.time[-1]), visits, steps, {"missing_Nm": float(tour.excess.max())}),
-        "problems": list(controlled.problems),
-    }
-
-
-def _change_rows(
-    controlled: ControlledTasks | ControlledChain,
-    step: float,
-    names: Sequence[str],
-    position: Callable[[int], dict[str, Any]],
-) -> list[dict[str, Any]]:
-    """Return the changes in the tour; ``position`` returns the angles of the joints at a sample."""
-    return [
-        {"time_s": k * step, "from": names[before], "to": names[after], **position(k), "gas_g": 1e3 * gas}
-        for (k, before, after), gas in zip(controlled.switches, controlled.gas, strict=True)
-    ]
-
-
-def _tour(
-    controlled: ControlledTasks | ControlledChain,
-    duration: float,
-    visits: list[dict[str, Any]],
-    changes: list[dict[str, Any]],
-    more: dict[str, Any] | None = None,
-) -> dict[str, Any]:
-    return {
-        "duration_s": duration,
-        "tasks": visits,
-        "changes": changes,
-        **(more or {}),
-        "gas_g": 1e3 * sum(controlled.gas),
-        "shortest_dwell_s": to_finite(controlled.shortest_dwell),
-        "settling_s": controlled.settling,
-    }
-
-
-def _transition(one: TransitionMap, names: Sequence[str]) -> dict[str, Any]:
-    switched, still = one.switched, int(np.abs(one.velocity).argmin())
-    return {
-        "from": names[one.before],
-        "to": names[one.after],
-        "overlap_deg": np.degrees(one.angle[[0, -1]]).tolist(),
-        "changes_deg": _intervals(one.angle, switched),
-        "unsafe_share": float(one.unsafe[switched].mean()) if switched.any() else None,
-        "unsafe_share_of_overlap": float(one.unsafe.mean()),
-        "unsafe_at_rest_deg": _intervals(one.angle, one.unsafe[:, still]),
-    }
-
-
-def _chain_change(one: ChainChange, names: Sequence[str]) -> dict[str, Any]:
-    return {
-        "from": names[one.before],
-        "to": names[one.after],
-        "postures": len(one.q),
-        "unsafe_share": float(one.unsafe[one.switched].mean()) if one.switched.any() else None,
-        "unsafe_share_of_overlap": float(one.unsafe.mean()),
-    }
-
-
-def _intervals(angle: FloatArray, which: BoolArray) -> list[list[float]]:
-    """Return the intervals of ``angle``, rad, in which ``which`` is true, in degrees."""
-    return [np.degrees([angle[run.start], angle[run.stop - 1]]).tolist() for run in find_runs(which)]
-
-
-def unsafe_states(controlled: ControlledTasks) -> Iterator[str]:
-    """Yield the lines of a CSV file with the states of a joint in which a change is unsafe."""
-    names = [node.name for node in controlled.controller.nodes]
-    yield "from,to,angle_deg,velocity_deg_s,missing_Nm,controller_changes_here"
-    for one in controlled.maps:
-        for a, v in np.argwhere(one.unsafe):
-            angle, velocity = np.degrees([one.angle[a], one.velocity[v]])
-            change = f"{names[one.before]},{names[one.after]}"
-            yield f"{change},{angle:.2f},{velocity:.2f},{one.excess[a, v]:.4f},{str(bool(one.switched[a])).lower()}"
-
-
-def unsafe_postures(controlled: ControlledChain) -> Iterator[str]:
-    """Yield the lines of a CSV file with the postures of a chain in which a change is unsafe."""
-    names, joints = [node.name for node in controlled.nodes], len(controlled.chain.lower)
-    yield ",".join(["from", "to", *(f"angle_{j + 1}_deg" for j in range(joints)), "missing_Nm,controller_changes_here"])
-    for one in controlled.changes:
-        for k in np.flatnonzero(one.unsafe):
-            angles = ",".join(f"{angle:.2f}" for angle in np.degrees(one.q[k]))
-            change = f"{names[one.before]},{names[one.after]}"
-            yield f"{change},{angles},{one.missing[k]:.4f},{str(bool(one.switched[k])).lower()}"
-
-
-def controller_lines(controlled: ControlledTasks | ControlledChain) -> Iterator[str]:
-    """Yield sentences about nodes, tour and problems of a controller."""
-    if isinstance(controlled, ControlledChain):
-        yield from _chain_node_lines(controlled)
-        held, duration = [one <= controlled.tolerance for one in controlled.missing], controlled.tour.time[-1]
+        yield "device: no spring was prescribed for the joints of the device"
+    elif found.several is not None:
+        lost = found.several.area - devices.area
+        yield f"with the devices, {devices.area:.4f} m² can be held: {lost:.4f} m² less than with linear springs"
     else:
-        yield from _joint_node_lines(controlled)
-        held, duration = [visit.held for visit in controlled.visits], controlled.motion.tour.time[-1]
+        lost = np.degrees(_find_lost_range(found) or 0.0)
+        held = "nothing" if devices.range is None else "{:.1f}° to {:.1f}°".format(*np.degrees(devices.range))
+        yield f"with the device, {held} can be held: {lost:.1f}° less than with the linear spring"
+
+
+def _controller_lines(controlled: Controlled) -> Iterator[str]:
+    """Yield sentences about nodes, tour and problems of a controller."""
+    for node, held in zip(controlled.nodes, controlled.held, strict=True):
+        bars = 1e-5 * node.pressures
+        if controlled.made_for:
+            pressures = f"{bars[0, 0]:.2f} bar and {bars[0, 1]:.2f} bar"
+            intervals = _list_intervals(controlled.grid[:, 0], held)
+            what = ", ".join(f"{low:.1f}° to {high:.1f}°" for low, high in intervals)
+        else:
+            pressures = "; ".join(
+                f"joint {' and '.join(str(joint + 1) for joint in joints)} {pair[0]:.2f} bar and {pair[1]:.2f} bar"
+                for joints, pair in zip(controlled.joints, bars, strict=True)
+            )
+            what = f"{100 * held.mean():.0f} % of the postures"
+        yield f"node {node.name}: {pressures} hold {what}"
+    reached = sum(visit.held for visit in controlled.visits)
     yield (
-        f"tour of {duration:.0f} s: {sum(held)} of {len(held)} visits held, {len(controlled.switches)} changes, "
-        f"{1e3 * sum(controlled.gas):.2f} g of gas"
+        f"tour of {controlled.tour.time[-1]:.0f} s: {reached} of {len(controlled.visits)} visits held, "
+        f"{len(controlled.tour.switches)} changes, {1e3 * sum(controlled.gas):.2f} g of gas"
     )
     yield from (f"problem: {problem}" for problem in controlled.problems)
 
 
-def _joint_node_lines(controlled: ControlledTasks) -> Iterator[str]:
-    for node in controlled.controller.nodes:
-        pressures = " and ".join(f"{1e-5 * pressure:.2f} bar" for pressure in node.setting.pressures())
-        intervals = _intervals(controlled.controller.angle, node.depth > 0)
-        held = ", ".join(f"{low:.1f}° to {high:.1f}°" for low, high in intervals)
-        yield f"node {node.name}: {pressures} hold {held}"
-
-
-def _chain_node_lines(controlled: ControlledChain) -> Iterator[str]:
-    for node, share in zip(controlled.nodes, controlled.held, strict=True):
-        pressures = "; ".join(
-            f"joint {' and '.join(str(joint + 1) for joint in one.joints)} {pair[0]:.2f} bar and {pair[1]:.2f} bar"
-            for one, pair in zip(controlled.chain.actuators, 1e-5 * node.pressures, strict=True)
-        )
-        yield f"node {node.name}: {pressures} hold {100 * share:.0f} % of the postures"
+def _range(pair: tuple[float, float]) -> str:
+    return f"{math.degrees(pair[0]):.1f}° to {math.degrees(pair[1]):.1f}°"

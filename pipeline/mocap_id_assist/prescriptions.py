@@ -14,7 +14,6 @@ import numpy as np
 from mocap_id import runner
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config.device import DeviceConfig, load_device
-from mocap_id.dynamics.cylinder import Cylinder, Setting
 from mocap_id.errors import ConfigError
 from mocap_id.store.atomic import write_files
 from mocap_id_assist.assisted_body import (
@@ -27,15 +26,13 @@ from mocap_id_assist.assisted_body import (
     build_task_graph,
     read_body,
 )
-from mocap_id_assist.device_control import control_chain, control_tasks
+from mocap_id_assist.device_control import control_chain, control_joint
 from mocap_id_assist.devices import find_held_range, find_nearest_setting, find_widest_setting
 from mocap_id_assist.files import LevelSet, PrescriptionConfig, SearchGrid, SpringWish
 from mocap_id_assist.level_set import JointDynamics, Scheme, compute_reachable_set, find_reached_and_held
 from mocap_id_assist.one_joint import REST, OneJoint, Prescription, SpringRequirements, prescribe_spring
 from mocap_id_assist.several_joints import (
-    Postures,
     SpringPlace,
-    Springs,
     find_held_postures,
     prescribe_several,
     sample_postures,
@@ -76,22 +73,20 @@ def prescribe_from(
     if body.weights is None:
         return result
     try:
-        result = replace(result, places=spring_places(config, body))
+        result = replace(result, places=_find_places(config, body))
         is_joint = len(body.joints) == 1
         result = _prescribe_joint(result, folder, report) if is_joint else _prescribe_chain(result)
-        graph, postures = build_task_graph(config.wishes.tasks, result)
-        return _add_devices(replace(result, graph=graph, graph_postures=postures))
+        return _add_devices(replace(result, graph=build_task_graph(result)))
     except ValueError as error:
         raise ConfigError(f"{config.where()}: {error}") from error
 
 
-def spring_places(config: PrescriptionConfig, body: AssistedBody) -> tuple[SpringPlace, ...]:
+def _find_places(config: PrescriptionConfig, body: AssistedBody) -> tuple[SpringPlace, ...]:
     """Return the possible springs.
 
     By default, every joint can have a spring with up to four times the largest moment of gravity per radian.
     """
-    wishes = config.wishes
-    springs = wishes.springs
+    springs = config.wishes.springs
     if springs is None:
         springs = tuple(SpringWish(joints=(j,)) for j in range(1, len(body.joints) + 1))
     assert body.weights is not None
@@ -123,25 +118,6 @@ def _prescribe_joint(result: PrescriptionResult, folder: Path | None, report: Re
     if wishes.search is not None:
         springs = map_springs(joint, _require_inertia(result.body), wishes.search, folder, report)
     return replace(result, joint=joint, one=spring, timed=timed, map=springs)
-
-
-def _add_devices(result: PrescriptionResult) -> PrescriptionResult:
-    wishes, devices = result.config.wishes, read_devices(result.config)
-    if not any(devices):
-        return result
-    if result.postures is not None and result.several is not None:
-        strength = result.body.strength
-        held = fit_chain_devices(result.postures, result.places, strength, result.several, devices)
-        controlled = None if wishes.controller is None else control_chain(result, devices, wishes.controller)
-        return replace(result, devices=held, controlled=controlled)
-    joint, one, device = result.joint, result.one, devices[0]
-    assert joint is not None and one is not None and device is not None
-    required = np.radians(wishes.required_deg).tolist()
-    result = replace(result, devices=fit_joint_device(joint, one, device, required))
-    if wishes.controller is None:
-        return result
-    tasks = control_tasks(joint, _require_inertia(result.body), device, wishes.tasks, wishes.controller)
-    return replace(result, controlled=tasks)
 
 
 def _compute_ranges(joint: OneJoint, body: AssistedBody, spring: Prescription, wish: LevelSet) -> Timed:
@@ -192,26 +168,38 @@ def _prescribe_chain(result: PrescriptionResult) -> PrescriptionResult:
     return replace(result, postures=sampled, several=springs)
 
 
-def read_devices(config: PrescriptionConfig) -> tuple[DeviceConfig | None, ...]:
-    """Return the device of each possible spring; None for a spring without a device.
+def _add_devices(result: PrescriptionResult) -> PrescriptionResult:
+    """Return the result with the pressures of the devices that replace springs, and with their controller.
 
     ConfigError is raised as for :func:`mocap_id.config.device.load_device`.
     """
-    return tuple(
-        None if spring.device is None else load_device(spring.device) for spring in config.wishes.springs or ()
-    )
+    wishes = result.config.wishes
+    devices = [None if spring.device is None else load_device(spring.device) for spring in wishes.springs or ()]
+    if not any(devices):
+        return result
+    if result.several is not None:
+        result = replace(result, devices=_fit_chain_devices(result, devices))
+        controlled = None if wishes.controller is None else control_chain(result, devices, wishes.controller)
+        return replace(result, controlled=controlled)
+    joint, device = result.joint, devices[0]
+    assert joint is not None and device is not None
+    result = replace(result, devices=_fit_joint_device(result, device))
+    if wishes.controller is None:
+        return result
+    controlled = control_joint(joint, _require_inertia(result.body), device, wishes.tasks, wishes.controller)
+    return replace(result, controlled=controlled)
 
 
-def fit_joint_device(
-    joint: OneJoint, prescribed: Prescription, device: DeviceConfig, required: Sequence[float]
-) -> DeviceSprings:
-    """Return the pressures with which the person holds the widest interval of one joint.
+def _fit_joint_device(result: PrescriptionResult, device: DeviceConfig) -> DeviceSprings:
+    """Return the pressures with which the person holds the widest interval with all required angles of one joint.
 
-    The interval contains the ``required`` angles, rad. ValueError is raised if the stroke contains no angle of the
-    prescribed range.
+    ValueError is raised if the stroke contains no angle of the prescribed range.
     """
+    joint, prescribed = result.joint, result.one
+    assert joint is not None and prescribed is not None
     if not prescribed.helps:
         return DeviceSprings(())
+    required = np.radians(result.config.wishes.required_deg).tolist()
     cylinder, limits = device.keys.cylinder(), device.keys.limits()
     angles = np.linspace(*prescribed.range, 361)
     nearest = find_nearest_setting(cylinder, prescribed.stiffness, prescribed.rest, limits, angles)
@@ -220,18 +208,14 @@ def fit_joint_device(
     return DeviceSprings((spring,), find_held_range(joint, cylinder, setting, required))
 
 
-def fit_chain_devices(
-    postures: Postures,
-    places: Sequence[SpringPlace],
-    strength: FloatArray,
-    prescribed: Springs,
-    devices: Sequence[DeviceConfig | None],
-) -> DeviceSprings:
+def _fit_chain_devices(result: PrescriptionResult, devices: Sequence[DeviceConfig | None]) -> DeviceSprings:
     """Return the pressures that best approximate the prescribed springs, and the workspace with these pressures.
 
     The torques are compared in the postures that the prescribed springs hold. ValueError is raised if the stroke of a
     device contains none of these postures.
     """
+    postures, places, strength, prescribed = result.postures, result.places, result.body.strength, result.several
+    assert postures is not None and prescribed is not None
     held = find_held_postures(postures, places, strength, prescribed)
     needed, linear = postures.gravity.copy(), prescribed.stiffness.copy()
     springs = []
@@ -244,7 +228,9 @@ def fit_chain_devices(
             cylinder, float(prescribed.stiffness[s]), float(prescribed.rest[s]), device.keys.limits(), stretch[held]
         )
         springs.append(DeviceSpring(s, device, nearest.setting, nearest))
-        needed[:, list(places[s].joints)] -= _torque_in_stroke(cylinder, nearest.setting, stretch)[:, None]
+        torque = cylinder.torque(stretch, nearest.setting)
+        # an infinite torque beyond the stroke, so that these postures are not held
+        needed[:, list(places[s].joints)] -= np.where(np.isnan(torque), np.inf, torque)[:, None]
         linear[s] = 0.0
     for s, place in enumerate(places):
         if linear[s] > 0:
@@ -252,12 +238,6 @@ def fit_chain_devices(
     kept: BoolArray = np.all((needed >= strength[:, 0]) & (needed <= strength[:, 1]), axis=1)
     cells = np.unique(postures.cell[kept & (postures.cell < postures.cells)])
     return DeviceSprings(tuple(springs), area=postures.size * len(cells))
-
-
-def _torque_in_stroke(cylinder: Cylinder, setting: Setting, angle: FloatArray) -> FloatArray:
-    """Return the torque of a device, N·m; infinite beyond the stroke, so that these postures are not held."""
-    torque = cylinder.torque(angle, setting)
-    return np.where(np.isnan(torque), np.inf, torque)
 
 
 ROWS_FILE = "search.json"
@@ -281,14 +261,15 @@ def map_springs(
     """
     stiffness = np.radians(1.0) ** -1 * 1e-3 * _grid_values(grid.stiffness_mNm_per_deg)
     rest = np.radians(_grid_values(grid.rest_deg))
-    key = _search_key(joint, inertia, grid)
+    inputs = {"joint": asdict(joint), "inertia": inertia, "grid": grid.model_dump(mode="json"), "version": 1}
+    key = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
     rows = _read_rows(folder, key)
     for index, k in enumerate(stiffness.tolist()):
         if index < len(rows):
             continue
         rows.append([_find_widths(joint, inertia, k, angle, grid) for angle in rest.tolist()])
         if folder is not None:
-            _save_rows(folder, key, rows)
+            write_files(folder, {ROWS_FILE: json.dumps({"key": key, "rows": rows}).encode()})
         report(f"springs: {index + 1} of {len(stiffness)} stiffnesses")
     both = np.array([[[np.nan if x is None else x for x in pair] for pair in row] for row in rows])
     return SpringMap(stiffness, rest, both[..., 0], both[..., 1], grid.horizon_s)
@@ -313,11 +294,6 @@ def _grid_values(given: tuple[float, float, float]) -> FloatArray:
     return np.asarray(first, dtype=np.float64) + step * np.arange(int(np.floor((last - first) / step + 1e-9)) + 1)
 
 
-def _search_key(joint: OneJoint, inertia: float, grid: SearchGrid) -> str:
-    inputs = {"joint": asdict(joint), "inertia": inertia, "grid": grid.model_dump(mode="json"), "version": 1}
-    return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
-
-
 def _read_rows(folder: Path | None, key: str) -> list[list[tuple[float | None, float]]]:
     if folder is None or not (folder / ROWS_FILE).is_file():
         return []
@@ -326,7 +302,3 @@ def _read_rows(folder: Path | None, key: str) -> list[list[tuple[float | None, f
         return [[(pair[0], pair[1]) for pair in row] for row in data["rows"]] if data["key"] == key else []
     except (ValueError, KeyError, TypeError, IndexError):
         return []  # unreadable: compute it again
-
-
-def _save_rows(folder: Path, key: str, rows: list[list[tuple[float | None, float]]]) -> None:
-    write_files(folder, {ROWS_FILE: json.dumps({"key": key, "rows": rows}).encode()})

@@ -274,32 +274,26 @@ def prescribe_several(
         raise ValueError("no springs can hold every required point")
     size, cells = postures.size, postures.cells
     helps = worth > max(none, 0.0) + _HELPS * cells or none == -np.inf
-    chosen = _remove_soft_springs(search, best) if helps else nothing
+    chosen = nothing
+    if helps:  # without very soft springs, unless this reduces the number of cells
+        fewer = best.copy()
+        fewer[best[:, 0] <= _SLACK * search.high[:, 0], 0] = 0.0
+        chosen = fewer if search.count_cells(fewer, fewer) >= search.count_cells(best, best) else best
     stiffness = chosen[:, 0]
+    # the cells held without springs, even if required points are not held: their cells count as others
+    p = postures
+    free = count_cells(
+        p.gravity, p.stretch, p.cell, cells + p.required, 0, search.across, search.torque, nothing, nothing
+    )
     return Springs(
         stiffness=stiffness,
         rest=np.where(stiffness > 0, chosen[:, 1], np.nan),
         area=size * search.count_cells(chosen, chosen),
-        without=size * _count_free_cells(search, nothing),
+        without=size * free,
         reachable=size * cells,
         gap=size * max(bound - (worth if helps else none), 0.0),
         boxes=search.boxes,
         helps=bool(helps),
-    )
-
-
-def _remove_soft_springs(search: _Search, springs: FloatArray) -> FloatArray:
-    """Return the springs (S, 2) without very soft springs, unless this reduces the number of cells."""
-    fewer = springs.copy()
-    fewer[springs[:, 0] <= _SLACK * search.high[:, 0], 0] = 0.0
-    return fewer if search.count_cells(fewer, fewer) >= search.count_cells(springs, springs) else springs
-
-
-def _count_free_cells(search: _Search, nothing: FloatArray) -> int:
-    """Return the number of cells held without springs, even if required points are not held."""
-    p = search.postures
-    return count_cells(
-        p.gravity, p.stretch, p.cell, p.cells + p.required, 0, search.across, search.torque, nothing, nothing
     )
 
 
@@ -366,6 +360,7 @@ class Graph:
 
     nodes: tuple[SubWorkspace, ...]
     switches: tuple[Switch, ...]
+    postures: FloatArray  # (N, n) sampled postures, rad
 
     def find_path(self, start: int, end: int) -> tuple[int, ...] | None:
         """Return the nodes of the shortest path between two nodes, both included; None if there is none."""
@@ -399,4 +394,4 @@ def build_graph(nodes: Sequence[SubWorkspace], postures: FloatArray) -> Graph:
                 middle = np.median(postures[both], axis=0)
                 nearest = both[np.abs(postures[both] - middle).sum(axis=1).argmin()]
                 switches.append(Switch((a, b), len(both) / len(postures), int(nearest)))
-    return Graph(tuple(nodes), tuple(switches))
+    return Graph(tuple(nodes), tuple(switches), postures)

@@ -203,7 +203,12 @@ def sample_box(lower: FloatArray, upper: FloatArray, count: int, seed: int, onto
     N, the first N samples have the same distribution.
     """
     n = len(lower)
-    faces = _faces(n, onto - 1)
+    faces = [  # joints at a limit, and the limit of each (0 or 1)
+        (fixed, sides)
+        for count_fixed in range(1, n - max(onto - 1, 0) + 1)
+        for fixed in combinations(range(n), count_fixed)
+        for sides in product((0.0, 1.0), repeat=count_fixed)
+    ]
     unit = np.empty((count, n))
     on_face = np.arange(count) % ON_FACES == ON_FACES - 1
     unit[~on_face] = sobol(int((~on_face).sum()), n, seed)
@@ -214,16 +219,6 @@ def sample_box(lower: FloatArray, upper: FloatArray, count: int, seed: int, onto
         for joint, side in zip(joints, sides, strict=True):
             unit[rows, joint] = side
     return np.asarray((1 - unit) * lower + unit * upper)
-
-
-def _faces(n: int, least: int) -> list[tuple[list[int], list[float]]]:
-    """Return the faces of an n-box with ``least`` to n - 1 dimensions: joints at a limit, and the limit (0 or 1)."""
-    return [
-        (list(fixed), [float(side) for side in sides])
-        for count in range(1, n - max(least, 0) + 1)
-        for fixed in combinations(range(n), count)
-        for sides in product((0, 1), repeat=count)
-    ]
 
 
 RADIUS_FACTOR = 2.0
@@ -307,19 +302,15 @@ def _signed_measure(corners: FloatArray) -> FloatArray:
 
 
 def _is_kept(points: FloatArray, triangulation: Delaunay, radius: float) -> BoolArray:
-    """Return whether the circumscribed ball of each simplex has at most the radius, m."""
-    return np.asarray(_circumradius(points[triangulation.simplices]) <= radius)
-
-
-def _circumradius(corners: FloatArray) -> FloatArray:
-    """Return the radius (K,) of the ball through the corners (K, d + 1, d); infinite for a degenerate simplex."""
+    """Return whether the circumscribed ball of each simplex has at most the radius, m; not for a degenerate simplex."""
+    corners = points[triangulation.simplices]  # (K, d + 1, d)
     edges = corners[:, 1:] - corners[:, :1]
     square = np.sum(edges**2, axis=-1)
     volume = np.abs(np.linalg.det(edges))
     flat = volume <= 1e-14 * np.prod(np.sqrt(square), axis=-1)
     edges[flat] = np.eye(corners.shape[-1])
     centre = np.linalg.solve(edges, 0.5 * square[..., None])[..., 0]
-    return np.where(flat, np.inf, np.linalg.norm(centre, axis=-1))
+    return np.where(flat, np.inf, np.linalg.norm(centre, axis=-1)) <= radius
 
 
 SAMPLES = 10_000
@@ -351,7 +342,7 @@ class Workspace:
 def compute_workspace(arm: Arm, limits: JointLimits, samples: int = SAMPLES, seed: int = 0) -> Workspace:
     """Return the reachable workspace of an arm within joint limits.
 
-    The radius of the alpha shape is :data:`~mocap_id.prescription.alpha_shape.RADIUS_FACTOR` times the largest distance
+    The radius of the alpha shape is :data:`RADIUS_FACTOR` times the largest distance
     between the tip in an equal number of other postures and the nearest sample. The interval is 1.96 standard
     deviations, widened on both sides by the discretisation. The standard deviation follows from displacing each limit
     and dimension in turn by its standard deviation; the topology of the edge stays the same.
@@ -377,7 +368,10 @@ def compute_workspace(arm: Arm, limits: JointLimits, samples: int = SAMPLES, see
     postures = sample_box(limits.lower, limits.upper, samples, seed, arm.dimension)
     points = arm.tips(postures)
     others = arm.tips(limits.lower + sobol(samples, arm.joints, seed + 1000) * (limits.upper - limits.lower))
-    shapes = [_shape(points[: samples // part], others[: samples // part]) for part in _PARTS]
+    shapes = []
+    for part in _PARTS:
+        some, checked = points[: samples // part], others[: samples // part]
+        shapes.append(compute_alpha_shape(some, RADIUS_FACTOR * covering_radius(some, checked)))
     measures = [shape.measure for shape in shapes]
     discretisation = _bound_discretisation(shapes)
     sd = _measure_sd(arm, limits, postures, shapes[-1])
@@ -393,10 +387,6 @@ def compute_workspace(arm: Arm, limits: JointLimits, samples: int = SAMPLES, see
             (len(shape.points), shape.radius, size) for shape, size in zip(shapes, measures, strict=True)
         ),
     )
-
-
-def _shape(points: FloatArray, others: FloatArray) -> AlphaShape:
-    return compute_alpha_shape(points, RADIUS_FACTOR * covering_radius(points, others))
 
 
 def _bound_discretisation(shapes: list[AlphaShape]) -> float:

@@ -5,22 +5,27 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from pydantic import Field
 
 from mocap_id import __version__, runner
 from mocap_id.arrays import FloatArray
-from mocap_id.config.parsing import suggest_name
+from mocap_id.config.parsing import parse, raise_mistakes, suggest_name
+from mocap_id.config.source import read
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry import Chain, Revolute, se3
+from mocap_id.reporting import paper_figures, style
 from mocap_id.reporting.paper_figures import render
 from mocap_id.reporting.results.result import Result, make_text_file
+from mocap_id.stages.base import Settings
 from mocap_id.store import Folder, Table, Tree
 from mocap_id.store.views import Skeleton, joint_columns
 from mocap_id.workflows.run_folder import check_provenance, open_run_to
-from mocap_id_assist.figures import draw_area, draw_change, draw_volume
-from mocap_id_assist.files import ChainFile, is_chain, load_chain
 from mocap_id_assist.workspace import (
     SAMPLES,
     JointLimits,
@@ -32,6 +37,26 @@ from mocap_id_assist.workspace import (
     find_limits,
     overlay_workspaces,
 )
+
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+class _ChainJoint(Settings):
+    name: str = Field(min_length=1, max_length=60, description="name of the joint")
+    axis: Literal["x", "y", "z"] | tuple[float, float, float] = Field(
+        "z", description="axis of rotation in the frame of the previous link, with all joints at 0"
+    )
+    at: tuple[float, float, float] = Field(
+        (0.0, 0.0, 0.0), description="position in the frame of the previous joint, m"
+    )
+    limits_deg: tuple[float, float] = Field(description="smallest and largest angle, degrees")
+
+
+class _ChainFile(Settings):
+    chain: str = Field(pattern=r"^\w[\w .+-]*$", max_length=100, description="name of the chain")
+    joints: tuple[_ChainJoint, ...] = Field(min_length=1, max_length=12, description="joints from the base to the tip")
+    tip: tuple[float, float, float] = Field(description="end point in the frame of the last joint, m")
+
 
 _LAST = "ukf-smooth"
 
@@ -79,7 +104,7 @@ def read_arm(
             raise ConfigError(
                 f"{path}: a chain's YAML file contains `tip:` and limits; leave out `--tip` and `--quantile`"
             )
-        return _read_chain(load_chain(path))
+        return load_chain(path)
     folder, trial = open_run_to(path, _LAST, progress)
     return read_folder(folder, path.name if trial is None else trial.name, path, tip, quantile)
 
@@ -121,17 +146,44 @@ def read_folder(folder: Folder, name: str, source: Path, tip: str | None, quanti
     return SubjectArm(name, skeleton.joints, arm, limits, tip_name, complete, tuple(notes))
 
 
-def _read_chain(chain: ChainFile) -> SubjectArm:
-    """Return the arm of a chain's YAML file."""
-    limits = JointLimits.given(chain.limits[:, 0], chain.limits[:, 1])
+def is_chain(file: Path) -> bool:
+    """Return whether a YAML file describes a chain, not a trial; ConfigError if it is missing or not YAML."""
+    data = read(file.absolute()).data
+    return isinstance(data, dict) and "chain" in data and "recording" not in data
+
+
+def load_chain(file: Path) -> SubjectArm:
+    """Read and check a chain's YAML file, and return its arm, without uncertainty.
+
+    The workspace is an area if all joints rotate about z. Raises ConfigError with one line for every mistake: file,
+    line, key, what was found, what was expected.
+    """
+    source = read(file.absolute())
+    parsed = parse(source, _ChainFile, "keys such as `chain:`, `joints:` and `tip:`")
+    mistakes = []
+    for index, joint in enumerate(parsed.joints):
+        if joint.axis == (0.0, 0.0, 0.0):
+            where = source.where(("joints", index, "axis"))
+            mistakes.append(f"{where}: the axis of the joint `{joint.name}` is zero: expected a direction")
+        low, high = joint.limits_deg
+        if low >= high:
+            where = source.where(("joints", index, "limits_deg"))
+            mistakes.append(f"{where}: the first limit, {low:g}°, is not below the second, {high:g}°")
+    raise_mistakes(mistakes)
+    named = [np.array(_AXES[joint.axis] if isinstance(joint.axis, str) else joint.axis) for joint in parsed.joints]
+    axes = np.array([axis / float(np.linalg.norm(axis)) for axis in named])
+    places, tip = np.array([joint.at for joint in parsed.joints]), np.array(parsed.tip)
+    ends = np.array([np.radians(joint.limits_deg) for joint in parsed.joints])
+    limits = JointLimits.given(ends[:, 0], ends[:, 1])
     arm: PlanarArm | SpatialArm
-    if chain.planar:
-        arm = PlanarArm.exact(chain.places[:, :2], chain.tip[:2])
+    if np.all(axes == _AXES["z"]):
+        arm = PlanarArm.exact(places[:, :2], tip[:2])
     else:
-        joints = tuple(Revolute((float(x), float(y), float(z))) for x, y, z in chain.axes)
-        arm = SpatialArm(Chain(joints, se3.pose(np.eye(3), chain.places)), chain.tip)
-    point = ", ".join(f"{x:g}" for x in chain.tip)
-    return SubjectArm(chain.name, chain.joints, arm, limits, f"({point}) m", np.zeros((0, limits.dimension)), ())
+        hinges = tuple(Revolute((float(x), float(y), float(z))) for x, y, z in axes)
+        arm = SpatialArm(Chain(hinges, se3.pose(np.eye(3), places)), tip)
+    point = ", ".join(f"{x:g}" for x in tip)
+    names = tuple(joint.name for joint in parsed.joints)
+    return SubjectArm(parsed.chain, names, arm, limits, f"({point}) m", np.zeros((0, limits.dimension)), ())
 
 
 def _find_tip(skeleton: Skeleton, residual: FloatArray, tip: str | None, source: Path) -> tuple[str, FloatArray, float]:
@@ -283,3 +335,118 @@ def _edge_rows(reach: Reach) -> Iterator[str]:
     for k, facet in enumerate(shape.boundary().tolist()):
         for corner, index in enumerate(facet):
             yield ",".join([str(k), str(corner), *(f"{value:.6f}" for value in shape.points[index])])
+
+
+_TIPS, _CHANGES = 1500, 6000  # maximum number of points that are drawn
+_VIEWS = (("front", 2, 1), ("side", 0, 1), ("top", 2, 0))
+
+
+def draw_area(workspace: Workspace, recorded: FloatArray, joint: FloatArray) -> Figure:
+    """Return the figure of a planar workspace: recorded tips, sampled postures, area, and convergence (figure 7.1).
+
+    Parameters
+    ----------
+    workspace : Workspace
+        Set of tip positions that can be reached.
+    recorded : (T, 2) array
+        Tip positions in the recording, m; empty if the chain is not from a recording but defined in YAML.
+    joint : (2,) array
+        Position of the first joint, m.
+    """
+    figure = paper_figures.make_figure(2.6)
+    track, cloud, area, converged = figure.subplots(1, 4)
+    every = max(1, len(recorded) // _TIPS)
+    track.plot(*recorded[::every].T, ".", ms=1.5, color=style.VERMILLION)
+    cloud.plot(*workspace.shape.points[:_TIPS].T, ".", ms=1.2, color=style.VERMILLION)
+    for axes in (cloud, area):
+        _draw_edge(axes, workspace)
+    simplices = workspace.shape.triangulation.simplices[workspace.shape.kept]
+    filled = PolyCollection(list(workspace.shape.points[simplices]), facecolors=style.SKY, rasterized=True)
+    area.add_collection(filled)
+    half = 0.5 * (workspace.interval[1] - workspace.interval[0])
+    titles = ("recorded tip", "sampled postures", f"{workspace.measure:.4f} ± {half:.4f} m²")
+    for axes, title in zip((track, cloud, area), titles, strict=True):
+        _draw_joint(axes, joint)
+        axes.set(title=title, xlabel="x (m)")
+    track.set_ylabel("y, up (m)")
+    _draw_convergence(converged, workspace, "m²")
+    return figure
+
+
+def draw_volume(workspace: Workspace, joint: FloatArray) -> Figure:
+    """Return the figure of a spatial workspace: surface, convergence, and three projections (figures 7.3 and 7.4).
+
+    Parameters
+    ----------
+    workspace : Workspace
+        Set of tip positions that can be reached.
+    joint : (3,) array
+        Position of the first joint, m.
+    """
+    figure = paper_figures.make_figure(5.0)
+    grid = figure.add_gridspec(2, 3)
+    points, facets = workspace.shape.points, workspace.shape.boundary()
+    solid: Any = figure.add_subplot(grid[0, :2], projection="3d")
+    solid.plot_trisurf(points[:, 2], points[:, 0], points[:, 1], triangles=facets, color=style.SKY, rasterized=True)
+    solid.scatter(joint[2], joint[0], joint[1], color=style.INK)
+    solid.set(xlabel="z (m)", ylabel="x (m)", zlabel="y (m)", title=f"{workspace.measure:.4f} m³")
+    _draw_convergence(figure.add_subplot(grid[0, 2]), workspace, "m³")
+    for k, (name, across, up) in enumerate(_VIEWS):
+        axes = figure.add_subplot(grid[1, k])
+        shadow = list(points[facets][:, :, [across, up]])
+        axes.add_collection(PolyCollection(shadow, facecolors=style.SKY, edgecolors=style.SKY, rasterized=True))
+        axes.autoscale_view()
+        _draw_joint(axes, joint[[across, up]])
+        axes.set(title=name, xlabel=f"{'xyz'[across]} (m)", ylabel=f"{'xyz'[up]} (m)")
+    return figure
+
+
+def draw_change(change: Overlay, names: tuple[str, str]) -> Figure:
+    """Return the figure of two sessions' workspaces: parts in both, gained and lost; three views in space.
+
+    Parameters
+    ----------
+    change : Overlay
+        The two workspaces on a common set of points.
+    names : tuple of str
+        Names of the earlier and the later session.
+    """
+    views = (("in the plane", 0, 1),) if change.points.shape[1] == 2 else _VIEWS
+    figure = paper_figures.make_figure(3.4)
+    kinds = (
+        (change.before & change.after, style.FAINT, f"both, {change.kept:.4f}"),
+        (change.after & ~change.before, style.GREEN, f"gained: {style.clean(names[1], 24)}, {change.gained:.4f}"),
+        (change.before & ~change.after, style.VERMILLION, f"lost: {style.clean(names[0], 24)}, {change.lost:.4f}"),
+    )
+    panels = figure.subplots(1, len(views), squeeze=False)[0]
+    every = max(1, len(change.points) // _CHANGES)
+    for axes, (name, across, up) in zip(panels, views, strict=True):
+        for which, colour, label in kinds:
+            points = change.points[which][::every]
+            axes.plot(points[:, across], points[:, up], ".", ms=1.4, color=colour, label=label)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set(title=name, xlabel=f"{'xyz'[across]} (m)", ylabel=f"{'xyz'[up]} (m)")
+    paper_figures.add_legend(figure, panels)
+    return figure
+
+
+def _draw_joint(axes: Axes, joint: FloatArray) -> None:
+    axes.plot(*joint, "o", ms=5, mfc="none", mec=style.INK)
+    axes.set_aspect("equal", adjustable="datalim")
+
+
+def _draw_edge(axes: Axes, workspace: Workspace) -> None:
+    segments = workspace.shape.points[workspace.shape.boundary()]
+    axes.add_collection(LineCollection(list(segments), colors=style.BLUE, linewidths=0.9, rasterized=True))
+    axes.autoscale_view()
+
+
+def _draw_convergence(axes: Axes, workspace: Workspace, unit: str) -> None:
+    """Draw area or volume against the number of samples, with the interval of the last value."""
+    counts, _, values = zip(*workspace.convergence, strict=True)
+    axes.axhspan(*workspace.interval, color=style.BLUE, alpha=0.15, lw=0)
+    axes.plot(counts, values, "o-", ms=3, color=style.BLUE)
+    axes.set_xscale("log")
+    axes.set_xticks(counts, [f"{count:d}" for count in counts], rotation=45)
+    axes.minorticks_off()
+    axes.set(title=f"convergence ({unit})", xlabel="samples")

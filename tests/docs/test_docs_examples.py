@@ -22,7 +22,8 @@ from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGE_HELP
 from mocap_id.workflows.parallel import backends
 from mocap_id.workflows.sensitivity.plan import read_options
-from mocap_id_assist.files import load_chain, load_prescription
+from mocap_id_assist.files import load_prescription
+from mocap_id_assist.workspaces import load_chain
 from mocap_id_cli.app import build, load_command
 from mocap_id_cli.commands import COMMANDS
 

@@ -9,16 +9,17 @@ import pytest
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.cylinder import Cylinder, PressureLimits, Setting
-from mocap_id_assist.controllers import TOUR_STEP as STEP
 from mocap_id_assist.controllers import (
+    CHAIN_STEP,
     Actuator,
     AssistedChain,
-    ChainNode,
-    TourRules,
+    Node,
+    Rules,
+    Tour,
     compute_node_depths,
     find_pressures,
     find_unsafe_changes,
-    simulate_tour,
+    simulate_chain,
 )
 from mocap_id_assist.devices import find_held_angles, find_task_setting
 from mocap_id_assist.one_joint import OneJoint
@@ -28,7 +29,7 @@ JOINT = OneJoint(4.336, 0.0, 0.0, np.radians(140), -2.2, 2.2)
 LIMITS = PressureLimits(101_325.0, 7e5)
 ACTUATOR = Actuator(CYLINDER, LIMITS, (0,), np.full(2, 0.2), np.full(2, 0.4), 293.15)
 ONE = AssistedChain(JOINT.gravity, np.array([[-2.2, 2.2]]), np.zeros(1), np.radians([140.0]), (ACTUATOR,))
-RULES = TourRules(np.radians(2.0), np.radians(3.0), np.radians(60.0), 1.0)
+RULES = Rules(np.radians(2.0), np.radians(3.0), np.radians(60.0), 1.0)
 
 
 def two_joints(strength: float) -> AssistedChain:
@@ -68,7 +69,7 @@ def test_a_device_across_two_joints_pulls_both() -> None:
     np.testing.assert_allclose(both.holding_torques(q, gas), JOINT.gravity(q) - pull[:, None], rtol=1e-12)
 
 
-def tour(lag: float, speed: float = 60.0) -> tuple[AssistedChain, list[ChainNode], FloatArray, object]:
+def tour(lag: float, speed: float = 60.0) -> tuple[AssistedChain, list[Node], FloatArray, Tour]:
     chain = two_joints(2.2)
     slow = tuple(replace(one, fill=np.full(2, lag), vent=np.full(2, lag)) for one in chain.actuators)
     chain = replace(chain, actuators=slow)
@@ -79,17 +80,19 @@ def tour(lag: float, speed: float = 60.0) -> tuple[AssistedChain, list[ChainNode
         found = find_pressures(chain, np.concatenate([stop[None], meeting]))
         assert found is not None
         assert found[1] > 0
-        nodes.append(ChainNode(name, found[0]))
+        nodes.append(Node(name, found[0]))
     grid = np.stack(np.meshgrid(*[np.linspace(0, JOINT.upper, 33)] * 2), axis=-1).reshape(-1, 2)
-    return chain, nodes, grid, simulate_tour(chain, nodes, stops, grid, replace(RULES, speed=np.radians(speed)))
+    moved, visits, no_path = simulate_chain(chain, nodes, stops, grid, replace(RULES, speed=np.radians(speed)))
+    assert [stop for stop, _, _ in visits] == [0, 1, 0]
+    assert not no_path
+    return chain, nodes, grid, moved
 
 
 def test_the_controller_changes_in_the_overlap_and_every_posture_is_held() -> None:
     chain, nodes, grid, moved = tour(0.05, speed=40.0)
     assert [(before, after) for _, before, after in moved.switches] == [(0, 1), (1, 0)]
-    assert not moved.no_path
     assert moved.excess.max() == 0
-    assert np.abs(np.diff(moved.q, axis=0)).max() <= np.radians(40.0) * STEP + 1e-9
+    assert np.abs(np.diff(moved.q, axis=0)).max() <= np.radians(40.0) * CHAIN_STEP + 1e-9
     depth = compute_node_depths(chain, nodes, moved.q)
     for k, before, after in moved.switches:
         assert depth[before, k] < RULES.margin
@@ -105,7 +108,7 @@ def test_pressures_that_settle_slowly_are_seen() -> None:
 
 def test_a_side_that_lags_makes_a_change_unsafe() -> None:
     chain = replace(ONE, actuators=(replace(ACTUATOR, fill=np.array([0.02, 1.0])),))
-    low, high = (ChainNode(name, np.array([[p, 0.8 * p]])) for name, p in (("low", 2e5), ("high", 6e5)))
+    low, high = (Node(name, np.array([[p, 0.8 * p]])) for name, p in (("low", 2e5), ("high", 6e5)))
     q = np.linspace(0.2, 2.2, 200)[:, None]
     held = (compute_node_depths(chain, [low, high], q) > 0).all(axis=0)
     assert held.any()
