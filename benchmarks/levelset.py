@@ -18,7 +18,7 @@ from mocap_id_assist.level_set import (
     JointDynamics,
     Scheme,
     StateGrid,
-    compute_reachable_set,
+    compute_reachable_states,
     make_grid,
     solve_level_set,
 )
@@ -92,7 +92,7 @@ def main() -> None:
     grid = make_grid(dynamics, scheme, HORIZON)
     first, free = first_set(dynamics, grid), np.full((len(grid.angle), len(grid.velocity)), -np.inf)
     whole, plain = least(lambda: solve_level_set(dynamics, grid, first, free, (HORIZON,), scheme).values[-1])
-    band, _ = least(lambda: compute_reachable_set(dynamics, (HORIZON,), scheme))
+    band, _ = least(lambda: compute_reachable_states(dynamics, (HORIZON,), scheme))
     other, values = least(theirs(dynamics, grid, first))
     apart = float(np.mean((plain <= 0) != (values <= 0)) / np.mean(plain <= 0))
     print(f"grid {len(grid.angle)} x {len(grid.velocity)}, {HORIZON:g} s, shortest of 5:")

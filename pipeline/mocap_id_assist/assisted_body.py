@@ -16,8 +16,8 @@ from mocap_id.store import Tree
 from mocap_id.workflows.run_folder import check_provenance, open_run_to
 from mocap_id_assist.controllers import Controlled
 from mocap_id_assist.devices import NearestSpring
-from mocap_id_assist.files import JointWish, PrescriptionConfig, Task
-from mocap_id_assist.level_set import JointDynamics, ReachableSet
+from mocap_id_assist.files import PrescriptionConfig, Task
+from mocap_id_assist.level_set import JointDynamics, ReachableStates
 from mocap_id_assist.one_joint import REST, OneJoint, Prescription, find_least_spring
 from mocap_id_assist.several_joints import (
     ChainMasses,
@@ -32,7 +32,7 @@ from mocap_id_assist.several_joints import (
     sample_postures,
 )
 from mocap_id_assist.workspace import JointLimits, PlanarArm
-from mocap_id_assist.workspaces import Reach, SubjectArm, read_folder
+from mocap_id_assist.workspaces import ArmWorkspace, SubjectArm, read_folder
 
 _LAST = "identify-dim"
 
@@ -68,89 +68,74 @@ def read_body(config: PrescriptionConfig, progress: runner.Progress) -> Assisted
         As for :func:`mocap_id.runner.run`.
     """
     wishes = config.wishes
+    subject: SubjectArm | None = None
+    masses: FloatArray | None
+    inertia: float | None = None
+    gravity, why = wishes.gravity, ""
+    names: tuple[str, ...]
     if wishes.arm is not None:
-        arm = wishes.arm
-        down = np.array([[arm.mass_kg, 0.0, -arm.mass_kg * arm.lever_m]])
-        inertia = arm.inertia_kgm2 if arm.inertia_kgm2 is not None else arm.mass_kg * arm.lever_m**2
-        chain = PlanarArm.exact(np.zeros((1, 2)), np.array([0.0, -arm.lever_m]))
-        return _make_body(config, ("joint",), chain, down, None, inertia, wishes.gravity)
-    if wishes.chain is not None:
-        chain = PlanarArm.exact(np.array([part.at_m for part in wishes.chain]), np.array(wishes.tip_m))
+        lever, names = wishes.arm, ("joint",)
+        inertia = lever.inertia_kgm2 if lever.inertia_kgm2 is not None else lever.mass_kg * lever.lever_m**2
+        arm = PlanarArm.exact(np.zeros((1, 2)), np.array([0.0, -lever.lever_m]))
+        masses = np.array([[lever.mass_kg, 0.0, -lever.mass_kg * lever.lever_m]])
+    elif wishes.chain is not None:
+        names = tuple(part.name for part in wishes.chain)
+        arm = PlanarArm.exact(np.array([part.at_m for part in wishes.chain]), np.array(wishes.tip_m))
         masses = np.array([[1.0, *part.centre_m] for part in wishes.chain])
         masses *= np.array([[part.mass_kg] for part in wishes.chain])
-        names = tuple(part.name for part in wishes.chain)
-        return _make_body(config, names, chain, masses, None, None, wishes.gravity)
-    assert wishes.trial is not None
-    folder, trial = open_run_to(wishes.trial, _LAST, progress)
-    name = wishes.trial.name if trial is None else trial.name
-    subject = read_folder(folder, name, wishes.trial, wishes.tip, 0.0)
-    check_provenance(folder, ("chain.h5", "states.parquet", "dynamics.h5"))
-    dynamics = folder.read("dynamics.h5")
-    assert isinstance(dynamics, Tree) and isinstance(subject.arm, PlanarArm)
-    n = subject.arm.joints
-    if len(wishes.joints) != n:
-        raise ConfigError(
-            f"{config.where('joints')}: {len(wishes.joints)} joints are described, but trial {name} has {n}: "
-            f"{', '.join(subject.joints)}"
-        )
-    full = dynamics.numbers("full/value", (n + 1, 4))[1:]
-    known = np.isfinite(full[:, :3]).all()
-    gravity = float(folder.provenance("dynamics.h5").origin.parameters[_LAST]["gravity"])
-    why = "" if known else str(dynamics.facts.get("why") or "its inertial parameters are not all known")
-    inertia = float(full[0, 3]) if n == 1 and known else None
-    return _make_body(
-        config, subject.joints, subject.arm, full[:, :3] if known else None, subject, inertia, gravity, why
-    )
+    else:
+        assert wishes.trial is not None
+        folder, trial = open_run_to(wishes.trial, _LAST, progress)
+        name = wishes.trial.name if trial is None else trial.name
+        subject = read_folder(folder, name, wishes.trial, wishes.tip, 0.0)
+        check_provenance(folder, ("chain.h5", "states.parquet", "dynamics.h5"))
+        dynamics = folder.read("dynamics.h5")
+        assert isinstance(dynamics, Tree) and isinstance(subject.arm, PlanarArm)
+        arm, names = subject.arm, subject.joints
+        if len(wishes.joints) != arm.joints:
+            raise ConfigError(
+                f"{config.where('joints')}: {len(wishes.joints)} joints are described, but trial {name} has "
+                f"{arm.joints}: {', '.join(names)}"
+            )
+        full = dynamics.numbers("full/value", (arm.joints + 1, 4))[1:]
+        known = np.isfinite(full[:, :3]).all()
+        gravity = float(folder.provenance("dynamics.h5").origin.parameters[_LAST]["gravity"])
+        why = "" if known else str(dynamics.facts.get("why") or "its inertial parameters are not all known")
+        inertia = float(full[0, 3]) if arm.joints == 1 and known else None
+        masses = full[:, :3] if known else None
 
-
-def _make_body(  # noqa: PLR0917
-    config: PrescriptionConfig,
-    names: tuple[str, ...],
-    arm: PlanarArm,
-    masses: FloatArray | None,
-    subject: SubjectArm | None,
-    inertia: float | None,
-    gravity: float,
-    why: str = "",
-) -> AssistedBody:
-    """Return the body; joint limits in the configuration replace the limits observed in the trial."""
-    wishes = config.wishes
-    observed = subject.limits if subject is not None else None
+    # joint limits in the configuration replace the limits observed in the trial
     lower, upper = np.empty(len(names)), np.empty(len(names))
     for j, joint in enumerate(wishes.joints):
         if joint.limits_deg is not None:
             lower[j], upper[j] = np.radians(joint.limits_deg)
         else:
-            assert observed is not None
-            lower[j], upper[j] = observed.lower[j], observed.upper[j]
+            assert subject is not None
+            lower[j], upper[j] = subject.limits.lower[j], subject.limits.upper[j]
     limits = JointLimits.given(lower, upper)
     try:
         weights = None if masses is None else ChainMasses(arm.centres, masses, gravity)
     except ValueError as error:
         raise ConfigError(f"{config.where()}: {error}") from error
-    largest = np.full(len(names), np.nan) if weights is None else _largest_moments(weights, limits)
-    strength = np.array([_torque_limits(joint, size) for joint, size in zip(wishes.joints, largest, strict=True)])
-    return AssistedBody(names, arm, weights, limits, strength, inertia, subject, why)
 
-
-def _largest_moments(weights: ChainMasses, limits: JointLimits) -> FloatArray:
-    """Return the largest moment of gravity about each joint, (n,) N·m.
-
-    Several joints stay within their limits; a single joint may have any angle.
-    """
-    q = limits.lower + sobol(2048, limits.dimension, 0) * (limits.upper - limits.lower)
-    if limits.dimension == 1:
-        return np.array([weights.one_joint(0, np.zeros(1), (0.0, 1.0), (-1.0, 1.0)).weight])
-    return np.asarray(np.abs(weights.torques(q)).max(axis=0))
-
-
-def _torque_limits(joint: JointWish, largest: float) -> tuple[float, float]:
-    """Return the lower and upper limit of the person's torque, N·m; ``largest`` is the largest moment of gravity."""
-    if joint.strength_Nm is not None:
-        return joint.strength_Nm
-    share = joint.strength_share
-    low, high = share if isinstance(share, tuple) else (-float(share or 0.0), float(share or 0.0))
-    return low * largest, high * largest
+    # a share of strength refers to the largest moment of gravity about each joint: a single joint may have any angle,
+    # several joints stay within their limits
+    if weights is None:
+        largest = np.full(len(names), np.nan)
+    elif len(names) == 1:
+        largest = np.array([weights.one_joint(0, np.zeros(1), (0.0, 1.0), (-1.0, 1.0)).weight])
+    else:
+        q = lower + sobol(2048, len(names), 0) * (upper - lower)
+        largest = np.abs(weights.torques(q)).max(axis=0)
+    strength = []
+    for joint, size in zip(wishes.joints, largest, strict=True):
+        if joint.strength_Nm is not None:
+            strength.append(joint.strength_Nm)
+        else:
+            share = joint.strength_share
+            low, high = share if isinstance(share, tuple) else (-float(share or 0.0), float(share or 0.0))
+            strength.append((low * size, high * size))
+    return AssistedBody(names, arm, weights, limits, np.array(strength), inertia, subject, why)
 
 
 @dataclass(frozen=True)
@@ -198,7 +183,7 @@ class Timed:
     """The angles that can be held with a spring, and that are reached within each of several times."""
 
     dynamics: JointDynamics
-    reached: ReachableSet
+    reached: ReachableStates
     bounds: tuple[tuple[float, float] | None, ...]  # range for each time, rad (table 7.2)
     # error of each range from the step of the grid, rad: the change of its ends with half as many nodes; None without
     # a range
@@ -218,7 +203,7 @@ class PrescriptionResult:
     one: Prescription | None = None  # only for one joint
     postures: Postures | None = None  # only for several joints
     several: Springs | None = None  # only for several joints
-    workspace: Reach | None = None  # the workspace within the joint limits of a trial
+    workspace: ArmWorkspace | None = None  # the workspace within the joint limits of a trial
     timed: Timed | None = None
     map: SpringMap | None = None
     graph: Graph | None = None

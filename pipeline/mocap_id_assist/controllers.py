@@ -88,7 +88,7 @@ class Tour:
 
 
 @dataclass(frozen=True)
-class Change:
+class NodeChange:
     """A change from one node to another, simulated from M states that both nodes hold."""
 
     before: int  # indices of the nodes
@@ -125,7 +125,7 @@ class Controlled:
     tour: Tour
     visits: tuple[Visit, ...]
     gas: tuple[float, ...]  # gas of each change in the tour, kg
-    changes: tuple[Change, ...]
+    changes: tuple[NodeChange, ...]
     shortest_dwell: float  # shortest time in a node between two changes, s; infinite with fewer than two changes
     settling: float  # time that the pressures need to settle, s
     problems: tuple[str, ...]  # one sentence for each failed check
@@ -223,7 +223,7 @@ class AssistedJoint:
 
 
 @dataclass(frozen=True)
-class Reference:
+class ReferenceMotion:
     """Reference motion of one joint through all tasks, with T samples."""
 
     time: FloatArray  # (T,) s
@@ -234,7 +234,7 @@ class Reference:
     visits: tuple[tuple[str, float, float, tuple[float, float]], ...]
 
 
-def plan_tour(tasks: Sequence[tuple[str, float, float]], rules: Rules, tremor: float = 0.0) -> Reference:
+def plan_tour(tasks: Sequence[tuple[str, float, float]], rules: Rules, tremor: float = 0.0) -> ReferenceMotion:
     """Return a reference that visits all tasks (name, low, high), rad, in order and back, through each interval.
 
     Each movement has minimum jerk and a bounded acceleration. The ends of each task are held. ``tremor`` is the
@@ -263,10 +263,12 @@ def plan_tour(tasks: Sequence[tuple[str, float, float]], rules: Rules, tremor: f
     angle += tremor * np.sin(2 * np.pi * 5.0 * time)
     velocity: FloatArray = np.gradient(angle, JOINT_STEP)
     acceleration: FloatArray = np.gradient(velocity, JOINT_STEP)
-    return Reference(time, angle, velocity, acceleration, tuple(visits))
+    return ReferenceMotion(time, angle, velocity, acceleration, tuple(visits))
 
 
-def simulate_joint(assisted: AssistedJoint, controller: JointController, reference: Reference, start: int) -> Tour:
+def simulate_joint_tour(
+    assisted: AssistedJoint, controller: JointController, reference: ReferenceMotion, start: int
+) -> Tour:
     """Return the simulated tour along a reference; it starts in node ``start``.
 
     At every fifth sample, the controller changes to the allowed node with the largest depth.
@@ -305,7 +307,7 @@ def map_change(  # noqa: PLR0917
     after: int,
     speed: float,
     size: tuple[int, int] = (41, 21),
-) -> Change | None:
+) -> NodeChange | None:
     """Return the change from node ``before`` to ``after``, simulated from a grid of all states that both nodes hold.
 
     The person brakes and then holds the joint. The result is None if no angle can be held with both settings. ``speed``
@@ -329,7 +331,7 @@ def map_change(  # noqa: PLR0917
     worst = np.maximum(worst, assisted.excess(assisted.holding_torque(angle, pressures)))
     tolerance = _TOLERANCE * (assisted.joint.torque_high - assisted.joint.torque_low)
     switched = controller.may_change(before, after, grid[:, 0])
-    return Change(before, after, grid, worst, switched, worst > tolerance)
+    return NodeChange(before, after, grid, worst, switched, worst > tolerance)
 
 
 _DIFFERENCE = 1e-4  # rad, of the finite differences
@@ -444,7 +446,7 @@ def compute_node_depths(chain: AssistedChain, nodes: Sequence[Node], q: FloatArr
     return np.stack([chain.depth(q, node.pressures) for node in nodes])
 
 
-def simulate_chain(
+def simulate_chain_tour(
     chain: AssistedChain, nodes: Sequence[Node], stops: FloatArray, postures: FloatArray, rules: Rules
 ) -> tuple[Tour, list[tuple[int, int, int]], list[tuple[int, int]]]:
     """Return a tour through ``stops`` (P, n) and back, its visits, and pairs of stops without a path.

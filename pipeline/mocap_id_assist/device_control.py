@@ -16,10 +16,10 @@ from mocap_id_assist.controllers import (
     Actuator,
     AssistedChain,
     AssistedJoint,
-    Change,
     Controlled,
     JointController,
     Node,
+    NodeChange,
     Rules,
     Tour,
     Visit,
@@ -29,8 +29,8 @@ from mocap_id_assist.controllers import (
     find_unsafe_changes,
     map_change,
     plan_tour,
-    simulate_chain,
-    simulate_joint,
+    simulate_chain_tour,
+    simulate_joint_tour,
 )
 from mocap_id_assist.devices import find_held_angles, find_task_setting, gas_of_change
 from mocap_id_assist.files import ControllerRules, Task
@@ -106,7 +106,7 @@ def control_joint(
     pieces = [(task.name, *np.radians(task.angles_deg).tolist()) for task in tasks if task.angles_deg is not None]
     reference = plan_tour(pieces, rules, float(np.radians(wishes.tremor_deg)))
     start = int(np.argmax([float(controller.depth(k, reference.angle[0])) for k in range(len(nodes))]))
-    tour = simulate_joint(assisted, controller, reference, start)
+    tour = simulate_joint_tour(assisted, controller, reference, start)
     pairs_of_nodes = itertools.permutations(range(len(nodes)), 2)
     mapped = [map_change(assisted, controller, a, b, _FASTER * rules.speed) for a, b in pairs_of_nodes]
     changes = [one for one in mapped if one is not None]
@@ -205,7 +205,7 @@ def control_chain(
         raise ValueError("no pressures of the devices hold the tasks of any group")
 
     # the tour, and every change at rest in the sampled postures that both nodes hold
-    tour, visited, no_path = simulate_chain(chain, nodes, np.concatenate(groups), q, rules)
+    tour, visited, no_path = simulate_chain_tour(chain, nodes, np.concatenate(groups), q, rules)
     tolerance = _TOLERANCE * float(np.ptp(chain.strength, axis=1).min())
     depth = compute_node_depths(chain, nodes, q)
     changes = []
@@ -214,7 +214,7 @@ def control_chain(
         if both.any():
             unsafe, missing = find_unsafe_changes(chain, nodes[before], nodes[after], q[both], tolerance)
             switched = (depth[before, both] < rules.margin) & (depth[after, both] > rules.margin + rules.hysteresis)
-            changes.append(Change(before, after, q[both], missing, switched, unsafe))
+            changes.append(NodeChange(before, after, q[both], missing, switched, unsafe))
 
     # the checks
     between = dict.fromkeys((stops[a], stops[b]) for a, b in no_path)
@@ -351,6 +351,6 @@ def _describe_chatter(dwell: float, settling: float) -> list[str]:
     ]
 
 
-def _describe_unsafe(nodes: Sequence[Node], change: Change, share: float, places: str) -> str:
+def _describe_unsafe(nodes: Sequence[Node], change: NodeChange, share: float, places: str) -> str:
     names = f"{nodes[change.before].name} to {nodes[change.after].name}"
     return f"a change from {names} is unsafe in {share:.0f} % of the {places} in which it happens"

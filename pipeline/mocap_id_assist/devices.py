@@ -29,8 +29,6 @@ from mocap_id.errors import NumericalError
 from mocap_id_assist.one_joint import OneJoint
 
 _STROKE_GRID = 361
-
-
 _CLOSE = 0.01  # largest differences of an attained spring: fraction of the stiffness, and rad
 
 
@@ -75,33 +73,20 @@ def find_nearest_setting(
     free = np.linalg.lstsq(matrix * limits.supply, target, rcond=None)[0] * limits.supply
     share = lsq_linear(matrix * limits.supply, target, (limits.lowest / limits.supply, 1.0), method="bvls").x
     setting = Setting(*(share * limits.supply).tolist())
-    spring = _stiffness_and_rest(cylinder, setting, grid, local)
-    error = cylinder.torque(grid, setting) + stiffness * (grid - rest)
-    why = _explain(free, limits, (stiffness, rest), spring, cylinder)
-    spread = float(np.abs(error).max()), float(np.sqrt(np.mean(error**2)))
-    return NearestSpring(setting, *spring, *spread, (float(grid.min()), float(grid.max())), why)
+    torque = cylinder.torque(grid, setting)
+    error = torque + stiffness * (grid - rest)
 
-
-def _stiffness_and_rest(cylinder: Cylinder, setting: Setting, grid: FloatArray, local: bool) -> tuple[float, float]:
-    """Return the stiffness, N·m/rad, and the rest angle, rad, at the rest angle or of a line fitted over the grid."""
+    # the attained spring: at its rest angle, or of a line fitted over the range
     if local:
-        rest = cylinder.rest_angle(setting)
-        angle = np.nan if rest is None else rest
-        return float(cylinder.stiffness(np.array(angle), setting)), angle
-    line = np.stack([grid, np.ones_like(grid)], axis=1)
-    slope, offset = np.linalg.lstsq(line, cylinder.torque(grid, setting), rcond=None)[0]
-    return -float(slope), float(-offset / slope) if slope else np.nan
+        zero = cylinder.rest_angle(setting)
+        attained_rest = np.nan if zero is None else zero
+        attained = float(cylinder.stiffness(np.array(attained_rest), setting))
+    else:
+        line = np.stack([grid, np.ones_like(grid)], axis=1)
+        slope, offset = np.linalg.lstsq(line, torque, rcond=None)[0]
+        attained, attained_rest = -float(slope), float(-offset / slope) if slope else np.nan
 
-
-def _explain(
-    free: FloatArray,
-    limits: PressureLimits,
-    target: tuple[float, float],
-    attained: tuple[float, float],
-    cylinder: Cylinder,
-) -> str:
-    """Return the reasons why the target (stiffness, rest angle) is not attained; empty if it is attained."""
-    (stiffness, rest), (low, high) = target, cylinder.limits
+    # why it is not the target
     parts = []
     for name, pressure in zip(("flexion", "extension"), free.tolist(), strict=True):
         if pressure > limits.supply * (1 + 1e-9):
@@ -111,8 +96,16 @@ def _explain(
     if not low <= rest <= high:
         limit = f"{np.degrees(low):.1f}° to {np.degrees(high):.1f}°"
         parts.append(f"the rest angle {np.degrees(rest):.1f}° is beyond the stroke, {limit}")
-    close = abs(attained[0] - stiffness) <= _CLOSE * stiffness and abs(attained[1] - rest) <= _CLOSE
-    return "" if close else "; ".join(parts or ["the torque of a cylinder is not linear over this range"])
+    close = abs(attained - stiffness) <= _CLOSE * stiffness and abs(attained_rest - rest) <= _CLOSE
+    return NearestSpring(
+        setting=setting,
+        stiffness=attained,
+        rest=attained_rest,
+        largest_error=float(np.abs(error).max()),
+        rms_error=float(np.sqrt(np.mean(error**2))),
+        range=(float(grid.min()), float(grid.max())),
+        why="" if close else "; ".join(parts or ["the torque of a cylinder is not linear over this range"]),
+    )
 
 
 RESERVE = 0.1
@@ -120,11 +113,7 @@ RESERVE = 0.1
 
 
 _SEARCH, _SIDE, _LEVELS, _FINE = 361, 33, 5, 2881  # angles and pressures of the grids; levels of the search
-
-
 _TASK = 41  # number of angles of each task
-
-
 _SLACK = 1e-6  # tolerance of the limits, as a fraction of the largest gravitational moment
 
 
@@ -234,8 +223,6 @@ def find_task_setting(
 
 
 _GAS_CONSTANT = 287.05  # J/(kg K), dry air
-
-
 _NORMAL_DENSITY = 1.2929  # kg/m³, air at 0 °C and 101,325 Pa
 
 
@@ -246,7 +233,11 @@ def gas_of_change(cylinder: Cylinder, before: Setting, after: Setting, temperatu
     flexion. The mass of gas in a chamber is P₀V₀/RT, and does not depend on the angle at which the setting is changed.
     The hoses between valve and supply are not included.
     """
-    change = _sealed_pressures(after, cylinder) - _sealed_pressures(before, cylinder)
+    sealed = [
+        [cylinder.atmosphere if pressure is None else pressure for pressure in (setting.flexion, setting.extension)]
+        for setting in (before, after)
+    ]
+    change = np.array(sealed[1]) - np.array(sealed[0])
     volumes = cylinder.volumes(np.asarray(cylinder.full_flexion))
     return float(np.maximum(change, 0.0) @ volumes / (_GAS_CONSTANT * temperature))
 
@@ -259,11 +250,6 @@ def normal_litres(gas: float) -> float:
 def usable_gas(volume: float, pressure: float, supply: float, temperature: float = 293.15) -> float:
     """Return the mass of gas, kg, that a reservoir (m³, Pa) gives until its pressure is down to ``supply``, Pa."""
     return max(pressure - supply, 0.0) * volume / (_GAS_CONSTANT * temperature)
-
-
-def _sealed_pressures(setting: Setting, cylinder: Cylinder) -> FloatArray:
-    given = (setting.flexion, setting.extension)
-    return np.array([cylinder.atmosphere if pressure is None else pressure for pressure in given])
 
 
 # field: (prior standard deviation, whether it refers to the logarithm, lower and upper bound of the field)
@@ -284,17 +270,9 @@ ESTIMATED = tuple(_PRIORS)
 
 
 _DETERMINED = 0.3  # largest ratio of posterior to prior standard deviation of a parameter that the log determines
-
-
 _LEAST_DEAD = 1e-4  # m: a described dead length of zero cannot be scaled
-
-
 _ROUNDS = 100  # largest number of evaluations of the fit
-
-
 _MISFIT = 0.3  # largest residual of a log that fits a cylinder, as a fraction of the torque
-
-
 _NORMAL_95 = 1.959964  # half-width of a 95 % interval, standard deviations
 
 
@@ -334,7 +312,23 @@ def identify_cylinder(described: Cylinder, log: TorqueLog) -> IdentifiedCylinder
         dead_extension=max(described.dead_extension, _LEAST_DEAD),
     )
     count, lasting = len(names), np.zeros((len(log.angle), 0)) if log.lasting is None else log.lasting
-    prior, scale, bounds = _priors(described, names, lasting.shape[1])
+    factors = lasting.shape[1]
+
+    def encode(name: str, value: float) -> float:
+        """Return the value of a parameter, or its logarithm if the prior refers to the logarithm."""
+        if not _PRIORS[name][1]:
+            return value
+        return float(np.log(value)) if value > 0 else -np.inf
+
+    # means, standard deviations and bounds of the encoded parameters, and of the factors of lasting errors
+    prior = np.array([encode(name, getattr(described, name)) for name in names] + [0.0] * factors)
+    scale = np.array([_PRIORS[name][0] for name in names] + [1.0] * factors)
+    bounds = np.array(
+        [
+            [encode(name, _PRIORS[name][2]) for name in names] + [-np.inf] * factors,
+            [encode(name, _PRIORS[name][3]) for name in names] + [np.inf] * factors,
+        ]
+    )
 
     def cylinder(code: FloatArray) -> Cylinder:
         fields = {
@@ -352,7 +346,13 @@ def identify_cylinder(described: Cylinder, log: TorqueLog) -> IdentifiedCylinder
     code, sigma = np.clip(prior, bounds[0] + 1e-6, bounds[1] - 1e-6), 0.05 * float(np.std(log.torque)) + 1e-6
     for _ in range(3):
         fit = least_squares(scaled, code, bounds=(bounds[0], bounds[1]), x_scale=scale, args=(sigma,), max_nfev=_ROUNDS)
-        code, sigma = fit.x, _residual_sd(residual(fit.x), len(code))
+        code = fit.x
+        # the standard deviation of the residuals, increased for their correlation from sample to sample
+        left = residual(code)
+        square = float(left @ left)
+        correlation = float(np.clip(float(left[:-1] @ left[1:]) / max(square, 1e-30), 0.0, 0.99))
+        variance = square / max(len(left) - len(code), 1)
+        sigma = float(np.sqrt(variance * (1 + correlation) / (1 - correlation))) + 1e-9
     rms = float(np.sqrt(np.mean(residual(code) ** 2)))
     if not fit.success or rms > _MISFIT * float(np.sqrt(np.mean(log.torque**2))):
         raise NumericalError(
@@ -368,15 +368,6 @@ def identify_cylinder(described: Cylinder, log: TorqueLog) -> IdentifiedCylinder
     return IdentifiedCylinder(cylinder(code), interval, determined, rms)
 
 
-def _priors(described: Cylinder, names: Sequence[str], factors: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return means (k,), standard deviations (k,) and bounds (2, k) of encoded parameters and of factors of errors."""
-    mean = np.array([_encode(name, getattr(described, name)) for name in names])
-    scale = np.array([_PRIORS[name][0] for name in names])
-    bounds = np.array([[_encode(name, _PRIORS[name][k]) for name in names] for k in (2, 3)])
-    free = np.full((2, factors), [[-np.inf], [np.inf]])
-    return np.append(mean, np.zeros(factors)), np.append(scale, np.ones(factors)), np.hstack([bounds, free])
-
-
 def predict_torque(cylinder: Cylinder, log: TorqueLog) -> FloatArray:
     """Return the torque of the device, with friction if the log has velocities, for each sample, N·m."""
     torque = np.zeros(len(log.angle))
@@ -385,18 +376,3 @@ def predict_torque(cylinder: Cylinder, log: TorqueLog) -> FloatArray:
         by_pressure = cylinder.torque_by_pressure(log.angle[rows], setting.sealed)
         torque[rows] = by_pressure @ setting.pressures() + cylinder.torque_of_atmosphere(setting.sealed)
     return torque if log.velocity is None else torque + cylinder.friction(log.velocity)
-
-
-def _encode(name: str, value: float) -> float:
-    """Return the value of a parameter, or its logarithm if the prior refers to the logarithm."""
-    if not _PRIORS[name][1]:
-        return value
-    return float(np.log(value)) if value > 0 else -np.inf
-
-
-def _residual_sd(residual: FloatArray, parameters: int) -> float:
-    """Return the standard deviation of the residuals, increased for their correlation from sample to sample."""
-    variance = float(residual @ residual) / max(len(residual) - parameters, 1)
-    correlation = float(residual[:-1] @ residual[1:]) / max(float(residual @ residual), 1e-30)
-    correlation = float(np.clip(correlation, 0.0, 0.99))
-    return float(np.sqrt(variance * (1 + correlation) / (1 - correlation))) + 1e-9

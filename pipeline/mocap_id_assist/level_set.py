@@ -16,8 +16,6 @@ CFL = 0.8
 
 
 _PAD = 2
-
-
 _CAP = 3.0  # largest computed χ, in radii of the initial set
 
 
@@ -99,7 +97,7 @@ class StateGrid:
 
 
 @dataclass(frozen=True)
-class ReachableSet:
+class ReachableStates:
     """Reachable sets at K times."""
 
     grid: StateGrid
@@ -118,7 +116,9 @@ def make_grid(dynamics: JointDynamics, scheme: Scheme, horizon: float) -> StateG
     return StateGrid(angle, np.linspace(-top, top, scheme.velocities | 1))
 
 
-def compute_reachable_set(dynamics: JointDynamics, times: Sequence[float], scheme: Scheme = Scheme()) -> ReachableSet:
+def compute_reachable_states(
+    dynamics: JointDynamics, times: Sequence[float], scheme: Scheme = Scheme()
+) -> ReachableStates:
     """Return the states within the joint's limits that can be reached from rest at the equilibrium.
 
     ``times``, s, are the ascending times for which the set is returned.
@@ -144,7 +144,7 @@ def solve_level_set(  # noqa: PLR0917
     times: Sequence[float],
     scheme: Scheme,
     cap: float = np.inf,
-) -> ReachableSet:
+) -> ReachableStates:
     """Return the reachable sets at ``times``, s; χ is ``first`` (N, M) at time 0, and at least ``barrier`` (N, M).
 
     ValueError is raised if the times do not ascend from 0.
@@ -163,10 +163,12 @@ def solve_level_set(  # noqa: PLR0917
     for begin, end in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True):
         march(padded, arrival, motion, method, begin, end)
         values.append(padded[_PAD:-_PAD, _PAD:-_PAD].copy())
-    return ReachableSet(grid, tuple(times), np.stack(values), arrival)
+    return ReachableStates(grid, tuple(times), np.stack(values), arrival)
 
 
-def find_reached_and_held(dynamics: JointDynamics, reached: ReachableSet, index: int = -1) -> list[tuple[float, float]]:
+def find_reached_and_held(
+    dynamics: JointDynamics, reached: ReachableStates, index: int = -1
+) -> list[tuple[float, float]]:
     """Return the intervals of angles, rad, reached at rest until ``times[index]`` that can then be held (eq. 7.8)."""
     grid, joint = reached.grid, dynamics.joint
     row = reached.values[index][:, len(grid.velocity) // 2]

@@ -95,7 +95,7 @@ def _godunov(
 
 
 @compiled
-def advance(
+def advance_levels(
     padded: FloatArray, out: FloatArray, motion: StateRates, method: MarchOptions, dt: float
 ) -> float:  # pragma: no cover
     """Compute one Euler step of ``dt``, s, and return the largest rate at which a state crosses a node, 1/s.
@@ -149,20 +149,20 @@ def march(  # noqa: PLR0917
 ) -> int:  # pragma: no cover
     """Advance χ in place from time ``start`` to ``end``, s, and return the number of steps.
 
-    ``padded`` is as for :func:`advance`. ``arrival`` (N, M) receives the time at which each state is first reached, s.
-    The length of a step follows from the rates near the front; it is reduced if the front meets faster states.
+    ``padded`` is as for :func:`advance_levels`. ``arrival`` (N, M) receives the time, s, at which each state is first
+    reached. The length of a step follows from the rates near the front; it is reduced if the front meets faster states.
     """
     first, second = padded.copy(), padded.copy()
     time, taken = start, 0
     fill_edges(padded)
-    rate = advance(padded, first, motion, method, 0.0)
+    rate = advance_levels(padded, first, motion, method, 0.0)
     while end - time > 1e-12 * end:
         dt = end - time if rate == 0.0 else min(end - time, method.cfl / rate)
         fill_edges(padded)
-        rate = advance(padded, first, motion, method, dt)
+        rate = advance_levels(padded, first, motion, method, dt)
         if method.second_order:
             fill_edges(first)
-            rate = max(rate, advance(first, second, motion, method, dt))
+            rate = max(rate, advance_levels(first, second, motion, method, dt))
         if rate * dt > 1.0:
             continue
         _store_step(padded, second if method.second_order else first, arrival, motion, time, dt, method.second_order)

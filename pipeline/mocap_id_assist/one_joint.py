@@ -142,15 +142,11 @@ REST = (-2 * np.pi, 2 * np.pi)
 
 
 PENALTY = 1e-4
-"""δ of eq. 7.10: gain of range, rad, that justifies a stiffness of mgl per radian."""
+"""δ of eq. 7.10: gain of range, rad, that justifies a stiffness of mgl per radian (several joints: gain of area)."""
 
 
 _HELPS = np.radians(0.5)  # least gain of range for which a spring is prescribed
-
-
 _TOLERANCE = np.radians(0.2)
-
-
 _COARSE, _FINE, _LEVELS, _REFINED_FROM = 512, 4096, 16, 3  # angles of the grids; levels of the search
 
 
@@ -223,7 +219,7 @@ def _search(joint: OneJoint, requirements: SpringRequirements, none: float) -> t
         first, last = 1, 0
         if required:
             inner = np.flatnonzero((grid >= min(required)) & (grid <= max(required)))
-            inner = inner if len(inner) else np.abs(grid - required[0]).argmin(keepdims=True)
+            inner = inner if len(inner) else np.abs(grid - required[0]).argmin(axis=0, keepdims=True)
             first, last = int(inner[0]), int(inner[-1])
         step, gravity = float(grid[1] - grid[0]), joint.gravity(grid)
         here = find_widest_runs(gravity, grid, centres, 0.0, limits, rests, first, last)
@@ -330,8 +326,6 @@ def _constraint_margins(
 
 
 _LEAST_GRID = 721
-
-
 _LEAST_STEPS = 200
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mocap_id import __version__
-from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray
+from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.config.device import DeviceConfig
 from mocap_id.dynamics.cylinder import ADIABATIC, ISOTHERMAL, Setting
 from mocap_id.errors import ConfigError, RecordingError
@@ -21,7 +20,7 @@ from mocap_id.reporting import paper_figures, style
 from mocap_id.reporting.paper_figures import render
 from mocap_id.reporting.results.columns import to_finite
 from mocap_id.reporting.results.result import Result
-from mocap_id.stages.device import Condition, DeviceFile
+from mocap_id.stages.device import Condition
 from mocap_id.store import Table
 from mocap_id.workflows.run_folder import open_run
 from mocap_id_assist.devices import (
@@ -35,9 +34,8 @@ from mocap_id_assist.devices import (
     usable_gas,
 )
 
+_SPAN_GRID = 361  # number of angles at which two springs are compared
 _NO_ZERO = "the torque is not zero at any angle of the stroke"
-
-
 _NO_TORQUE = "the device gives no torque in this condition"
 
 
@@ -51,7 +49,16 @@ def device_curve(
     ConfigError is raised if the exponent is not between 1 and 1.4, or a pressure is not between zero and the pressure
     of the supply.
     """
-    keys = _apply_exponent(config.keys, condition, exponent)
+    keys = config.keys
+    if exponent is not None and not ISOTHERMAL <= exponent <= ADIABATIC:
+        raise ConfigError(f"the exponent is {exponent:g}; expected 1 (isothermal) to 1.4 (adiabatic)")
+    for pressure in (condition.flexion_Pa, condition.extension_Pa):
+        if not isinstance(pressure, str) and not 0 < pressure <= keys.supply_Pa * (1 + 1e-9):
+            supply = f"{keys.supply_Pa:g} Pa"
+            raise ConfigError(
+                f"a pressure is {pressure:g} Pa; expected an absolute pressure above 0, up to the supply's {supply}"
+            )
+    keys = keys if exponent is None else keys.model_copy(update={"polytropic": exponent})
     cylinder, setting = keys.cylinder(), condition.setting()
     angle = np.linspace(*cylinder.limits, angles)
     torque, sd = keys.torque(condition, angle)
@@ -78,32 +85,13 @@ def device_curve(
         "rest_angle_rad": to_finite(np.nan if rest is None else rest),
         "why": "" if rest is not None else _NO_ZERO if torque.any() else _NO_TORQUE,
     }
-
-    def draw() -> Figure:
-        return draw_curve(angle, torque, sd, (slow, fast), friction)
-
+    title = f"torque of the device: {keys.device}"
     return Result(
         "pneumatic-curve",
         "curve.json",
         content,
-        other_files=lambda: render("curve", f"torque of the device: {keys.device}", draw),
+        other_files=lambda: render("curve", title, lambda: draw_curve(angle, torque, sd, (slow, fast), friction)),
     )
-
-
-def _apply_exponent(keys: DeviceFile, condition: Condition, exponent: float | None) -> DeviceFile:
-    """Return the device with the exponent; raise ConfigError if the exponent or a pressure is out of range."""
-    if exponent is not None and not ISOTHERMAL <= exponent <= ADIABATIC:
-        raise ConfigError(f"the exponent is {exponent:g}; expected 1 (isothermal) to 1.4 (adiabatic)")
-    for pressure in (condition.flexion_Pa, condition.extension_Pa):
-        if not isinstance(pressure, str) and not 0 < pressure <= keys.supply_Pa * (1 + 1e-9):
-            supply = f"{keys.supply_Pa:g} Pa"
-            raise ConfigError(
-                f"a pressure is {pressure:g} Pa; expected an absolute pressure above 0, up to the supply's {supply}"
-            )
-    return keys if exponent is None else keys.model_copy(update={"polytropic": exponent})
-
-
-_SPAN_GRID = 361
 
 
 def draw_curve(
@@ -220,11 +208,7 @@ def gas_budget(config: DeviceConfig) -> dict[str, Any]:
 
 
 ANGLE, TORQUE, TIME, VELOCITY = "angle_rad", "torque_Nm", "time_s", "velocity_rad_s"
-
-
 PRESSURES = "flexion_Pa", "extension_Pa"
-
-
 _KEYS = {
     "area_flexion": "area_flexion_m2",
     "area_extension": "area_extension_m2",
@@ -242,11 +226,7 @@ _LIMITS = {"area_flexion_m2": (0.25, True), "area_extension_m2": (0.25, True), "
 
 
 _LEAST = 20  # least number of samples
-
-
 _NOT_DETERMINED = "the log does not determine this parameter"
-
-
 _IN_SPACE = "elbow_flexion", "delbow_flexion", "elbow_torque"
 
 
@@ -275,7 +255,7 @@ def identify_device(config: DeviceConfig, source: Path, joint: int = 1) -> dict[
     is_csv = source.suffix.lower() == ".csv"
     log, left_out = _read_csv_log(config, source) if is_csv else _read_trial_log(config, source, joint)
     identified = identify_cylinder(described, log)
-    parameters = []
+    parameters: list[dict[str, Any]] = []
     for name in ESTIMATED:
         unit = np.degrees(1.0) if name == "full_flexion" else 1.0
         ends = identified.interval.get(name)
@@ -290,32 +270,25 @@ def identify_device(config: DeviceConfig, source: Path, joint: int = 1) -> dict[
                 "why": "" if determined else _NOT_DETERMINED if ends else "friction needs `time_s` or a velocity",
             }
         )
+    far = []  # parameters far from their description
+    for each in parameters:
+        if each["value"] is None or each["name"] not in _LIMITS:
+            continue
+        limit, relative = _LIMITS[each["name"]]
+        if abs(each["value"] - each["described"]) > limit * (abs(each["described"]) if relative else 1.0):
+            far.append(f"{each['name']} is {each['value']:.4g}, described as {each['described']:.4g}")
+    caution = (
+        f"{'; '.join(far)}: check the log (torque in N·m without an offset, angle in rad from the same zero, absolute "
+        "pressures in Pa) and the file of the device"
+    )
     return {
         "device": config.keys.device,
         "samples": len(log.angle),
         "left_out": left_out,
         "residual_Nm": identified.residual,
         "parameters": parameters,
-        "cautions": _cautions(parameters),
+        "cautions": [caution] if far else [],
     }
-
-
-def _cautions(parameters: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return one caution with the parameters far from their description and the usual causes; empty if none is far."""
-    far = []
-    for each in parameters:
-        if each["value"] is None or each["name"] not in _LIMITS:
-            continue
-        limit, relative = _LIMITS[each["name"]]
-        difference = abs(each["value"] - each["described"])
-        if difference > limit * (abs(each["described"]) if relative else 1.0):
-            far.append(f"{each['name']} is {each['value']:.4g}, described as {each['described']:.4g}")
-    if not far:
-        return []
-    return [
-        f"{'; '.join(far)}: check the log (torque in N·m without an offset, angle in rad from the same zero, absolute "
-        "pressures in Pa) and the file of the device"
-    ]
 
 
 def _read_csv_log(config: DeviceConfig, path: Path) -> tuple[TorqueLog, int]:
@@ -371,22 +344,12 @@ def _read_trial_log(config: DeviceConfig, source: Path, joint: int) -> tuple[Tor
         state = config.condition(str(name) if name is not None and config.keys.conditions else None)
         if not state.worn:
             raise ConfigError(f"{source}: the device is not worn in condition `{name}`: choose a trial with the device")
-        lasting = _lasting_errors(config, state.setting(), angle[good], motion, dynamics, good)
+        # the persistent errors (N, 2) of the elbow's torque, N·m: from the forearm's direction, and from the flexion
+        slope = -np.nan_to_num(config.keys.cylinder().stiffness(angle[good], state.setting()))
+        by_flexion = slope * _column(motion, "constant_sd_elbow_flexion")[good]
+        lasting = np.nan_to_num(np.stack([_column(dynamics, "sd_elbow_torque")[good], by_flexion], axis=1))
     which = np.zeros(int(good.sum()), dtype=np.int64)
     return TorqueLog(angle[good], torque[good], velocity[good], (state.setting(),), which, lasting), int((~good).sum())
-
-
-def _lasting_errors(  # noqa: PLR0917
-    config: DeviceConfig, setting: Setting, angle: FloatArray, angles: Table, dynamics: Table, good: BoolArray
-) -> FloatArray:
-    """Return the persistent errors (N, 2) of the elbow's torque, N·m: from the forearm's direction, and the flexion.
-
-    Each row belongs to one of the N ``good`` samples; ``angle`` (N,) is the flexion in these samples, rad.
-    """
-    by_direction = _column(dynamics, "sd_elbow_torque")[good]
-    slope = -np.nan_to_num(config.keys.cylinder().stiffness(angle, setting))
-    by_flexion = slope * _column(angles, "constant_sd_elbow_flexion")[good]
-    return np.nan_to_num(np.stack([by_direction, by_flexion], axis=1))
 
 
 def _column(table: Table, name: str) -> FloatArray:

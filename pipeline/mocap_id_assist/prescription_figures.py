@@ -12,7 +12,7 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.reporting import paper_figures, style
 from mocap_id_assist.assisted_body import SpringMap
 from mocap_id_assist.controllers import Controlled
-from mocap_id_assist.level_set import JointDynamics, ReachableSet
+from mocap_id_assist.level_set import JointDynamics, ReachableStates
 from mocap_id_assist.one_joint import OneJoint, Prescription
 
 _EVERY = 10  # every tenth sample of a tour is drawn
@@ -94,7 +94,7 @@ def draw_spring_map(springs: SpringMap) -> Figure:
 
 
 def draw_level_sets(
-    reached: ReachableSet, bounds: Sequence[tuple[float, float] | None], dynamics: JointDynamics
+    reached: ReachableStates, bounds: Sequence[tuple[float, float] | None], dynamics: JointDynamics
 ) -> Figure:
     """Draw the arrival time against angle and velocity, reachable sets, and the range that can be held (7.9, right).
 

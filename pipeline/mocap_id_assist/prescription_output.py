@@ -14,7 +14,7 @@ from mocap_id.reporting.paper_figures import render
 from mocap_id.reporting.results.columns import to_finite
 from mocap_id.reporting.results.result import Result, make_text_file
 from mocap_id_assist.assisted_body import PrescriptionResult, SpringMap, Timed
-from mocap_id_assist.controllers import Change, Controlled
+from mocap_id_assist.controllers import Controlled, NodeChange
 from mocap_id_assist.pneumatic import spring_document
 from mocap_id_assist.prescription_figures import (
     draw_chain_tour,
@@ -244,7 +244,7 @@ def _describe_controller(controlled: Controlled) -> dict[str, Any]:
     }
 
 
-def _describe_change(one: Change, names: list[str], is_joint: bool) -> dict[str, Any]:
+def _describe_change(one: NodeChange, names: list[str], is_joint: bool) -> dict[str, Any]:
     entry: dict[str, Any] = {"from": names[one.before], "to": names[one.after]}
     shares = {
         "unsafe_share": float(one.unsafe[one.switched].mean()) if one.switched.any() else None,

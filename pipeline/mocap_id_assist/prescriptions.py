@@ -29,7 +29,7 @@ from mocap_id_assist.assisted_body import (
 from mocap_id_assist.device_control import control_chain, control_joint
 from mocap_id_assist.devices import find_held_range, find_nearest_setting, find_widest_setting
 from mocap_id_assist.files import LevelSet, PrescriptionConfig, SearchGrid, SpringWish
-from mocap_id_assist.level_set import JointDynamics, Scheme, compute_reachable_set, find_reached_and_held
+from mocap_id_assist.level_set import JointDynamics, Scheme, compute_reachable_states, find_reached_and_held
 from mocap_id_assist.one_joint import REST, OneJoint, Prescription, SpringRequirements, prescribe_spring
 from mocap_id_assist.several_joints import (
     SpringPlace,
@@ -37,7 +37,7 @@ from mocap_id_assist.several_joints import (
     prescribe_several,
     sample_postures,
 )
-from mocap_id_assist.workspaces import measure
+from mocap_id_assist.workspaces import measure_workspace
 
 Report = Callable[[str], None]
 
@@ -68,7 +68,7 @@ def prescribe_from(
         As for :func:`mocap_id.runner.run`, for a trial.
     """
     body = read_body(config, progress)
-    workspace = measure(body.subject) if body.subject is not None else None
+    workspace = measure_workspace(body.subject) if body.subject is not None else None
     result = PrescriptionResult(config, body, (), workspace=workspace)
     if body.weights is None:
         return result
@@ -129,7 +129,7 @@ def _compute_ranges(joint: OneJoint, body: AssistedBody, spring: Prescription, w
         dynamics = JointDynamics(joint, inertia, spring.stiffness, 0.0 if spring.stiffness == 0 else spring.rest)
     scheme = Scheme(wish.angles, wish.velocities, wish.order == 2, wish.scheme == "lax-friedrichs")
     coarse = replace(scheme, angles=wish.angles // 2 + 1, velocities=wish.velocities // 2 + 1)
-    fine_and_coarse = [compute_reachable_set(dynamics, wish.horizons_s, each) for each in (scheme, coarse)]
+    fine_and_coarse = [compute_reachable_states(dynamics, wish.horizons_s, each) for each in (scheme, coarse)]
     bounds, rough = (
         tuple(_hull(find_reached_and_held(dynamics, each, k)) for k in range(len(wish.horizons_s)))
         for each in fine_and_coarse
@@ -283,7 +283,7 @@ def _find_widths(
     static = float(sum(high - low for low, high in joint.held_intervals(stiffness, rest)))
     if dynamics.equilibrium() is None:
         return None, static
-    reached = compute_reachable_set(dynamics, (grid.horizon_s,), Scheme(grid.angles, grid.velocities))
+    reached = compute_reachable_states(dynamics, (grid.horizon_s,), Scheme(grid.angles, grid.velocities))
     return float(sum(high - low for low, high in find_reached_and_held(dynamics, reached))), static
 
 

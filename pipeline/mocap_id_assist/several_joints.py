@@ -24,7 +24,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, sobol
 from mocap_id.geometry.planar import rotate, segment_poses
 from mocap_id_assist.holding_kernels import count_cells
-from mocap_id_assist.one_joint import OneJoint
+from mocap_id_assist.one_joint import PENALTY, OneJoint
 from mocap_id_assist.workspace import JointLimits, PlanarArm
 
 
@@ -72,8 +72,6 @@ class ChainMasses:
 
 
 _CELLS = 8  # average number of postures per cell, so that few cells contain no posture
-
-
 _REACHED = 1e-4  # m: largest distance of the tip from a reached point
 
 
@@ -159,16 +157,8 @@ BOXES = 20_000
 """Number of boxes after which the search ends."""
 
 
-PENALTY = 1e-4
-"""δ: fraction of the cells that justifies the largest allowed stiffness."""
-
-
 _TOLERANCE = 0.005  # fraction of the cells
-
-
 _HELPS = 0.01  # least gain for which springs are prescribed, as a fraction of the cells
-
-
 _SLACK = 1e-3  # fraction of the largest allowed stiffness: a softer spring counts as no spring
 
 
@@ -260,7 +250,8 @@ def prescribe_several(
     """Return the springs with which a person can hold the largest functional workspace of several joints.
 
     ``places`` are the possible springs; if there are none, the result describes the workspace without assistance.
-    ``torque`` (n, 2) are the person's limits, N·m. The search ends after a number of boxes.
+    ``torque`` (n, 2) are the person's limits, N·m. ``penalty`` is the fraction of the cells that justifies the largest
+    allowed stiffness. The search ends after a number of boxes.
 
     ValueError is raised if the search found no springs that hold every required point.
     """

@@ -37,6 +37,11 @@ class PlanarArm:
         return cls(centres, tip, np.zeros((len(centres), 2, 2)), np.zeros((2, 2)))
 
     @property
+    def base(self) -> FloatArray:
+        """Position (2,) of the first joint, m."""
+        return np.asarray(self.centres[0])
+
+    @property
     def joints(self) -> int:
         """Number of joint angles n."""
         return len(self.centres)
@@ -74,6 +79,11 @@ class SpatialArm:
 
     chain: Chain
     tip: FloatArray  # (3,) position of the tip in the frame of the last link, m
+
+    @property
+    def base(self) -> FloatArray:
+        """Position (3,) of the first joint, m."""
+        return np.asarray(self.chain.placements[0][:3, 3])
 
     @property
     def joints(self) -> int:
@@ -313,21 +323,17 @@ def _is_kept(points: FloatArray, triangulation: Delaunay, radius: float) -> Bool
     return np.where(flat, np.inf, np.linalg.norm(centre, axis=-1)) <= radius
 
 
-SAMPLES = 10_000
+POSTURES = 10_000
 """Default number of postures, as in the thesis."""
 
 
 _PARTS = (8, 4, 2, 1)  # divisors of the number of samples, to measure the convergence
-
-
 _LEAST = 64  # least number of samples for a useful shape
-
-
 _OVERLAY_POINTS = 1 << 16
 
 
 @dataclass(frozen=True)
-class Workspace:
+class ReachableWorkspace:
     """A reachable workspace."""
 
     shape: AlphaShape  # shape of the reached points, m
@@ -339,7 +345,9 @@ class Workspace:
     convergence: tuple[tuple[int, float, float], ...]  # samples, radius and measure of each fraction
 
 
-def compute_workspace(arm: Arm, limits: JointLimits, samples: int = SAMPLES, seed: int = 0) -> Workspace:
+def compute_reachable_workspace(
+    arm: Arm, limits: JointLimits, samples: int = POSTURES, seed: int = 0
+) -> ReachableWorkspace:
     """Return the reachable workspace of an arm within joint limits.
 
     The radius of the alpha shape is :data:`RADIUS_FACTOR` times the largest distance
@@ -376,7 +384,7 @@ def compute_workspace(arm: Arm, limits: JointLimits, samples: int = SAMPLES, see
     discretisation = _bound_discretisation(shapes)
     sd = _measure_sd(arm, limits, postures, shapes[-1])
     reach = NORMAL_95 * sd + discretisation
-    return Workspace(
+    return ReachableWorkspace(
         shape=shapes[-1],
         postures=postures,
         measure=measures[-1],

@@ -27,13 +27,13 @@ from mocap_id.store import Folder, Table, Tree
 from mocap_id.store.views import Skeleton, joint_columns
 from mocap_id.workflows.run_folder import check_provenance, open_run_to
 from mocap_id_assist.workspace import (
-    SAMPLES,
+    POSTURES,
     JointLimits,
     Overlay,
     PlanarArm,
+    ReachableWorkspace,
     SpatialArm,
-    Workspace,
-    compute_workspace,
+    compute_reachable_workspace,
     find_limits,
     overlay_workspaces,
 )
@@ -217,27 +217,27 @@ def _parse_point(text: str) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Reach:
+class ArmWorkspace:
     """A subject's arm with its workspace."""
 
     subject: SubjectArm
-    workspace: Workspace
+    workspace: ReachableWorkspace
     seed: int
 
 
-def measure(subject: SubjectArm, samples: int = SAMPLES, seed: int = 0) -> Reach:
+def measure_workspace(subject: SubjectArm, samples: int = POSTURES, seed: int = 0) -> ArmWorkspace:
     """Compute the workspace of a subject.
 
     ConfigError is raised if there are too few samples, or if the tip covers no area or volume because it is on the axis
     of the last joint.
     """
     try:
-        return Reach(subject, compute_workspace(subject.arm, subject.limits, samples, seed), seed)
+        return ArmWorkspace(subject, compute_reachable_workspace(subject.arm, subject.limits, samples, seed), seed)
     except ValueError as error:
         raise ConfigError(f"{subject.name}: {error}") from error
 
 
-def compare(before: Reach, after: Reach) -> Overlay:
+def compare_workspaces(before: ArmWorkspace, after: ArmWorkspace) -> Overlay:
     """Return the gain and loss of workspace from ``before`` to ``after``, with the first joints at the same position.
 
     ConfigError is raised if one workspace is an area and the other a volume.
@@ -247,16 +247,11 @@ def compare(before: Reach, after: Reach) -> Overlay:
             f"the workspace of {before.subject.name} has {before.subject.arm.dimension} dimensions, but the workspace "
             f"of {after.subject.name} has {after.subject.arm.dimension}: only equal dimensions can be compared"
         )
-    shift = first_joint(before.subject.arm) - first_joint(after.subject.arm)
+    shift = before.subject.arm.base - after.subject.arm.base
     return overlay_workspaces(before.workspace.shape, after.workspace.shape, shift, before.seed)
 
 
-def first_joint(arm: PlanarArm | SpatialArm) -> FloatArray:
-    """Return the position (d,) of the first joint of an arm, m."""
-    return arm.centres[0] if isinstance(arm, PlanarArm) else np.asarray(arm.chain.placements[0][:3, 3])
-
-
-def workspace_result(reach: Reach, later: Reach | None = None, change: Overlay | None = None) -> Result:
+def workspace_result(reach: ArmWorkspace, later: ArmWorkspace | None = None, change: Overlay | None = None) -> Result:
     """Return ``workspace.json``, the edge as CSV, and figures: of one workspace, or of two and their difference."""
     content: dict[str, Any] = {"product": __version__, **_document(reach)}
     if later is not None and change is not None:
@@ -268,32 +263,29 @@ def workspace_result(reach: Reach, later: Reach | None = None, change: Overlay |
             "counting_sd": change.sd,
             "aligned_at": "first joint",
         }
-    return Result("workspace", "workspace.json", content, other_files=lambda: _files(reach, later, change), end="")
+    return Result("workspace", "workspace.json", content, other_files=lambda: _make_files(reach, later, change), end="")
 
 
-def _files(reach: Reach, later: Reach | None, change: Overlay | None) -> dict[str, bytes]:
-    files = {"workspace.csv": make_text_file(_edge_rows(reach)), **_draw("workspace", reach)}
-    if later is None or change is None:
-        return files
-    names = (reach.subject.name, later.subject.name)
-    return {
-        **files,
-        "compared_with.csv": make_text_file(_edge_rows(later)),
-        **_draw("compared_with", later),
-        **render("change", "workspaces over each other", lambda: draw_change(change, names)),
-    }
+def _make_files(reach: ArmWorkspace, later: ArmWorkspace | None, change: Overlay | None) -> dict[str, bytes]:
+    """Return the edges and the figures, by name."""
+
+    def make(name: str, one: ArmWorkspace) -> dict[str, bytes]:
+        arm, title = one.subject.arm, f"reachable workspace of {one.subject.name}"
+        files = {f"{name}.csv": make_text_file(_edge_rows(one))}
+        if arm.dimension == 2:
+            seen = arm.tips(one.subject.observed)
+            return files | render(name, title, lambda: draw_area(one.workspace, seen, arm.base))
+        return files | render(name, title, lambda: draw_volume(one.workspace, arm.base))
+
+    files = make("workspace", reach)
+    if later is not None and change is not None:
+        files |= make("compared_with", later)
+        names = reach.subject.name, later.subject.name
+        files |= render("change", "workspaces over each other", lambda: draw_change(change, names))
+    return files
 
 
-def _draw(name: str, reach: Reach) -> dict[str, bytes]:
-    subject, workspace = reach.subject, reach.workspace
-    title, joint = f"reachable workspace of {subject.name}", first_joint(subject.arm)
-    if subject.arm.dimension == 2:
-        seen = subject.arm.tips(subject.observed)
-        return render(name, title, lambda: draw_area(workspace, seen, joint))
-    return render(name, title, lambda: draw_volume(workspace, joint))
-
-
-def _document(reach: Reach) -> dict[str, Any]:
+def _document(reach: ArmWorkspace) -> dict[str, Any]:
     subject, workspace = reach.subject, reach.workspace
     limits = subject.limits
     return {
@@ -328,7 +320,7 @@ def _document(reach: Reach) -> dict[str, Any]:
     }
 
 
-def _edge_rows(reach: Reach) -> Iterator[str]:
+def _edge_rows(reach: ArmWorkspace) -> Iterator[str]:
     """Yield the lines of a CSV file with the edge: two points for each facet in the plane, three points in space."""
     shape = reach.workspace.shape
     yield ",".join(["facet", "corner", *(f"{axis}_m" for axis in "xyz"[: shape.points.shape[1]])])
@@ -341,12 +333,12 @@ _TIPS, _CHANGES = 1500, 6000  # maximum number of points that are drawn
 _VIEWS = (("front", 2, 1), ("side", 0, 1), ("top", 2, 0))
 
 
-def draw_area(workspace: Workspace, recorded: FloatArray, joint: FloatArray) -> Figure:
+def draw_area(workspace: ReachableWorkspace, recorded: FloatArray, joint: FloatArray) -> Figure:
     """Return the figure of a planar workspace: recorded tips, sampled postures, area, and convergence (figure 7.1).
 
     Parameters
     ----------
-    workspace : Workspace
+    workspace : ReachableWorkspace
         Set of tip positions that can be reached.
     recorded : (T, 2) array
         Tip positions in the recording, m; empty if the chain is not from a recording but defined in YAML.
@@ -373,12 +365,12 @@ def draw_area(workspace: Workspace, recorded: FloatArray, joint: FloatArray) -> 
     return figure
 
 
-def draw_volume(workspace: Workspace, joint: FloatArray) -> Figure:
+def draw_volume(workspace: ReachableWorkspace, joint: FloatArray) -> Figure:
     """Return the figure of a spatial workspace: surface, convergence, and three projections (figures 7.3 and 7.4).
 
     Parameters
     ----------
-    workspace : Workspace
+    workspace : ReachableWorkspace
         Set of tip positions that can be reached.
     joint : (3,) array
         Position of the first joint, m.
@@ -435,13 +427,13 @@ def _draw_joint(axes: Axes, joint: FloatArray) -> None:
     axes.set_aspect("equal", adjustable="datalim")
 
 
-def _draw_edge(axes: Axes, workspace: Workspace) -> None:
+def _draw_edge(axes: Axes, workspace: ReachableWorkspace) -> None:
     segments = workspace.shape.points[workspace.shape.boundary()]
     axes.add_collection(LineCollection(list(segments), colors=style.BLUE, linewidths=0.9, rasterized=True))
     axes.autoscale_view()
 
 
-def _draw_convergence(axes: Axes, workspace: Workspace, unit: str) -> None:
+def _draw_convergence(axes: Axes, workspace: ReachableWorkspace, unit: str) -> None:
     """Draw area or volume against the number of samples, with the interval of the last value."""
     counts, _, values = zip(*workspace.convergence, strict=True)
     axes.axhspan(*workspace.interval, color=style.BLUE, alpha=0.15, lw=0)

@@ -19,7 +19,7 @@ from mocap_id_assist.controllers import (
     compute_node_depths,
     find_pressures,
     find_unsafe_changes,
-    simulate_chain,
+    simulate_chain_tour,
 )
 from mocap_id_assist.devices import find_held_angles, find_task_setting
 from mocap_id_assist.one_joint import OneJoint
@@ -82,7 +82,7 @@ def tour(lag: float, speed: float = 60.0) -> tuple[AssistedChain, list[Node], Fl
         assert found[1] > 0
         nodes.append(Node(name, found[0]))
     grid = np.stack(np.meshgrid(*[np.linspace(0, JOINT.upper, 33)] * 2), axis=-1).reshape(-1, 2)
-    moved, visits, no_path = simulate_chain(chain, nodes, stops, grid, replace(RULES, speed=np.radians(speed)))
+    moved, visits, no_path = simulate_chain_tour(chain, nodes, stops, grid, replace(RULES, speed=np.radians(speed)))
     assert [stop for stop, _, _ in visits] == [0, 1, 0]
     assert not no_path
     return chain, nodes, grid, moved

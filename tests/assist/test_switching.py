@@ -14,12 +14,12 @@ from mocap_id_assist.controllers import (
     AssistedJoint,
     JointController,
     Node,
-    Reference,
+    ReferenceMotion,
     Rules,
     compute_depths,
     map_change,
     plan_tour,
-    simulate_joint,
+    simulate_joint_tour,
 )
 from mocap_id_assist.devices import find_held_angles, find_held_range, find_task_setting, find_widest_setting
 from mocap_id_assist.one_joint import OneJoint
@@ -92,7 +92,7 @@ def test_no_pressures_of_a_grid_hold_more(required: tuple[float, ...]) -> None:
 def test_a_tour_is_held_within_the_strength_and_pressures_lag() -> None:
     rules, reference = for_tasks(), plan_tour(TASKS, RULES, np.radians(0.2))
     assert np.abs(reference.velocity).max() < 1.3 * RULES.speed
-    tour = simulate_joint(PERSON, rules, reference, 0)
+    tour = simulate_joint_tour(PERSON, rules, reference, 0)
     assert tour.excess.max() == 0.0
     assert tour.torque is not None
     assert np.abs(tour.torque).max() <= 2.2
@@ -117,8 +117,8 @@ def test_hysteresis_stops_chattering() -> None:
     for each, centre in ((rules, middle), (free, np.radians(np.mean(ends)))):
         angle = centre + np.radians(0.7) * np.sin(2 * np.pi * time)
         velocity = np.gradient(angle, JOINT_STEP)
-        reference = Reference(time, angle, velocity, np.gradient(velocity, JOINT_STEP), ())
-        counts.append(len(simulate_joint(PERSON, each, reference, 0).switches))
+        reference = ReferenceMotion(time, angle, velocity, np.gradient(velocity, JOINT_STEP), ())
+        counts.append(len(simulate_joint_tour(PERSON, each, reference, 0).switches))
     assert counts[0] == 1
     assert counts[1] > 5
 

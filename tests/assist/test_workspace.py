@@ -23,12 +23,12 @@ from mocap_id_assist.workspace import (
     SpatialArm,
     compute_alpha_shape,
     compute_measure,
-    compute_workspace,
+    compute_reachable_workspace,
     find_limits,
     overlay_workspaces,
     sample_box,
 )
-from mocap_id_assist.workspaces import measure, read_arm
+from mocap_id_assist.workspaces import measure_workspace, read_arm
 
 UPPER, FORE = 0.31, 0.28
 LOWER_LIMITS, UPPER_LIMITS = np.array([0.98, -2.0]), np.array([3.05, -0.1])
@@ -45,7 +45,7 @@ def exact_area(lower: np.ndarray, upper: np.ndarray) -> float:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_area_of_a_two_link_arm_is_the_exact_one(seed: int) -> None:
-    found = compute_workspace(arm(), JointLimits.given(LOWER_LIMITS, UPPER_LIMITS), seed=seed)
+    found = compute_reachable_workspace(arm(), JointLimits.given(LOWER_LIMITS, UPPER_LIMITS), seed=seed)
     exact = exact_area(LOWER_LIMITS, UPPER_LIMITS)
     assert found.measure == pytest.approx(exact, rel=5e-4)
     errors = [abs(value - exact) for _, _, value in found.convergence]
@@ -56,7 +56,7 @@ def test_the_interval_is_that_of_drawn_limits_and_dimensions() -> None:
     sd = np.array([0.004, 0.006])
     limits = JointLimits(LOWER_LIMITS, UPPER_LIMITS, sd, sd)
     uncertain = PlanarArm(arm().centres, arm().tip, np.stack([np.eye(2)] * 2) * 0.002**2, np.eye(2) * 0.001**2)
-    found = compute_workspace(uncertain, limits, samples=4000)
+    found = compute_reachable_workspace(uncertain, limits, samples=4000)
     random = np.random.default_rng(4)
     drawn = []
     for _ in range(20_000):
@@ -86,7 +86,7 @@ def test_the_volume_of_a_shoulder_that_turns_every_way_is_a_shell(upper: float, 
     chain = Chain((Revolute((0, 1, 0)), Revolute((1, 0, 0)), Revolute((1, 0, 0))), np.stack([still, still, elbow]))
     bent = np.radians(bend)
     limits = JointLimits.given(np.array([-np.pi, -np.pi, 0.0]), np.array([np.pi, np.pi, bent]))
-    found = compute_workspace(SpatialArm(chain, np.array([0.0, -fore, 0.0])), limits)
+    found = compute_reachable_workspace(SpatialArm(chain, np.array([0.0, -fore, 0.0])), limits)
     inner = np.sqrt(upper**2 + fore**2 + 2 * upper * fore * np.cos(bent))
     exact = 4 / 3 * np.pi * ((upper + fore) ** 3 - inner**3)
     assert found.measure == pytest.approx(exact, rel=0.03)
@@ -181,7 +181,7 @@ def test_the_planar_arm_is_the_spatial_one_in_its_plane() -> None:
 def test_the_area_of_arm_reach_from_its_recording(reaching_arm: Path, recordings: Path) -> None:
     truth = json.loads((recordings / "simulated" / "arm-reach" / "truth.json").read_text())["reach"]["area_m2"]
     for chosen in ("WRST", None):
-        reach = measure(read_arm(reaching_arm, chosen))
+        reach = measure_workspace(read_arm(reaching_arm, chosen))
         assert reach.subject.tip == "WRST"
         assert reach.workspace.measure == pytest.approx(truth, rel=0.01)
         low, high = reach.workspace.interval

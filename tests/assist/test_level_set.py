@@ -12,7 +12,7 @@ from mocap_id_assist.level_set import (
     JointDynamics,
     Scheme,
     StateGrid,
-    compute_reachable_set,
+    compute_reachable_states,
     find_reached_and_held,
     solve_level_set,
 )
@@ -112,7 +112,7 @@ def test_the_front_is_where_bang_bang_trajectories_end() -> None:
 
 def test_table_7_2() -> None:
     dynamics, times = arm(), (1.0, 2.0, 3.0, 4.0)
-    reached = compute_reachable_set(dynamics, times, Scheme(81, 81))
+    reached = compute_reachable_states(dynamics, times, Scheme(81, 81))
     held = dynamics.joint.held_intervals(STIFFNESS, REST)
     bounds = [find_reached_and_held(dynamics, reached, k) for k in range(len(times))]
     lower, upper = np.degrees([part[0][0] for part in bounds]), np.degrees([part[-1][1] for part in bounds])
@@ -123,7 +123,7 @@ def test_table_7_2() -> None:
     assert upper[-1] == pytest.approx(static[1], abs=3.0)
     assert np.all(upper <= static[1] + 1e-6)
     # pushing upwards for 0.823 s and braking afterwards ends at rest at 137.43° after 1 s (integrated step by step)
-    coarse = compute_reachable_set(dynamics, times, Scheme(41, 41))
+    coarse = compute_reachable_states(dynamics, times, Scheme(41, 41))
     of_grid = abs(np.degrees(find_reached_and_held(dynamics, coarse, 0)[-1][1]) - upper[0])
     assert abs(upper[0] - 137.43) < of_grid
     assert np.degrees(held[0][1]) == pytest.approx(113.27, abs=0.01)  # the person can pass the angles
@@ -131,7 +131,7 @@ def test_table_7_2() -> None:
 
 
 def test_what_was_reached_stays_and_the_limits_hold() -> None:
-    reached = compute_reachable_set(arm(), (0.5, 1.0, 2.0), Scheme(61, 61))
+    reached = compute_reachable_states(arm(), (0.5, 1.0, 2.0), Scheme(61, 61))
     assert np.all(np.diff(reached.values, axis=0) <= 1e-12)
     known = np.isfinite(reached.arrival)
     assert known.sum() == (reached.values[-1] <= 0).sum()
@@ -146,7 +146,7 @@ def test_a_stronger_person_reaches_more(friedrichs: bool) -> None:
     sizes = []
     for strength in (0.1, 0.2, 0.4):
         dynamics = JointDynamics(weak_arm(strength), INERTIA, STIFFNESS, REST)
-        found = compute_reachable_set(dynamics, (1.0,), scheme)
+        found = compute_reachable_states(dynamics, (1.0,), scheme)
         sizes.append((found.values[-1] <= 0).sum() * np.prod(found.grid.steps))
     assert sizes[0] < sizes[1] < sizes[2]
 
@@ -155,7 +155,7 @@ def test_a_damper_slows_the_front() -> None:
     free, damped = (JointDynamics(weak_arm(), INERTIA, STIFFNESS, REST, damping=d) for d in (0.0, 2.0))
     sizes = []
     for dynamics in (free, damped):
-        found = compute_reachable_set(dynamics, (1.0,), Scheme(61, 61))
+        found = compute_reachable_states(dynamics, (1.0,), Scheme(61, 61))
         sizes.append((found.values[-1] <= 0).sum() * np.prod(found.grid.steps))
     assert sizes[1] < 0.8 * sizes[0]
 
