@@ -105,7 +105,7 @@ class Visit:
 
     task: str
     start: float  # s
-    posture: FloatArray  # (n,) posture at the start, rad
+    posture: FloatArray | None  # (n,) posture at the start, rad; None for one joint
     held: bool  # whether the task was reached and held
     missing: float  # largest missing torque, N·m
 

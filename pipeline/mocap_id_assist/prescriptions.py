@@ -263,28 +263,23 @@ def map_springs(
     rest = np.radians(_grid_values(grid.rest_deg))
     inputs = {"joint": asdict(joint), "inertia": inertia, "grid": grid.model_dump(mode="json"), "version": 1}
     key = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
-    rows = _read_rows(folder, key)
+    rows, scheme = _read_rows(folder, key), Scheme(grid.angles, grid.velocities)
     for index, k in enumerate(stiffness.tolist()):
         if index < len(rows):
             continue
-        rows.append([_find_widths(joint, inertia, k, angle, grid) for angle in rest.tolist()])
+        row: list[tuple[float | None, float]] = []
+        for angle in rest.tolist():
+            dynamics, width = JointDynamics(joint, inertia, k, angle), None
+            if dynamics.equilibrium() is not None:
+                reached = compute_reachable_states(dynamics, (grid.horizon_s,), scheme)
+                width = float(sum(high - low for low, high in find_reached_and_held(dynamics, reached)))
+            row.append((width, float(sum(high - low for low, high in joint.held_intervals(k, angle)))))
+        rows.append(row)
         if folder is not None:
             write_files(folder, {ROWS_FILE: json.dumps({"key": key, "rows": rows}).encode()})
         report(f"springs: {index + 1} of {len(stiffness)} stiffnesses")
     both = np.array([[[np.nan if x is None else x for x in pair] for pair in row] for row in rows])
     return SpringMap(stiffness, rest, both[..., 0], both[..., 1], grid.horizon_s)
-
-
-def _find_widths(
-    joint: OneJoint, inertia: float, stiffness: float, rest: float, grid: SearchGrid
-) -> tuple[float | None, float]:
-    """Return the width of the reached and held range (None without an equilibrium), and of the held range, rad."""
-    dynamics = JointDynamics(joint, inertia, stiffness, rest)
-    static = float(sum(high - low for low, high in joint.held_intervals(stiffness, rest)))
-    if dynamics.equilibrium() is None:
-        return None, static
-    reached = compute_reachable_states(dynamics, (grid.horizon_s,), Scheme(grid.angles, grid.velocities))
-    return float(sum(high - low for low, high in find_reached_and_held(dynamics, reached))), static
 
 
 def _grid_values(given: tuple[float, float, float]) -> FloatArray:

@@ -190,7 +190,13 @@ def _find_tip(skeleton: Skeleton, residual: FloatArray, tip: str | None, source:
     """Return name and position (2,) of the tip in the last segment's frame, and the rms error of this position, m."""
     labels, segment, local, last = skeleton.markers, skeleton.marker_segment, skeleton.local, len(skeleton.centres)
     if tip is not None and "," in tip:
-        return f"({tip}) m", _parse_point(tip), 0.0
+        try:
+            point = np.array([float(part) for part in tip.split(",")])
+        except ValueError:
+            point = np.zeros(0)
+        if point.shape != (2,) or not np.isfinite(point).all():
+            raise ConfigError(f"--tip {tip}: expected a marker of the last segment, or a point `x,y` in its frame, m")
+        return f"({tip}) m", point, 0.0
     own = [k for k in range(len(labels)) if segment[k] == last]
     if not own:
         raise RecordingError(f"{source}: the last segment has no marker: give the tip as a point, `--tip x,y`")
@@ -203,17 +209,6 @@ def _find_tip(skeleton: Skeleton, residual: FloatArray, tip: str | None, source:
         about = "is not on the last segment" if tip in labels else "is not a marker of the chain"
         raise ConfigError(f"{source}: the tip `{tip}` {about}: {suggest_name(tip, known)}")
     return labels[k], local[k], float(np.nan_to_num(residual[k]))
-
-
-def _parse_point(text: str) -> FloatArray:
-    """Return the point (2,) in the text of `--tip`; raise ConfigError if it is not two numbers."""
-    try:
-        point = np.array([float(part) for part in text.split(",")])
-    except ValueError:
-        point = np.zeros(0)
-    if point.shape != (2,) or not np.isfinite(point).all():
-        raise ConfigError(f"--tip {text}: expected a marker of the last segment, or a point `x,y` in its frame, m")
-    return point
 
 
 @dataclass(frozen=True)
@@ -350,8 +345,10 @@ def draw_area(workspace: ReachableWorkspace, recorded: FloatArray, joint: FloatA
     every = max(1, len(recorded) // _TIPS)
     track.plot(*recorded[::every].T, ".", ms=1.5, color=style.VERMILLION)
     cloud.plot(*workspace.shape.points[:_TIPS].T, ".", ms=1.2, color=style.VERMILLION)
+    edge = workspace.shape.points[workspace.shape.boundary()]
     for axes in (cloud, area):
-        _draw_edge(axes, workspace)
+        axes.add_collection(LineCollection(list(edge), colors=style.BLUE, linewidths=0.9, rasterized=True))
+        axes.autoscale_view()
     simplices = workspace.shape.triangulation.simplices[workspace.shape.kept]
     filled = PolyCollection(list(workspace.shape.points[simplices]), facecolors=style.SKY, rasterized=True)
     area.add_collection(filled)
@@ -425,12 +422,6 @@ def draw_change(change: Overlay, names: tuple[str, str]) -> Figure:
 def _draw_joint(axes: Axes, joint: FloatArray) -> None:
     axes.plot(*joint, "o", ms=5, mfc="none", mec=style.INK)
     axes.set_aspect("equal", adjustable="datalim")
-
-
-def _draw_edge(axes: Axes, workspace: ReachableWorkspace) -> None:
-    segments = workspace.shape.points[workspace.shape.boundary()]
-    axes.add_collection(LineCollection(list(segments), colors=style.BLUE, linewidths=0.9, rasterized=True))
-    axes.autoscale_view()
 
 
 def _draw_convergence(axes: Axes, workspace: ReachableWorkspace, unit: str) -> None:
