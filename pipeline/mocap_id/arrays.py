@@ -1,4 +1,4 @@
-"""Array types for annotations, helpers for arrays, and the half-width of 95 % intervals."""
+"""Array types for annotations, helpers for arrays, Sobol' samples, and the half-width of 95 % intervals."""
 
 import warnings
 from typing import TypeAlias
