@@ -14,7 +14,7 @@ Commands:
 - ``pneumatic``: ``mocap-id pneumatic``
 - ``assisted_body``, ``prescriptions``, ``device_control``, ``prescription_output``, ``prescription_figures``:
   ``mocap-id prescribe``
-- ``files``: the YAML files of prescriptions and chains
+- ``files``: the YAML file of a prescription
 
 ``mocap_id`` does not import this package; the commands do.
 """
