@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import least_squares, linprog, lsq_linear
@@ -26,7 +27,9 @@ from scipy.optimize import least_squares, linprog, lsq_linear
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_runs
 from mocap_id.dynamics.cylinder import ADIABATIC, ISOTHERMAL, Cylinder, PressureLimits, Setting
 from mocap_id.errors import NumericalError
-from mocap_id_assist.one_joint import OneJoint
+
+if TYPE_CHECKING:
+    from mocap_id_assist.one_joint import OneJoint  # loads numba, which `mocap-id pneumatic` does not need
 
 _STROKE_GRID = 361
 _CLOSE = 0.01  # largest differences of an attained spring: fraction of the stiffness, and rad
