@@ -14,15 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.prescription.level_set import (
+from mocap_id_assist.level_set import (
     JointDynamics,
     Scheme,
     StateGrid,
-    compute_reachable_set,
+    compute_reachable_states,
     make_grid,
     solve_level_set,
 )
-from mocap_id.prescription.one_joint import OneJoint
+from mocap_id_assist.one_joint import OneJoint
 
 HORIZON = 2.0
 WEIGHT, INERTIA, STIFFNESS, REST = 3.43 * 9.81 * 0.30, 0.43, 4.297, np.radians(210)
@@ -92,7 +92,7 @@ def main() -> None:
     grid = make_grid(dynamics, scheme, HORIZON)
     first, free = first_set(dynamics, grid), np.full((len(grid.angle), len(grid.velocity)), -np.inf)
     whole, plain = least(lambda: solve_level_set(dynamics, grid, first, free, (HORIZON,), scheme).values[-1])
-    band, _ = least(lambda: compute_reachable_set(dynamics, (HORIZON,), scheme))
+    band, _ = least(lambda: compute_reachable_states(dynamics, (HORIZON,), scheme))
     other, values = least(theirs(dynamics, grid, first))
     apart = float(np.mean((plain <= 0) != (values <= 0)) / np.mean(plain <= 0))
     print(f"grid {len(grid.angle)} x {len(grid.velocity)}, {HORIZON:g} s, shortest of 5:")

@@ -14,8 +14,8 @@ from mocap_id.arrays import NORMAL_95
 from mocap_id.config.device import load_device
 from mocap_id.errors import ConfigError
 from mocap_id.stages.device import Condition
-from mocap_id.workflows import pneumatic as workflow
 from mocap_id.workflows.run_folder import describe_sources
+from mocap_id_assist import pneumatic as workflow
 from mocap_id_cli.console import AsJson, align, make_group, print_json
 
 Device = Annotated[

@@ -9,9 +9,9 @@ import typer
 
 from mocap_id.config import build_schema
 from mocap_id.config.parsing import build_json_schema
-from mocap_id.config.prescription import PrescriptionFile
 from mocap_id.config.study import build_study_schema
 from mocap_id.stages.device import DeviceFile
+from mocap_id_assist.files import PrescriptionFile
 
 
 def schema(

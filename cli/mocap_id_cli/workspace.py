@@ -10,9 +10,9 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from mocap_id.prescription.workspace import Overlay
-from mocap_id.workflows import workspace as workflow
 from mocap_id.workflows.run_folder import describe_sources
+from mocap_id_assist import workspaces as workflow
+from mocap_id_assist.workspace import Overlay
 from mocap_id_cli import progress
 from mocap_id_cli.console import AsJson, Quiet, Verbose, log_to_stderr, print_json
 
@@ -56,8 +56,8 @@ def workspace(
     log_to_stderr(quiet, verbose)
     paths = [trial] if compare is None else [trial, compare]
     subjects = [workflow.read_arm(path, tip, quantile, progress.report_stages(quiet)) for path in paths]
-    reaches = [workflow.measure(subject, samples, seed) for subject in subjects]
-    change = workflow.compare(*reaches) if compare is not None else None
+    reaches = [workflow.measure_workspace(subject, samples, seed) for subject in subjects]
+    change = workflow.compare_workspaces(*reaches) if compare is not None else None
     later = reaches[1] if compare is not None else None
     result = workflow.workspace_result(reaches[0], later, change)
     if out is not None:
@@ -74,7 +74,7 @@ def workspace(
         typer.echo(f"written to {out}: {', '.join(files)}")
 
 
-def _lines(reach: workflow.Reach) -> Iterator[str]:
+def _lines(reach: workflow.ArmWorkspace) -> Iterator[str]:
     subject, found = reach.subject, reach.workspace
     kind, unit = ("area", "m²") if subject.arm.dimension == 2 else ("volume", "m³")
     low, high = found.interval

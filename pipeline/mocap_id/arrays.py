@@ -1,5 +1,6 @@
-"""Array types for annotations, helpers for arrays, and the half-width of 95 % intervals."""
+"""Array types for annotations, helpers for arrays, Sobol' samples, and the half-width of 95 % intervals."""
 
+import warnings
 from typing import TypeAlias
 
 import numpy as np
@@ -65,3 +66,12 @@ def as_complex(points: FloatArray) -> ComplexArray:
 def as_xy(points: ComplexArray) -> FloatArray:
     """Return the coordinates (x, y), shape (..., 2), of points given as complex numbers x + iy of shape (...)."""
     return np.stack([points.real, points.imag], axis=-1)
+
+
+def sobol(count: int, dimension: int, seed: int) -> FloatArray:
+    """Return a scrambled Sobol' sequence (count, dimension) in [0, 1); its first half is also a Sobol' sequence."""
+    from scipy.stats import qmc  # noqa: PLC0415  few commands need scipy.stats
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="The balance properties", category=UserWarning)
+        return np.asarray(qmc.Sobol(dimension, rng=seed).random(count))

@@ -11,7 +11,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.geometry import so3
-from mocap_id.prescription.sampling import sobol
+from mocap_id.arrays import sobol
 from mocap_id_simulation.arm import (
     ArmBody,
     ArmMarkers,

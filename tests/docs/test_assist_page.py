@@ -13,7 +13,7 @@ from pages_of_docs import DOCS, ROOT, blocks
 from typer.testing import CliRunner
 
 from mocap_id.config.device import load_device
-from mocap_id.pneumatics.identification import TorqueLog, predict_torque
+from mocap_id_assist.devices import TorqueLog, predict_torque
 from mocap_id_cli.app import build
 
 PAGE = DOCS / "assist.md"

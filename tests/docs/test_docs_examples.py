@@ -15,15 +15,15 @@ from ruamel.yaml import YAML, YAMLError
 from typer.main import get_command
 
 from mocap_id.config import build_trial_model, load
-from mocap_id.config.chain import load_chain
 from mocap_id.config.device import load_device
-from mocap_id.config.prescription import load_prescription
 from mocap_id.config.robot_study import load_robot_study
 from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGE_HELP
 from mocap_id.workflows.parallel import backends
 from mocap_id.workflows.sensitivity.plan import read_options
+from mocap_id_assist.files import load_prescription
+from mocap_id_assist.workspaces import load_chain
 from mocap_id_cli.app import build, load_command
 from mocap_id_cli.commands import COMMANDS
 

@@ -12,7 +12,7 @@ import pytest
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "equations.md"
 EQUATIONS = {2: 57, 3: 18, 4: 26, 5: 1, 6: 1, 7: 20}
 ROW = re.compile(r"^\| (\d\.\d+[^|]*)\|", re.MULTILINE)
-NAME = re.compile(r"`((?:geometry|kinematics|estimation|dynamics|prescription|pneumatics)\.[\w.]+)`")
+NAME = re.compile(r"`((?:geometry|kinematics|estimation|dynamics|mocap_id_assist)\.[\w.]+)`")
 
 
 def numbers(cell: str):
@@ -26,7 +26,8 @@ def numbers(cell: str):
 def find(name: str):
     """Return the object named ``package.module.attribute…``."""
     parts = name.split(".")
-    module = importlib.import_module("mocap_id." + ".".join(parts[:2]))
+    package = "" if parts[0] == "mocap_id_assist" else "mocap_id."
+    module = importlib.import_module(package + ".".join(parts[:2]))
     found = module
     for part in parts[2:]:
         found = getattr(found, part)

@@ -1,0 +1,463 @@
+"""The files of a prescription (JSON document, tables, figures), and the sentences about it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from mocap_id import __version__
+from mocap_id.arrays import BoolArray, FloatArray, find_runs
+from mocap_id.reporting.paper_figures import render
+from mocap_id.reporting.results.columns import to_finite
+from mocap_id.reporting.results.result import Result, make_text_file
+from mocap_id_assist.assisted_body import PrescriptionResult, SpringMap, Timed
+from mocap_id_assist.controllers import Controlled, NodeChange
+from mocap_id_assist.pneumatic import spring_document
+from mocap_id_assist.prescription_figures import (
+    draw_chain_tour,
+    draw_holdable_postures,
+    draw_level_sets,
+    draw_ranges,
+    draw_spring_map,
+    draw_switching,
+)
+from mocap_id_assist.several_joints import Graph, find_held_postures
+from mocap_id_assist.workspaces import workspace_result
+
+
+def prescription_output(found: PrescriptionResult) -> Result:
+    """Return ``prescription.json``, and the tables and figures of all computed parts.
+
+    In the document, `springs` is null if no springs could be prescribed; `why` is then the reason.
+    """
+    body, one, several = found.body, found.one, found.several
+    content: dict[str, Any] = {
+        "product": __version__,
+        "prescription": found.config.wishes.prescription,
+        "joints": [
+            {
+                "name": name,
+                "limits_deg": _degrees((body.limits.lower[j], body.limits.upper[j])),
+                "strength_Nm": [to_finite(value) for value in body.strength[j]],
+            }
+            for j, name in enumerate(body.joints)
+        ],
+        "why": found.refused,
+        "springs": None,
+    }
+    if found.workspace is not None:
+        content["workspace"] = workspace_result(found.workspace).document
+    if one is not None and found.joint is not None:
+        spring = {"joints": [1], "stiffness_Nm_per_rad": one.stiffness, "rest_deg": to_finite(np.degrees(one.rest))}
+        content |= {
+            "helps": one.helps,
+            "springs": [spring] if one.helps else [],
+            "moment_of_gravity_Nm": found.joint.weight,
+            "range_deg": _degrees(one.range),
+            "range_without_deg": None if one.without is None else _degrees(one.without),
+            "gap_deg": float(np.degrees(one.gap)),
+        }
+    if several is not None:
+        content |= {
+            "helps": several.helps,
+            "springs": [
+                {
+                    "joints": [joint + 1 for joint in place.joints],
+                    "stiffness_Nm_per_rad": float(several.stiffness[s]),
+                    "rest_deg": to_finite(np.degrees(several.rest[s])),
+                }
+                for s, place in enumerate(found.places)
+                if several.stiffness[s] > 0
+            ],
+            "functional_workspace_m2": several.area,
+            "functional_workspace_without_m2": several.without,
+            "reachable_m2": several.reachable,
+            "gap_m2": several.gap,
+            "boxes": several.boxes,
+        }
+    if found.timed is not None:
+        content["level_set"] = _describe_level_set(found.timed)
+    if found.map is not None:
+        content["search"] = _describe_map(found.map)
+    if found.graph is not None:
+        content["sub_workspaces"] = _describe_graph(found.graph)
+    if found.devices is not None:
+        content["devices"] = _describe_devices(found)
+    if found.controlled is not None:
+        content["controller"] = _describe_controller(found.controlled)
+    return Result("prescription", "prescription.json", content, other_files=lambda: _make_files(found), end="")
+
+
+def _describe_level_set(timed: Timed) -> dict[str, Any]:
+    start = timed.dynamics.equilibrium()
+    return {
+        "stiffness_Nm_per_rad": timed.dynamics.stiffness,
+        "rest_deg": to_finite(np.degrees(timed.dynamics.rest)),
+        "inertia_kgm2": timed.dynamics.inertia,
+        "equilibrium_deg": None if start is None else float(np.degrees(start)),
+        "static_deg": None if timed.static is None else _degrees(timed.static),
+        "unheld_deg": [_degrees(each) for each in timed.unheld],
+        "horizons": [
+            {
+                "time_s": time,
+                "reached_and_held_deg": None if bound is None else _degrees(bound),
+                "grid_error_deg": None if error is None else to_finite(np.degrees(error)),
+            }
+            for time, bound, error in zip(timed.reached.times, timed.bounds, timed.grid_errors, strict=True)
+        ],
+    }
+
+
+def _describe_map(springs: SpringMap) -> dict[str, Any]:
+    best = None
+    if springs.best is not None:
+        k, r = springs.best
+        best = {
+            "stiffness_Nm_per_rad": float(springs.stiffness[k]),
+            "rest_deg": float(np.degrees(springs.rest[r])),
+            "reached_and_held_deg": float(np.degrees(springs.width[k, r])),
+        }
+    return {"horizon_s": springs.horizon, "springs": int(springs.width.size), "best": best}
+
+
+def _describe_graph(graph: Graph) -> dict[str, Any]:
+    names = [node.name for node in graph.nodes]
+    count = range(len(names))
+    ways = {(a, b): graph.find_path(a, b) for a in count for b in count if a < b}
+    return {
+        "nodes": [
+            {
+                "name": node.name,
+                "tasks": list(node.tasks),
+                "springs": None
+                if node.stiffness is None or node.rest is None
+                else [
+                    {"stiffness_Nm_per_rad": float(k), "rest_deg": to_finite(np.degrees(rest))}
+                    for k, rest in zip(node.stiffness, node.rest, strict=True)
+                ],
+                "held_share": float(node.held.mean()),
+            }
+            for node in graph.nodes
+        ],
+        "switches": [
+            {
+                "between": [names[k] for k in switch.between],
+                "overlap_share": switch.share,
+                "at_deg": np.degrees(graph.postures[switch.posture]).tolist(),
+            }
+            for switch in graph.switches
+        ],
+        "ways": [
+            {"from": names[a], "to": names[b], "by": None if way is None else [names[k] for k in way]}
+            for (a, b), way in ways.items()
+        ],
+    }
+
+
+def _describe_devices(found: PrescriptionResult) -> dict[str, Any]:
+    """Return the pressures of the devices, and the range or workspace lost relative to the prescribed springs."""
+    devices = found.devices
+    assert devices is not None
+    content: dict[str, Any] = {
+        "springs": [
+            {
+                "joints": [joint + 1 for joint in found.places[each.place].joints],
+                "device": each.device.keys.device,
+                "flexion_Pa": each.setting.flexion,
+                "extension_Pa": each.setting.extension,
+                "nearest_spring": spring_document(each.nearest),
+            }
+            for each in devices.springs
+        ],
+        "why": "" if devices.springs else "no spring was prescribed for the joints of a device",
+    }
+    if found.one is not None:
+        lost = _find_lost_range(found)
+        content["range_deg"] = None if devices.range is None else np.degrees(devices.range).tolist()
+        content["range_lost_deg"] = None if lost is None else float(np.degrees(lost))
+    elif found.several is not None:
+        content["functional_workspace_m2"] = devices.area
+        content["functional_workspace_lost_m2"] = found.several.area - devices.area
+    return content
+
+
+def _find_lost_range(found: PrescriptionResult) -> float | None:
+    """Return how much smaller the held range is with the device than with the linear spring, rad; None if unknown."""
+    assert found.one is not None and found.devices is not None
+    if not found.devices.springs:
+        return None
+    held = found.devices.range
+    return float(np.ptp(found.one.range)) - (0.0 if held is None else held[1] - held[0])
+
+
+def _describe_controller(controlled: Controlled) -> dict[str, Any]:
+    """Return nodes, changes, tour and problems; one joint has angles where a chain has devices and postures."""
+    names, tour, is_joint = [node.name for node in controlled.nodes], controlled.tour, bool(controlled.made_for)
+    nodes = []
+    for k, node in enumerate(controlled.nodes):
+        gas = node.pressures.tolist()
+        entry: dict[str, Any] = {"name": node.name}
+        if is_joint:
+            entry |= {"made_for_deg": np.degrees(controlled.made_for[k]).tolist()}
+            entry |= {"flexion_Pa": gas[0][0], "extension_Pa": gas[0][1], "reserve_Nm": controlled.reserve[k]}
+            entry["held_deg"] = _list_intervals(controlled.grid[:, 0], controlled.held[k])
+        else:
+            entry["devices"] = [
+                {"joints": [joint + 1 for joint in joints], "flexion_Pa": pair[0], "extension_Pa": pair[1]}
+                for joints, pair in zip(controlled.joints, gas, strict=True)
+            ]
+            entry |= {"reserve_share": controlled.reserve[k], "held_share": float(controlled.held[k].mean())}
+        nodes.append(entry)
+    visits = [
+        {
+            "task": visit.task,
+            "start_s": visit.start,
+            **({} if visit.posture is None else {"at_deg": np.degrees(visit.posture).tolist()}),
+            "held": visit.held,
+            "missing_Nm": visit.missing,
+        }
+        for visit in controlled.visits
+    ]
+    steps = []
+    for (k, before, after), gas in zip(tour.switches, controlled.gas, strict=True):
+        at = np.degrees(tour.q[k]).tolist()
+        place = {"angle_deg": at[0]} if is_joint else {"at_deg": at}
+        steps.append(
+            {"time_s": float(tour.time[k]), "from": names[before], "to": names[after], **place, "gas_g": 1e3 * gas}
+        )
+    return {
+        "nodes": nodes,
+        "changes": [_describe_change(one, names, is_joint) for one in controlled.changes],
+        "tour": {
+            "duration_s": float(tour.time[-1]),
+            "tasks": visits,
+            "changes": steps,
+            **({} if is_joint else {"missing_Nm": float(tour.excess.max())}),
+            "gas_g": 1e3 * sum(controlled.gas),
+            "shortest_dwell_s": to_finite(controlled.shortest_dwell),
+            "settling_s": controlled.settling,
+        },
+        "problems": list(controlled.problems),
+    }
+
+
+def _describe_change(one: NodeChange, names: list[str], is_joint: bool) -> dict[str, Any]:
+    entry: dict[str, Any] = {"from": names[one.before], "to": names[one.after]}
+    shares = {
+        "unsafe_share": float(one.unsafe[one.switched].mean()) if one.switched.any() else None,
+        "unsafe_share_of_overlap": float(one.unsafe.mean()),
+    }
+    if not is_joint:
+        return {**entry, "postures": len(one.states), **shares}
+    speed = np.abs(one.states[:, 1])
+    still = speed == speed.min()
+    angle = one.states[still, 0]
+    return {
+        **entry,
+        "overlap_deg": np.degrees(angle[[0, -1]]).tolist(),
+        "changes_deg": _list_intervals(angle, one.switched[still]),
+        **shares,
+        "unsafe_at_rest_deg": _list_intervals(angle, one.unsafe[still]),
+    }
+
+
+def _list_intervals(angle: FloatArray, which: BoolArray) -> list[list[float]]:
+    """Return the intervals of ``angle``, rad, in which ``which`` is true, in degrees."""
+    return [np.degrees([angle[run.start], angle[run.stop - 1]]).tolist() for run in find_runs(which)]
+
+
+def _degrees(pair: tuple[float, float]) -> list[float]:
+    return [float(np.degrees(pair[0])), float(np.degrees(pair[1]))]
+
+
+def _make_files(found: PrescriptionResult) -> dict[str, bytes]:
+    """Return the tables and figures, by name."""
+    files: dict[str, bytes] = {}
+    name = found.config.wishes.prescription
+    one, joint, timed, springs, controlled = found.one, found.joint, found.timed, found.map, found.controlled
+    sampled, several, strength = found.postures, found.several, found.body.strength
+    if one is not None and joint is not None:
+        files |= render("range", f"range with and without a spring: {name}", lambda: draw_ranges(joint, one))
+    if sampled is not None and several is not None:
+        without = find_held_postures(sampled, (), strength, several)
+        held = find_held_postures(sampled, found.places, strength, several)
+        first = found.body.arm.centres[0]
+        title = f"holdable postures: {name}"
+        files |= render("functional", title, lambda: draw_holdable_postures(sampled.tips, without, held, first))
+    if timed is not None:
+        title = f"reachable set over time: {name}"
+        files |= render("level_set", title, lambda: draw_level_sets(timed.reached, timed.bounds, timed.dynamics))
+        files["horizons.csv"] = make_text_file(_horizon_rows(timed))
+    if springs is not None:
+        title = f"springs by their reachable sets: {name}"
+        files |= render("search", title, lambda: draw_spring_map(springs))
+        files["search.csv"] = make_text_file(_spring_rows(springs))
+    if controlled is not None:
+        limits = None if joint is None else (joint.torque_low, joint.torque_high)
+        files |= render(
+            "controller",
+            f"controller over sub-workspaces: {name}",
+            lambda: draw_chain_tour(controlled) if limits is None else draw_switching(controlled, limits),
+        )
+        states = "unsafe_postures.csv" if limits is None else "unsafe_states.csv"
+        files[states] = make_text_file(_unsafe_rows(controlled))
+    return files
+
+
+def _horizon_rows(timed: Timed) -> Iterator[str]:
+    yield "time_s,lower_deg,upper_deg"
+    for time, bound in zip(timed.reached.times, timed.bounds, strict=True):
+        yield ",".join([f"{time:g}", *("" if bound is None else f"{np.degrees(end):.3f}" for end in bound or (0, 0))])
+
+
+def _spring_rows(springs: SpringMap) -> Iterator[str]:
+    yield "stiffness_Nm_per_rad,rest_deg,reached_and_held_deg,held_deg"
+    for k, stiffness in enumerate(springs.stiffness):
+        for r, rest in enumerate(np.degrees(springs.rest)):
+            width, static = np.degrees([springs.width[k, r], springs.static[k, r]])
+            reached = "" if np.isnan(width) else f"{width:.3f}"
+            yield f"{stiffness:.6g},{rest:.6g},{reached},{static:.3f}"
+
+
+def _unsafe_rows(controlled: Controlled) -> Iterator[str]:
+    """Yield the states in which a change is unsafe: angle and velocity of one joint, or postures of a chain."""
+    names, joints = [node.name for node in controlled.nodes], controlled.grid.shape[1]
+    axes = ["angle_deg", "velocity_deg_s"] if controlled.made_for else [f"angle_{j + 1}_deg" for j in range(joints)]
+    yield ",".join(["from", "to", *axes, "missing_Nm", "controller_changes_here"])
+    for one in controlled.changes:
+        for k in np.flatnonzero(one.unsafe):
+            state = ",".join(f"{value:.2f}" for value in np.degrees(one.states[k]))
+            change = f"{names[one.before]},{names[one.after]}"
+            yield f"{change},{state},{one.missing[k]:.4f},{str(bool(one.switched[k])).lower()}"
+
+
+def prescription_lines(found: PrescriptionResult) -> Iterator[str]:
+    """Yield sentences about all computed parts."""
+    name, one, joint, several = found.config.wishes.prescription, found.one, found.joint, found.several
+    if found.workspace is not None:
+        low, high = found.workspace.workspace.interval
+        area = found.workspace.workspace.measure
+        yield f"{name}: joint limits alone allow {area:.5f} m² (95 % interval {low:.5f} to {high:.5f})"
+    if found.refused is not None:
+        yield f"{name}: nothing can be prescribed: {found.refused}. Only the kinematic workspace is known"
+        return
+    if one is not None and joint is not None:
+        without = "nothing" if one.without is None else _range(one.without)
+        yield f"{name}: without a spring {without} can be held; gravity needs up to {joint.weight:.3f} N·m"
+        if one.helps:
+            share = one.stiffness / joint.weight
+            yield (
+                f"spring: {one.stiffness:.4g} N·m/rad ({share:.4f} of the moment of gravity per radian), rest angle "
+                f"{math.degrees(one.rest):.1f}°: {_range(one.range)} can be held"
+            )
+            yield f"no other spring widens the range by more than another {math.degrees(one.gap):.2f}°"
+        else:
+            yield f"no spring helps: no spring widens the range by {math.degrees(one.gap):.1f}° or more"
+    if several is not None:
+        yield (
+            f"{name}: without springs {several.without:.4f} m² of {several.reachable:.4f} m² within reach can be held, "
+            f"with them {several.area:.4f} m²"
+        )
+        if not several.helps:
+            yield "no springs help"
+        for s, place in enumerate(found.places):
+            if several.stiffness[s] > 0:
+                across = " and ".join(found.body.joints[joint] for joint in place.joints)
+                rest = f"{math.degrees(several.rest[s]):.1f}°"
+                yield f"spring on {across}: {several.stiffness[s]:.4g} N·m/rad, rest {rest}"
+        yield (
+            f"no other springs hold over {several.gap:.4f} m² more of these samples ({several.boxes} boxes searched)"
+        )
+    if found.timed is not None:
+        yield from _timed_lines(found.timed)
+    if found.map is not None:
+        yield _map_line(found.map)
+    if found.graph is not None:
+        yield from _graph_lines(found.graph)
+    yield from _device_lines(found)
+    if found.controlled is not None:
+        yield from _controller_lines(found.controlled)
+
+
+def _timed_lines(timed: Timed) -> Iterator[str]:
+    for time, bound, error in zip(timed.reached.times, timed.bounds, timed.grid_errors, strict=True):
+        reached = "nothing" if bound is None else _range(bound)
+        of_grid = "" if error is None else f"; half as many grid nodes change this by {math.degrees(error):.1f}°"
+        yield f"within {time:g} s: {reached} reached and held{of_grid}"
+    yield f"ever: {'nothing' if timed.static is None else _range(timed.static)} held"
+    for gap in timed.unheld:
+        yield f"{_range(gap)} can be passed, but not held: the person is too weak for this spring there"
+
+
+def _map_line(springs: SpringMap) -> str:
+    if springs.best is None:
+        return "search: the joint does not rest within its limits with any of these springs"
+    k, r = springs.best
+    return (
+        f"search: widest within {springs.horizon:g} s is {math.degrees(springs.width[k, r]):.1f}°, with "
+        f"{springs.stiffness[k]:.4g} N·m/rad and rest angle {math.degrees(springs.rest[r]):.0f}°"
+    )
+
+
+def _graph_lines(graph: Graph) -> Iterator[str]:
+    for node in graph.nodes:
+        text = "no suitable spring was found"
+        if node.stiffness is not None and node.rest is not None:
+            pairs = zip(node.stiffness, node.rest, strict=True)
+            springs = [f"{k:.4g} N·m/rad at {math.degrees(rest):.1f}°" for k, rest in pairs if k > 0]
+            text = ", ".join(springs) or "no spring is needed"
+        yield f"sub-workspace {node.name} ({', '.join(node.tasks)}): {text}"
+    for switch in graph.switches:
+        one, other = (graph.nodes[k].name for k in switch.between)
+        at = ", ".join(f"{angle:.0f}°" for angle in np.degrees(graph.postures[switch.posture]))
+        yield f"switch between {one} and {other} at {at}; overlap {100 * switch.share:.0f} % of the postures"
+
+
+def _device_lines(found: PrescriptionResult) -> Iterator[str]:
+    devices = found.devices
+    if devices is None:
+        return
+    for each in devices.springs:
+        joints = " and ".join(found.body.joints[joint] for joint in found.places[each.place].joints)
+        flexion, extension = (f"{1e-5 * pressure:.2f} bar" for pressure in each.setting.pressures())
+        name = each.device.keys.device
+        yield f"device {name} on {joints}: flexion {flexion}, extension {extension} (absolute)"
+    if not devices.springs:
+        yield "device: no spring was prescribed for the joints of the device"
+    elif found.several is not None:
+        lost = found.several.area - devices.area
+        yield f"with the devices, {devices.area:.4f} m² can be held: {lost:.4f} m² less than with linear springs"
+    else:
+        lost = np.degrees(_find_lost_range(found) or 0.0)
+        held = "nothing" if devices.range is None else "{:.1f}° to {:.1f}°".format(*np.degrees(devices.range))
+        yield f"with the device, {held} can be held: {lost:.1f}° less than with the linear spring"
+
+
+def _controller_lines(controlled: Controlled) -> Iterator[str]:
+    """Yield sentences about nodes, tour and problems of a controller."""
+    for node, held in zip(controlled.nodes, controlled.held, strict=True):
+        bars = 1e-5 * node.pressures
+        if controlled.made_for:
+            pressures = f"{bars[0, 0]:.2f} bar and {bars[0, 1]:.2f} bar"
+            intervals = _list_intervals(controlled.grid[:, 0], held)
+            what = ", ".join(f"{low:.1f}° to {high:.1f}°" for low, high in intervals)
+        else:
+            pressures = "; ".join(
+                f"joint {' and '.join(str(joint + 1) for joint in joints)} {pair[0]:.2f} bar and {pair[1]:.2f} bar"
+                for joints, pair in zip(controlled.joints, bars, strict=True)
+            )
+            what = f"{100 * held.mean():.0f} % of the postures"
+        yield f"node {node.name}: {pressures} hold {what}"
+    reached = sum(visit.held for visit in controlled.visits)
+    yield (
+        f"tour of {controlled.tour.time[-1]:.0f} s: {reached} of {len(controlled.visits)} visits held, "
+        f"{len(controlled.tour.switches)} changes, {1e3 * sum(controlled.gas):.2f} g of gas"
+    )
+    yield from (f"problem: {problem}" for problem in controlled.problems)
+
+
+def _range(pair: tuple[float, float]) -> str:
+    return f"{math.degrees(pair[0]):.1f}° to {math.degrees(pair[1]):.1f}°"
