@@ -27,12 +27,24 @@ from harness import (
 from mocap_id.simulation import Options, simulate
 from mocap_id.simulation.ur5 import JointName, Speed
 from mocap_id.store.views import Skeleton
-from mocap_id.workflows.sensitivity.kinds import JOINTS, KINDS
-from mocap_id.workflows.sensitivity.plan import Perturbation
-from mocap_id.workflows.sensitivity.responses import Estimates, SeriesChanges, compare_series, read_estimates
-from mocap_id.workflows.sensitivity.runs import CHANGES, PerturbationRun, run_from
+from mocap_id.workflows.sensitivity.perturbations import (
+    JOINTS,
+    KINDS,
+    Perturbation,
+    TrialInputs,
+    locate_trial,
+    read_inputs,
+)
+from mocap_id.workflows.sensitivity.runs import (
+    CHANGES,
+    Estimates,
+    PerturbationRun,
+    SeriesChanges,
+    compare_series,
+    read_estimates,
+    run_from,
+)
 from mocap_id.workflows.sensitivity.study import sensitivity
-from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs, locate_trial, read_inputs
 
 NEGLIGIBLE = 0.5  # %: as the thesis uses the word for the clock
 SUBSTANTIAL = 5.0  # %

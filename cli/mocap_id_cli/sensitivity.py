@@ -44,10 +44,13 @@ def sensitivity(
     The perturbations are typical laboratory errors (thesis 5.5.2). If TRIAL is a YAML file, missing or outdated
     results are computed first. A given run folder is not changed.
     """
-    from mocap_id.workflows.sensitivity import plan, study  # noqa: PLC0415  no other command has to wait for it
+    from mocap_id.workflows.sensitivity import perturbations, study  # noqa: PLC0415  no other command has to wait for it
 
     log_to_stderr(quiet, verbose)
-    options = (plan.SensitivityOptions() if settings is None else plan.read_options(settings)).only(only or ())
+    options = (perturbations.SensitivityOptions() if settings is None else perturbations.read_options(settings)).only(
+        only or ()
+    )
+    options = options.only(only or ())
     start = time.perf_counter()
     result = study.sensitivity(
         trial, options, jobs=jobs, out=out, progress=progress.report_stages(quiet), tell=_report_runs(quiet)
@@ -68,7 +71,7 @@ def _report_runs(quiet: bool) -> Any:
 
 
 def _lines(output: SensitivityOutput, share: float) -> Iterator[str]:
-    from mocap_id.reporting.sensitivity.page import describe_criterion  # noqa: PLC0415  as above
+    from mocap_id.reporting.sensitivity import describe_criterion  # noqa: PLC0415  as above
 
     yield f"{output.result.trial}: what this trial tolerates. {describe_criterion(share)}"
     if output.result.note:

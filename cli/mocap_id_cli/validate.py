@@ -14,7 +14,7 @@ from mocap_id_cli import progress
 from mocap_id_cli.console import AsJson, Jobs, Quiet, Verbose, log_to_stderr, make_group, print_result, shorten
 
 if TYPE_CHECKING:
-    from mocap_id.workflows.robot_study import RobotStudyResult
+    from mocap_id.workflows.study.robots import RobotStudyResult
 
 
 def commands() -> typer.Typer:
@@ -51,7 +51,7 @@ def _robot(
     Every method for the joint states is applied to every trial. If a trial fails, the other trials still run, and the
     exit code is 1.
     """
-    from mocap_id.workflows import robot_study as workflow  # noqa: PLC0415  no other command has to wait for it
+    from mocap_id.workflows.study import robots as workflow  # noqa: PLC0415  no other command has to wait for it
 
     log_to_stderr(quiet, verbose)
     result = workflow.validate_robot(

@@ -27,10 +27,10 @@ from mocap_id.reporting.figure import Drawing, Drawings, Figure, Key, Line, Pane
 from mocap_id.reporting.page import make_environment
 from mocap_id.runner import run
 from mocap_id.simulation import Options, RobotSet, generate
-from mocap_id.workflows.robot_study import validate_robot
-from mocap_id.workflows.sensitivity.plan import SensitivityOptions
+from mocap_id.workflows.sensitivity.perturbations import SensitivityOptions
 from mocap_id.workflows.sensitivity.study import sensitivity
 from mocap_id.workflows.study import run_study
+from mocap_id.workflows.study.robots import validate_robot
 
 pytestmark = [pytest.mark.external, pytest.mark.slow]
 ROOT = Path(__file__).resolve().parents[2]

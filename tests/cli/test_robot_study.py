@@ -17,8 +17,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.simulation import Options, RobotSet, simulate_robot_set
 from mocap_id.simulation.robot_set import robot_set_trials
 from mocap_id.workflows.figures import write_figures
-from mocap_id.workflows.robot_study import RobotStudyResult, validate_robot
-from mocap_id.workflows.robot_study.tables import TABLES, read_published
+from mocap_id.workflows.study.robots import TABLES, RobotStudyResult, read_published, validate_robot
 
 OPTIONS = Options(seed=31, repetitions=3, rate=120.0, analog_rate=600.0)
 TWO = RobotSet(1, ("elbow", "wrist"), ("fast",), (45.0,), OPTIONS)

@@ -16,7 +16,7 @@ from mocap_id.config import load
 from mocap_id.runner import run_to
 from mocap_id.simulation import Options, simulate
 from mocap_id.workflows.figures import write_figures
-from mocap_id.workflows.sensitivity.tables import TABLES
+from mocap_id.workflows.sensitivity.study import TABLES
 from swinging_link import pendulum
 
 SETTINGS = """seed: 3

@@ -12,7 +12,7 @@ import pytest
 
 from mocap_id.errors import ConfigError
 from mocap_id.extras import optional
-from mocap_id.workflows.parallel.backends import DaskBackend
+from mocap_id.workflows.parallel import DaskBackend
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]

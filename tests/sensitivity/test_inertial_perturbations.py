@@ -12,12 +12,20 @@ import pytest
 
 from mocap_id.errors import ConfigError
 from mocap_id.recording.imu_log import ImuLog
-from mocap_id.workflows.sensitivity.kinds import COMPONENTS, KINDS
-from mocap_id.workflows.sensitivity.plan import ALL_KINDS, KindSelection, Perturbation, SensitivityOptions
+from mocap_id.workflows.sensitivity.perturbations import (
+    ALL_KINDS,
+    COMPONENTS,
+    KINDS,
+    LOG_CHANGES,
+    KindSelection,
+    Perturbation,
+    SensitivityOptions,
+    TrialInputs,
+    locate_trial,
+    read_inputs,
+)
 from mocap_id.workflows.sensitivity.runs import perturb
-from mocap_id.workflows.sensitivity.signal_perturbations import LOG_CHANGES
 from mocap_id.workflows.sensitivity.study import _select_possible, sensitivity
-from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs, locate_trial, read_inputs
 from worn_sensors import worn_sensors
 
 TIME = np.arange(2000) / 100.0

@@ -7,13 +7,16 @@ import math
 import numpy as np
 import pytest
 
-from mocap_id.workflows.sensitivity import marker_perturbations
-from mocap_id.workflows.sensitivity.kinds import KINDS
-from mocap_id.workflows.sensitivity.plan import Perturbation
-from mocap_id.workflows.sensitivity.responses import Estimates, compare_series, read_estimates
-from mocap_id.workflows.sensitivity.runs import CHANGES, perturb, run_perturbation
-from mocap_id.workflows.sensitivity.signal_perturbations import LOG_CHANGES
-from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs
+from mocap_id.workflows.sensitivity import perturbations
+from mocap_id.workflows.sensitivity.perturbations import KINDS, LOG_CHANGES, Perturbation, TrialInputs
+from mocap_id.workflows.sensitivity.runs import (
+    CHANGES,
+    Estimates,
+    compare_series,
+    perturb,
+    read_estimates,
+    run_perturbation,
+)
 
 GRAVITY = 9.81
 JOINT = "joint"
@@ -114,7 +117,7 @@ def test_a_higher_level_is_the_same_draw_larger(robot: TrialInputs) -> None:
 def test_angle_noise_turns_a_frames_markers_by_that_noise(robot: TrialInputs) -> None:
     chain = robot.tree("chain.h5").data
     centre = np.asarray(chain["joints"]["centre"])[0]
-    moving = marker_perturbations._find_moving(robot)
+    moving = perturbations._find_moving(robot)
     before, after = tracks(robot), tracks(CHANGES["angle-noise"](robot, Perturbation("angle-noise", JOINT, 0.01)))
     theta = robot.states("theta")[:, 0]
     ideal = np.angle([complex(*v) for v in (before - centre)[:, moving[0]]])
@@ -126,7 +129,7 @@ def test_angle_noise_turns_a_frames_markers_by_that_noise(robot: TrialInputs) ->
 
 
 def test_drop_outs_take_their_share_and_more_takes_the_same_too(robot: TrialInputs) -> None:
-    moving = marker_perturbations._find_moving(robot)
+    moving = perturbations._find_moving(robot)
     before = np.isfinite(tracks(robot)[:, moving, 0])
     few, many = (
         np.isfinite(tracks(CHANGES["drop-outs"](robot, Perturbation("drop-outs", "", share)))[:, moving, 0])
@@ -160,7 +163,7 @@ def test_a_frame_rate_divided_averages_as_reading_would(robot: TrialInputs) -> N
     wrench = robot.table("wrench.parquet")
     made = wrench.with_columns(Fx=3 * wrench["time"] - 1, Fy=np.sin(2 * np.pi * 2.0 * wrench["time"]))
     for every in (3, 4):
-        averaged = marker_perturbations._average(made, every)
+        averaged = perturbations._average(made, every)
         seen = {name: averaged[name][2:-2] for name in ("time", "Fx", "Fy")}
         assert np.allclose(seen["Fx"], 3 * seen["time"] - 1)
         kept = np.sinc(2.0 * every / rate)

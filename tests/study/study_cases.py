@@ -12,7 +12,7 @@ import numpy as np
 from mocap_id.config.study import Landmarks, Person
 from mocap_id.dynamics.comparison import Agreement
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.study.trial_results import BaseParameters, TrialResult, find_length_reference
+from mocap_id.workflows.study.sit_to_stand import BaseParameters, TrialResult, find_length_reference
 from mocap_id.workflows.transfer import BodyErrors
 
 SYMBOLS = ("m1", "mx1", "mx2", "my2", "I2")

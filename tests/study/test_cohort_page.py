@@ -9,10 +9,9 @@ import pytest
 from small_study import Ran
 from study_cases import Made, body, landmarks
 
-from mocap_id.reporting.study.page import render_cohort_page
-from mocap_id.reporting.study.page_data import CohortData
-from mocap_id.workflows.study.tables import make_tables
-from mocap_id.workflows.study.trial_results import TrialResult
+from mocap_id.reporting.study.cohort import CohortData
+from mocap_id.reporting.study.sit_to_stand import render_cohort_page
+from mocap_id.workflows.study.sit_to_stand import TrialResult, make_tables
 
 HOSTILE = '"><script>alert(1)</script>$\\frac{'
 

@@ -13,11 +13,11 @@ from curl_cases import cohort
 
 from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError
-from mocap_id.reporting.curl_study.page import render_curl_page
-from mocap_id.reporting.study.page_data import CohortData
-from mocap_id.workflows import curl_study
-from mocap_id.workflows.curl_study.trial_results import CurlResult
-from mocap_id.workflows.study.statistics import average_people, sign_flip_p
+from mocap_id.reporting.study.cohort import CohortData
+from mocap_id.reporting.study.curls import render_curl_page
+from mocap_id.workflows.study import curls as curl_study
+from mocap_id.workflows.study.curls import CurlResult
+from mocap_id.workflows.study.pooling import average_people, sign_flip_p
 
 COUNTS = {
     "C": [[10, 12], [8, 8], [6, 6]],

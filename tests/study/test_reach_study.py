@@ -12,12 +12,11 @@ from reach_cases import THESIS, Reach, results
 from scipy.stats import spearmanr
 
 from mocap_id.reporting.figure import Figure, Line, Panel
-from mocap_id.reporting.reach_study.figures import draw_reach_figures
-from mocap_id.reporting.study.page_data import CohortData
-from mocap_id.workflows import reach_study
-from mocap_id.workflows.reach_study.correlation import correlate_ranks
-from mocap_id.workflows.reach_study.trial_results import make_shape
-from mocap_id.workflows.study.statistics import Estimate
+from mocap_id.reporting.study.cohort import CohortData
+from mocap_id.reporting.study.reach import draw_reach_figures
+from mocap_id.workflows.study import reach as reach_study
+from mocap_id.workflows.study.pooling import Estimate, correlate_ranks
+from mocap_id.workflows.study.reach import make_shape
 
 
 def frames(reaches: Sequence[Reach]) -> dict[str, pd.DataFrame]:

@@ -9,9 +9,7 @@ import pytest
 
 from mocap_id.config.study import load_study
 from mocap_id.recording.writer import write_c3d
-from mocap_id.workflows.study.discovery import discover
-from mocap_id.workflows.study.draft import write_draft
-from mocap_id.workflows.study.reaches import Reach, find_session
+from mocap_id.workflows.study.discovery import Reach, discover, find_session, write_draft
 
 LANDMARKS = ("IJ", "PX", "C7", "T8", "EL", "EM", "US", "RS", "UPA1", "FOR1")
 TRUNK = ("SpineShoulder", "SpineBase")

@@ -10,8 +10,7 @@ import pandas as pd
 import pytest
 
 from mocap_id.simulation.joint_motion import smoothstep
-from mocap_id.workflows.robot_study.figure_data import average_wrench
-from mocap_id.workflows.robot_study.methods import CAMERAS
+from mocap_id.workflows.study.robots import CAMERAS, average_wrench
 
 PERIODS = 8
 

@@ -13,12 +13,18 @@ from mocap_id.config.study import Person
 from mocap_id.dynamics.comparison import Agreement
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.results.columns import ResultTable
-from mocap_id.workflows.study import models_table
-from mocap_id.workflows.study.lengths_table import length_rows, strategy_rows
-from mocap_id.workflows.study.models_table import model_rows
-from mocap_id.workflows.study.statistics import mean_sd, pool_errors
-from mocap_id.workflows.study.tables import TABLES, TRIALS, make_tables
-from mocap_id.workflows.study.variation_table import parameter_rows, variation_rows
+from mocap_id.workflows.study import sit_to_stand
+from mocap_id.workflows.study.pooling import mean_sd, pool_errors
+from mocap_id.workflows.study.sit_to_stand import (
+    TABLES,
+    TRIALS,
+    length_rows,
+    make_tables,
+    model_rows,
+    parameter_rows,
+    strategy_rows,
+    variation_rows,
+)
 
 
 def only(rows: list[dict[str, Any]], **wanted: object) -> dict[str, Any]:
@@ -108,7 +114,7 @@ def test_every_model_meets_every_action_of_its_person_and_of_no_other(monkeypatc
         asked.append((source.name, target.name))
         raise ConfigError(f"{target.source}: the reason")
 
-    monkeypatch.setattr(models_table, "apply_model", apply_model)
+    monkeypatch.setattr(sit_to_stand, "apply_model", apply_model)
     own = (body("own", 0.0, 1.0), body("own, held out", 0.1, 1.0), body("winter", 3.0, 4.0, ((1.0, 2.0),)))
     cases = [
         Made("a", bodies=own).case(),
@@ -135,7 +141,7 @@ def test_a_model_without_a_body_is_told(monkeypatch: pytest.MonkeyPatch) -> None
         assert source.name == "a", "the other one has nothing to apply"
         raise ConfigError("there is nothing to compare with")
 
-    monkeypatch.setattr(models_table, "apply_model", apply_model)
+    monkeypatch.setattr(sit_to_stand, "apply_model", apply_model)
     nothing = Made("b", value=None).case()
     assert nothing.identified is not None
     nothing.identified.parameters[:] = np.nan

@@ -10,3 +10,5 @@ PdfFonts: TypeAlias = Literal["type-3", "truetype"]
 SUMMARY_FILE, PAGE_FILE, CAPTIONS_FILE = "summary.json", "report.html", "figures/captions.md"
 FILES: tuple[str, ...] = (SUMMARY_FILE, PAGE_FILE)
 """Files of every report; figures for papers are only written on request."""
+COHORT, COHORT_PAGE = "cohort", "cohort.html"
+"""Value of ``subject`` in the rows about all people of a study, which no person may have as id; file of its page."""

@@ -19,7 +19,7 @@ from mocap_id.reporting.grids import Grid
 if TYPE_CHECKING:
     from mocap_id.reporting.player import Player
     from mocap_id.reporting.reasons import ExplainedReason
-    from mocap_id.reporting.results.study_page import TrialEntry
+    from mocap_id.reporting.study.cohort import TrialEntry
 
 
 @dataclass(frozen=True)

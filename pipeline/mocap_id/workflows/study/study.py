@@ -13,17 +13,17 @@ from typing import Any
 from mocap_id import __version__
 from mocap_id.config import Trial
 from mocap_id.config.study import Study, StudyTrial, load_study
+from mocap_id.reporting.contents import COHORT_PAGE as PAGE_FILE
 from mocap_id.reporting.results.columns import ResultTable
 from mocap_id.reporting.results.result import Result
-from mocap_id.reporting.study.page_data import PAGE_FILE, CohortData
+from mocap_id.reporting.study.cohort import CohortData
 from mocap_id.stages import STAGES
 from mocap_id.stages.trial_keys import list_sensors
 from mocap_id.store import Folder, dumps, hash_bytes, hash_file
 from mocap_id.store.ownership import Owner, check_owner, hash_texts, store_owner
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trials
 from mocap_id.workflows.study.segment_numbers import run_with_counts
-from mocap_id.workflows.study.tables import make_tables
-from mocap_id.workflows.study.trial_results import read_trial_result
+from mocap_id.workflows.study.sit_to_stand import make_tables, read_trial_result
 from mocap_id.workflows.trial_outcome import TrialOutcome
 
 DOCUMENT = "study.json"
@@ -186,8 +186,8 @@ class StudyKind:
 def _choose_kind(study: Study) -> StudyKind:
     """Return the functions for a study's protocol; only the templates of this protocol's page are imported."""
     if study.curl:
-        from mocap_id.reporting.curl_study.page import render_curl_page  # noqa: PLC0415  other studies do not need it
-        from mocap_id.workflows import curl_study  # noqa: PLC0415
+        from mocap_id.reporting.study.curls import render_curl_page  # noqa: PLC0415  other studies do not need it
+        from mocap_id.workflows.study import curls as curl_study  # noqa: PLC0415
 
         return StudyKind(
             ("condition",),
@@ -196,11 +196,11 @@ def _choose_kind(study: Study) -> StudyKind:
             lambda data, trials: render_curl_page(data, trials[0].reference),
         )
     if study.reach:
-        from mocap_id.workflows import reach_study  # noqa: PLC0415
+        from mocap_id.workflows.study import reach as reach_study  # noqa: PLC0415
 
         labels = ("side", "session")
         return StudyKind(labels, reach_study.read_reach_result, reach_study.make_tables, reach_study.make_page)
-    from mocap_id.reporting.study.page import render_cohort_page  # noqa: PLC0415
+    from mocap_id.reporting.study.sit_to_stand import render_cohort_page  # noqa: PLC0415
 
     return StudyKind(("strategy",), read_trial_result, make_tables, lambda data, _: render_cohort_page(data))
 

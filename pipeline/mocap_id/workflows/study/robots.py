@@ -1,0 +1,1019 @@
+"""The truth of a simulated robot trial, and the cell of the thesis's tables that a trial belongs to."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from mocap_id import __version__, recording, runner
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.config import Trial
+from mocap_id.config.robot_study import RobotReference, RobotStudy, RobotTrial, load_robot_study
+from mocap_id.dynamics.clock_offset import SampledWrench
+from mocap_id.errors import ConfigError, MocapIdError, RecordingError
+from mocap_id.reporting.results.columns import ResultColumn as Column
+from mocap_id.reporting.results.columns import ResultTable, number, text, whole
+from mocap_id.reporting.results.result import Result
+from mocap_id.reporting.study.robots import AveragedWrench, Quantity, Recovery, RobotStudyData, StateTraces
+from mocap_id.simulation import RobotSet, simulate_robot_set
+from mocap_id.simulation.robot_set import FILE, robot_set_yaml
+from mocap_id.stages import STAGES
+from mocap_id.stages.trial_keys import get_recording
+from mocap_id.store import Folder, TableSchema
+from mocap_id.store.atomic import converting_errors, write_files
+from mocap_id.store.folder import record_file
+from mocap_id.store.ownership import check_owner, store_owner
+from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
+from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trial, run_trials
+from mocap_id.workflows.run_folder import find_owner_of_files
+from mocap_id.workflows.trial_outcome import TrialOutcome, number_or_nan, read_summary
+
+PARAMETERS = ("mass", "mx1", "mx2", "my2", "Izz2")
+"""Names of the base parameters of one joint."""
+_FAST = 0.375  # Hz: the mean of the thesis's two speeds
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The exact states and the encoder's clock of a simulated trial."""
+
+    document: Mapping[str, Any]  # content of truth.json
+    time: FloatArray  # (T,) times of the frames on the recording's clock, s
+    states: FloatArray  # (T, 3) angle, velocity and acceleration of the joint, rad, rad/s, rad/s²
+
+    def at(self, time: FloatArray) -> FloatArray:
+        """Return the states (N, 3) at times (N,) of frames, s; NaN for a time without a frame."""
+        step = float(np.median(np.diff(self.time)))
+        nearest = np.clip(np.searchsorted(self.time, time - 0.5 * step), 0, len(self.time) - 1)
+        known = np.abs(self.time[nearest] - time) < 0.5 * step
+        return np.where(known[:, None], self.states[nearest], np.nan)
+
+
+@dataclass(frozen=True)
+class Labels:
+    """The cell of the thesis's tables that a trial belongs to; an unknown label is empty or None."""
+
+    joint: str = ""
+    speed: str = ""
+    orientation: float | None = None
+
+    def completed_by(self, other: Labels) -> Labels:
+        """Return these labels; an unknown label is replaced by the label of ``other``."""
+        orientation = other.orientation if self.orientation is None else self.orientation
+        return Labels(self.joint or other.joint, self.speed or other.speed, orientation)
+
+
+def read_truth(recording: Path) -> Truth | None:
+    """Read truth.json and truth.npz beside a recording; None if one of them is missing.
+
+    Raises
+    ------
+    RecordingError
+        The files exist but cannot be read.
+    """
+    file, arrays = recording.parent / "truth.json", recording.parent / "truth.npz"
+    if not (file.exists() and arrays.exists()):
+        return None
+    try:
+        document = json.loads(file.read_text("utf-8"))
+        with np.load(arrays) as data:
+            states = np.column_stack([data[name][:, 0] for name in ("q", "qd", "qdd")]).astype(np.float64)
+            return Truth(document, np.asarray(data["t"], dtype=np.float64), states)
+    except (OSError, ValueError, KeyError, IndexError) as error:
+        raise RecordingError(f"{file}: the file is not the truth of a simulated trial ({error}); remove it") from None
+
+
+def read_labels(truth: Truth | None) -> Labels:
+    """Return the labels in truth.json; all labels are unknown if there is no truth."""
+    if truth is None:
+        return Labels()
+    frequency = truth.document.get("freq_hz")
+    speed = "" if frequency is None else "fast" if frequency > _FAST else "slow"
+    yaw = truth.document.get("robot_yaw_deg")
+    return Labels(str(truth.document.get("joint") or ""), speed, None if yaw is None else float(yaw))
+
+
+def read_reference(truth: Truth | None) -> dict[str, float]:
+    """Return the true parameters, named as in the `reference` of a study's file; empty if there is no truth."""
+    if truth is None:
+        return {}
+    parameters = dict(zip(PARAMETERS, map(float, truth.document["base_parameters"]["values"]), strict=True))
+    lengths = truth.document.get("segment_lengths_m", {})
+    return parameters | ({"base": float(lengths["l1"])} if "l1" in lengths else {})
+
+
+DYNAMICS = "identify-dim"
+_STATES = "ukf-smooth"
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method for the joint states."""
+
+    name: str  # name of its folder in the trial's folder
+    thesis: str  # label in the thesis's tables
+    settings: Mapping[str, str | float]  # settings of `ukf-smooth` that replace the settings of the trial
+
+
+CAMERAS = Method("cameras", "P", {})
+ENCODER = Method("encoder", "R", {"method": "encoder"})
+DIFFERENCES = Method("differences", "Diff.", {"method": "butterworth", "butterworth_hz": 20.0})
+SMOOTHER = Method("differences-6", "Diff. 6 Hz", {"method": "butterworth", "butterworth_hz": 6.0})
+SPLINE = Method("spline", "Spline", {"method": "spline"})
+METHODS = (CAMERAS, ENCODER, DIFFERENCES, SMOOTHER, SPLINE)
+
+
+def run_all_methods(trial: Trial) -> TrialRun:
+    """Run a trial with its report, then its dynamics with every other method; a failure is returned as a result.
+
+    The encoder's method is omitted if the trial has no encoder. The first method that fails ends the run.
+    """
+    done = run_trial(trial)
+    if done.exit_code != 0:
+        return done
+    for method in METHODS[1:]:
+        if method is ENCODER and trial.keys.encoder is None:
+            continue
+        variant = with_method(trial, method)
+        try:
+            _share_artefacts(trial.out, variant.out)
+            outcome = runner.run_to(variant, DYNAMICS)
+            if outcome.refused is not None:
+                raise outcome.refused
+        except MocapIdError as error:
+            message = f"with the method {method.name}: {error}"
+            return replace(
+                done, exit_code=error.exit_code, message=message, published=message.replace(str(trial.out), trial.name)
+            )
+        done = replace(
+            done,
+            computed=done.computed or any(step.action == "computed" for step in outcome.steps),
+            seconds=done.seconds + sum(step.seconds or 0.0 for step in outcome.steps),
+        )
+    return done
+
+
+def with_method(trial: Trial, method: Method) -> Trial:
+    """Return the trial with the settings and the run folder of a method."""
+    if method is CAMERAS:
+        return trial
+    settings = trial.settings[_STATES].model_copy(update=dict(method.settings))
+    return replace(trial, settings={**trial.settings, _STATES: settings}, out=trial.out / "methods" / method.name)
+
+
+def _share_artefacts(source: Path, target: Path) -> None:
+    """Link or copy the artefacts of the stages before the joint states into the run folder of a method."""
+    before = STAGES[: next(k for k, stage in enumerate(STAGES) if stage.name == _STATES)]
+    with converting_errors(target):
+        for file in (file for stage in before for file in (*stage.outputs, record_file(stage.name))):
+            copy = target / file
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            if copy.exists() and copy.samefile(source / file):
+                continue
+            copy.unlink(missing_ok=True)
+            try:
+                os.link(source / file, copy)
+            except OSError:
+                shutil.copy2(source / file, copy)
+
+
+STATES = ("theta", "dtheta", "ddtheta")
+WRENCH = ("Fx", "Fy", "tauz")
+
+
+@dataclass(frozen=True)
+class SeriesErrors:
+    """Bias and standard deviation of a series minus its reference, and r²; NaN if unknown."""
+
+    bias: float
+    sd: float
+    r2: float
+
+    @classmethod
+    def of(cls, difference: FloatArray, reference: FloatArray) -> SeriesErrors:
+        """Return the errors of a series from its differences (N,) to a ``reference`` (N,); NaN samples do not count."""
+        both = np.isfinite(difference) & np.isfinite(reference)
+        if np.count_nonzero(both) < 2:
+            return NO_ERRORS
+        difference, spread = difference[both], float(np.var(reference[both]))
+        r2 = 1.0 - float(np.mean(difference**2)) / spread if spread > 0 else np.nan
+        return cls(float(np.mean(difference)), float(np.std(difference)), r2)
+
+
+NO_ERRORS = SeriesErrors(np.nan, np.nan, np.nan)
+
+
+@dataclass(frozen=True)
+class RobotFrame:
+    """The robot's coordinate frame in the plane: angle in the plane = sign * robot's angle + zero."""
+
+    sign: int = 1
+    zero: float = 0.0  # rad
+
+    def from_plane(self, parameters: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return base parameters (5,) and their covariance (5, 5), transformed from the plane to the robot's frame."""
+        matrix = self._matrix()
+        return matrix @ parameters, matrix @ covariance @ matrix.T
+
+    def into_plane(self, parameters: FloatArray) -> FloatArray:
+        """Return base parameters (5,), transformed from the robot's frame to the plane."""
+        return np.asarray(np.linalg.solve(self._matrix(), parameters))
+
+    def _matrix(self) -> FloatArray:
+        c, s = np.cos(self.zero), np.sin(self.zero)
+        matrix = np.diag([1.0, self.sign, 1.0, 1.0, 1.0])
+        matrix[2:4, 2:4] = [[self.sign * c, -self.sign * s], [s, c]]
+        return matrix
+
+
+@dataclass(frozen=True)
+class MethodResult:
+    """The result of one trial with one method; a number is NaN if unknown."""
+
+    identified: IdentifiedTrial
+    frame: RobotFrame
+    parameters: FloatArray  # (5,) base parameters in the order of PARAMETERS
+    sds: FloatArray  # (5,) their standard deviations
+    verdicts: tuple[str, ...]  # known, weak or not identifiable
+    condition: float  # condition number of the regressor
+    clock_offset: float  # s
+    states: Mapping[str, SeriesErrors]  # errors of the series in :data:`STATES`
+    against: str  # reference of the states: ``truth`` or ``encoder``; empty without a reference
+    wrench: Mapping[str, SeriesErrors]  # model minus measurement over the samples of the fit
+    torque: SeriesErrors  # model minus encoder
+
+    @property
+    def folder(self) -> Folder:
+        """The run folder."""
+        return Folder(self.identified.folder)
+
+    @property
+    def time(self) -> FloatArray:
+        """Times of the samples (T,), s."""
+        return self.identified.dynamics["time"].to_numpy(dtype=np.float64)
+
+    @property
+    def joint_states(self) -> FloatArray:
+        """Angle, velocity and acceleration (T, 3) of the joint in the plane, rad, rad/s and rad/s²."""
+        return _read_joint_states(self.identified)
+
+
+def read_method_result(folder: Folder, truth: Truth | None, *, by_encoder: bool) -> MethodResult:
+    """Read the result of a trial with one method from its run folder.
+
+    If ``by_encoder``, the states come from the encoder, so they cannot be compared with the encoder.
+    """
+    identified, frame = open_identified_trial(folder.path), _find_robot_frame(folder, truth)
+    tree, facts, count = folder.tree("dynamics.h5"), identified.facts, len(PARAMETERS)
+    value, covariance = tree.numbers("base/value"), tree.array("base/covariance").astype(np.float64)
+    verdicts = tree.texts("base/verdict")
+    if len(value) != count:
+        value, covariance = np.full(count, np.nan), np.full((count, count), np.nan)
+        verdicts = ("not identifiable",) * count
+    else:
+        value, covariance = frame.from_plane(value, covariance)
+    states, against = _compare_states(folder, identified, frame, truth, by_encoder=by_encoder)
+    return MethodResult(
+        identified=identified,
+        frame=frame,
+        parameters=value,
+        sds=np.sqrt(np.diagonal(covariance)),
+        verdicts=verdicts,
+        condition=number_or_nan(facts.get("condition_number")),
+        clock_offset=number_or_nan(facts.get("clock_offset_s")),
+        states=states,
+        against=against,
+        wrench={name: _read_errors((facts.get("wrench") or {}).get(name)) for name in WRENCH},
+        torque=_read_errors(facts.get("torque")),
+    )
+
+
+def _find_robot_frame(folder: Folder, truth: Truth | None) -> RobotFrame:
+    """Return the robot's frame from its encoder, or else from the truth, or else the frame of the plane."""
+    encoder = folder.read("encoder.parquet").facts
+    if encoder.get("sign") is not None:
+        return RobotFrame(int(encoder["sign"]), float(encoder["zero_rad"]))
+    if truth is None:
+        return RobotFrame()
+    states = folder.table("states.parquet")
+    angle, true = states["theta_1"], truth.at(states["time"])[:, 0]
+    both = np.isfinite(angle) & np.isfinite(true)
+    sign = 1 if np.cov(angle[both], true[both])[0, 1] >= 0 else -1
+    return RobotFrame(sign, float(np.mean(angle[both] - sign * true[both])))
+
+
+def _compare_states(
+    folder: Folder, trial: IdentifiedTrial, frame: RobotFrame, truth: Truth | None, *, by_encoder: bool
+) -> tuple[dict[str, SeriesErrors], str]:
+    """Return the errors of the states and the name of their reference.
+
+    The mean error of the angle is removed, because the zero of the angle depends on the coordinate frame.
+    """
+    encoder = folder.table("encoder.parquet")
+    if truth is not None:
+        time = trial.dynamics["time"].to_numpy(dtype=np.float64)
+        reference, against = frame.sign * truth.at(time), "truth"
+    elif encoder.length and not by_encoder:
+        reference, against = encoder.stack(STATES), "encoder"
+    else:
+        return dict.fromkeys(STATES, NO_ERRORS), ""
+    errors = _read_joint_states(trial) - reference
+    known: BoolArray = np.isfinite(errors[:, 0])
+    errors[:, 0] -= np.mean(errors[known, 0]) if known.any() else 0.0
+    return {name: SeriesErrors.of(errors[:, d], reference[:, d]) for d, name in enumerate(STATES)}, against
+
+
+def _read_joint_states(trial: IdentifiedTrial) -> FloatArray:
+    return np.column_stack([trial.q[:, 0], trial.dq[:, 0], trial.ddq[:, 0]])
+
+
+def _read_errors(facts: Mapping[str, Any] | None) -> SeriesErrors:
+    if facts is None:
+        return NO_ERRORS
+    return SeriesErrors(*(number_or_nan(facts.get(name)) for name in ("bias", "sd", "r2")))
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotTrialResult(TrialOutcome):
+    """The result of one robot trial with every method."""
+
+    trial: RobotTrial
+    labels: Labels
+    truth: Truth | None
+    reference: Mapping[str, float]  # known reference parameters, and ``base``: distance of the joint from the origin, m
+    by_method: Mapping[str, MethodResult]  # empty for a trial that failed or was refused
+
+    @property
+    def name(self) -> str:
+        """Name of the trial."""
+        return self.trial.trial.name
+
+    @property
+    def cell(self) -> tuple[str, str]:
+        """Joint and speed, which identify a cell in the thesis's tables."""
+        return self.labels.joint, self.labels.speed
+
+    @property
+    def method_of_reference(self) -> MethodResult | None:
+        """The result whose states are used with the reference parameters; None if a reference parameter is unknown."""
+        known = all(name in self.reference for name in PARAMETERS)
+        return self.by_method.get(ENCODER.name, self.by_method.get(CAMERAS.name)) if known else None
+
+
+def read_trial_result(trial: RobotTrial, run: TrialRun, reference: Mapping[str, RobotReference]) -> RobotTrialResult:
+    """Read the result of a trial from its run folder and the run folders of the methods."""
+    config = trial.trial
+    truth = read_truth(get_recording(config.keys).motion)
+    labels = Labels(trial.joint, trial.speed, trial.orientation).completed_by(read_labels(truth))
+    given = reference.get(labels.joint)
+    methods = [method for method in METHODS if method is not ENCODER or config.keys.encoder is not None]
+    return RobotTrialResult(
+        trial=trial,
+        run=run,
+        summary=read_summary(config.out, run),
+        labels=labels,
+        truth=truth,
+        reference=read_reference(truth) if given is None else given.model_dump(exclude_none=True),
+        by_method={
+            method.name: read_method_result(
+                Folder(with_method(config, method).out), truth, by_encoder=method is ENCODER
+            )
+            for method in (methods if run.exit_code == 0 else ())
+        },
+    )
+
+
+def predict_reference(trial: RobotTrialResult, result: MethodResult) -> tuple[FloatArray, FloatArray]:
+    """Return wrench (T, 3) and torque (T,) in the plane, from the reference parameters and the states of a method."""
+    identified = result.identified
+    base = result.frame.into_plane(np.array([trial.reference[name] for name in PARAMETERS]))
+    full = np.linalg.pinv(result.folder.tree("dynamics.h5").array("base/regrouping").astype(np.float64)) @ base
+    return identified.chain.regressor @ full, (identified.chain.torque_regressor @ full)[:, 0]
+
+
+REFERENCE = "reference"
+STATE_UNITS = dict(zip(STATES, ("rad", "rad/s", "rad/s^2"), strict=True))
+WRENCH_UNITS = dict(zip(WRENCH, ("N", "N", "N*m"), strict=True))
+PARAMETER_UNITS = dict(zip(PARAMETERS, ("kg", "kg*m", "kg*m", "kg*m", "kg*m^2"), strict=True))
+
+CELL = (
+    text("joint", "the joint that moves"),
+    text("speed", "speed of the movement"),
+    number("orientation", "deg", "angle of the robot about the vertical; NaN: all orientations"),
+    text("obs", "P: states from the cameras; R: from the encoder; Ref.: reference parameters; else name of a method"),
+    text("source", "`this` program, or the `thesis`"),
+    whole("trials", "number of trials in the row; 0 for the thesis"),
+)
+"""Columns that identify the cell of the thesis's tables to which a row belongs."""
+
+
+def _error_columns(name: str, unit: str, meaning: str) -> list[Column]:
+    parts = (("bias", unit, "mean"), ("sd", unit, "standard deviation"), ("r2", "1", "r²"))
+    return [number(f"{name}_{part}", of, f"{meaning}: {words}") for part, of, words in parts]
+
+
+def _series_columns(units: Mapping[str, str], meaning: str) -> list[Column]:
+    return [column for name, unit in units.items() for column in _error_columns(name, unit, f"{name} {meaning}")]
+
+
+def _parameter_columns(name: str, unit: str) -> tuple[Column, ...]:
+    return (
+        number(name, unit, f"base parameter {name} in the robot's own frame"),
+        number(f"{name}_sd", unit, "its standard deviation"),
+        number(f"{name}_reference", unit, "value of the reference"),
+        text(f"{name}_verdict", "known, weak or not identifiable"),
+    )
+
+
+TRIALS = TableSchema(
+    "trials.parquet",
+    1,
+    (
+        text("trial", "name of the trial and of its run folder"),
+        *CELL[:3],
+        text("method", "cameras, encoder, differences, differences-6, spline, or reference"),
+        text("verdict", "verdict of the trial: ok, caution, refused or failed"),
+        text("codes", "codes of the verdict's reasons"),
+        text("against", "reference of the states: truth or encoder; empty without a reference"),
+        number("base", "m", "distance of the joint from the plane's origin"),
+        number("base_sd", "m", "its standard deviation"),
+        number("base_error", "m", "distance minus the distance of the reference"),
+        *_error_columns("marker", "m", "distance of the moving markers from their prediction")[:2],
+        *_series_columns(STATE_UNITS, "minus the value of the truth or the encoder"),
+        number("condition", "1", "condition number of the stacked regressor"),
+        *(column for name, unit in PARAMETER_UNITS.items() for column in _parameter_columns(name, unit)),
+        *_error_columns("torque", "N*m", "torque of the model minus the encoder's"),
+        *_series_columns(WRENCH_UNITS, "of the model minus the measured"),
+        number("clock_offset", "s", "clock offset, plates after cameras"),
+        number("encoder_offset", "s", "offset of the encoder's clock: its sample at t is the state at t + this offset"),
+        number("encoder_offset_sd", "s", "its standard deviation"),
+        number("encoder_offset_truth", "s", "true offset, if known"),
+    ),
+)
+
+
+def trial_rows(trials: Sequence[RobotTrialResult]) -> Iterator[dict[str, Any]]:
+    """Yield the rows of the table `trials`; a trial without results has a single row without numbers."""
+    for trial in trials:
+        orientation = trial.labels.orientation
+        labels = {
+            "trial": trial.name,
+            "joint": trial.labels.joint,
+            "speed": trial.labels.speed,
+            "orientation": np.nan if orientation is None else orientation,
+            "verdict": trial.level,
+            "codes": ", ".join(trial.codes),
+        }
+        if not trial.by_method:
+            yield labels | {"method": CAMERAS.name}
+        for name, result in trial.by_method.items():
+            yield labels | {"method": name} | _describe_result(trial, result)
+        through = trial.method_of_reference
+        if through is not None:
+            yield labels | {"method": REFERENCE} | _describe_reference(trial, through)
+
+
+def _describe_result(trial: RobotTrialResult, result: MethodResult) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "against": result.against,
+        "condition": result.condition,
+        "clock_offset": result.clock_offset,
+    }
+    for k, name in enumerate(PARAMETERS):
+        row |= {name: result.parameters[k], f"{name}_sd": result.sds[k], f"{name}_verdict": result.verdicts[k]}
+        row[f"{name}_reference"] = trial.reference.get(name, np.nan)
+    for name, errors in {**result.states, **result.wrench, "torque": result.torque}.items():
+        row |= _name_errors(name, errors)
+    return row | _describe_kinematics(trial, result)
+
+
+def _describe_kinematics(trial: RobotTrialResult, result: MethodResult) -> dict[str, Any]:
+    base, sd = (trial.value("lengths_m", "base", key) for key in ("value", "sd"))
+    encoder = result.folder.read("encoder.parquet").facts
+    truth = {} if trial.truth is None else trial.truth.document.get("encoder", {})
+    return {
+        "base": base,
+        "base_sd": sd,
+        "base_error": np.nan if base is None else base - trial.reference.get("base", np.nan),
+        **_average_marker_errors(result),
+        "encoder_offset": encoder.get("clock_offset_s"),
+        "encoder_offset_sd": encoder.get("clock_offset_sd_s"),
+        "encoder_offset_truth": truth.get("clock_offset_s"),
+    }
+
+
+def _average_marker_errors(result: MethodResult) -> dict[str, float]:
+    """Return the mean and standard deviation of the moving markers' distances from their prediction, m."""
+    markers, skeleton = result.folder.long_table("markers.parquet"), result.identified.skeleton
+    moving = [name for name, segment in zip(skeleton.markers, skeleton.segment, strict=True) if segment > 0]
+    residual = markers.values["residual"]
+    own = np.isin(markers.labels, moving) & markers.values["used"].astype(np.bool_)
+    known = residual[own & np.isfinite(residual)]
+    return {"marker_bias": float(np.mean(known)), "marker_sd": float(np.std(known))} if len(known) else {}
+
+
+def _name_errors(name: str, errors: SeriesErrors) -> dict[str, float]:
+    return {f"{name}_bias": errors.bias, f"{name}_sd": errors.sd, f"{name}_r2": errors.r2}
+
+
+def _describe_reference(trial: RobotTrialResult, result: MethodResult) -> dict[str, Any]:
+    """Return the reference parameters, and the errors of the wrench and torque that they predict for the states."""
+    wrench, torque = predict_reference(trial, result)
+    row: dict[str, Any] = {name: trial.reference[name] for name in PARAMETERS}
+    row |= {f"{name}_reference": trial.reference[name] for name in PARAMETERS}
+    dynamics = result.identified.dynamics
+    fitted = dynamics["in_fit"].to_numpy(dtype=np.bool_)
+    for k, name in enumerate(WRENCH):
+        measured = dynamics[name].to_numpy(dtype=np.float64)[fitted]
+        row |= _name_errors(name, SeriesErrors.of(wrench[fitted, k] - measured, measured))
+    return row | _name_errors("torque", _compare_torque(trial, result, torque))
+
+
+def _compare_torque(trial: RobotTrialResult, result: MethodResult, torque: FloatArray) -> SeriesErrors:
+    """Return the errors of a torque (T,) in the plane relative to the torque in the encoder's file, at its times."""
+    file, encoder = trial.trial.trial.keys.encoder, result.folder.read("encoder.parquet").facts
+    log = None if file is None else recording.read_encoder(file)
+    if log is None or log.torque is None or encoder.get("sign") is None:
+        return NO_ERRORS
+    measured = encoder["sign"] * log.torque
+    model = SampledWrench.of(result.time, torque[:, None])(log.time + encoder["clock_offset_s"])[:, 0]
+    return SeriesErrors.of(model - measured, measured)
+
+
+OURS, THESIS = "this", "thesis"
+_ORDER = ("shoulder", "elbow", "wrist"), ("slow", "fast")
+_SYMBOLS = {
+    "mass": "m₁+m₂", "mx1": "mx₁+Tₓm₂", "mx2": "mx₂", "my2": "my₂", "Izz2": "Izz₂",
+    "theta": "ε_θ", "dtheta": "ε_θ̇", "ddtheta": "ε_θ̈", "Fx": "ε_Fx", "Fy": "ε_Fy", "tauz": "ε_τz",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ThesisTable:
+    """A table of the thesis with the quantities of its columns."""
+
+    name: str
+    title: str
+    methods: Mapping[str, str]  # label in the thesis of each method
+    quantities: tuple[Quantity, ...]  # quantities in the thesis in its order, then additional ones
+    by_orientation: bool = False  # whether each orientation has its own row
+
+    @property
+    def schema(self) -> TableSchema:
+        """Schema of the table's file."""
+        pairs = (
+            number(f"{one.name}_{part}", one.unit, f"{one.meaning}: {words}")
+            for one in self.quantities
+            for part, words in (("mean", "mean"), ("sd", "standard deviation"))
+        )
+        return TableSchema(f"{self.name}.parquet", 1, (*CELL, *pairs))
+
+
+def _add_r2(name: str, unit: str, meaning: str, symbol: str) -> tuple[Quantity, Quantity]:
+    return (
+        Quantity(name, unit, meaning, symbol, "error"),
+        Quantity(f"{name}_r2", "1", f"{meaning}: r²", f"{symbol} r²", decimals=5),
+    )
+
+
+_DYNAMICS = (
+    Quantity("condition", "1", "condition number of the stacked regressor", "condition"),
+    *(Quantity(name, unit, f"base parameter {name}", _SYMBOLS[name]) for name, unit in PARAMETER_UNITS.items()),
+    *_add_r2("torque", "N*m", "torque of the model minus the encoder's", "ε_τ"),
+)
+_MEASURED = {"encoder": "R", "cameras": "P"}
+_ALL = {"reference": "Ref.", **_MEASURED}
+
+TABLES = (
+    ThesisTable(
+        "table_5_1",
+        "Kinematic parameters and errors (thesis table 5.1)",
+        {"cameras": "P"},
+        (
+            Quantity("base", "m", "distance of the joint from the plane's origin", "l₁", to_si=1e-3),
+            Quantity("marker", "m", "distance of the markers from their prediction", "ε_M", "error", 1e-3),
+            Quantity("theta", "rad", "angle minus the true or the encoder's angle", "ε_θ", "error", np.pi / 180),
+            Quantity(
+                "dtheta",
+                "rad/s",
+                "velocity minus the true or the encoder's velocity",
+                "ε_θ̇",
+                "error",
+                np.pi / 180,
+            ),
+            Quantity("base_error", "m", "distance minus the distance of the reference", "l₁ − reference"),
+        ),
+        by_orientation=True,
+    ),
+    ThesisTable("table_5_2", "Dynamic parameters (thesis table 5.2)", _ALL, _DYNAMICS),
+    ThesisTable(
+        "table_5_3",
+        "Joint states against the truth or the encoder (thesis table 5.3)",
+        _MEASURED,
+        tuple(
+            quantity
+            for name, unit in STATE_UNITS.items()
+            for quantity in _add_r2(name, unit, f"{name} minus the truth's", _SYMBOLS[name])
+        ),
+    ),
+    ThesisTable(
+        "table_5_4",
+        "Contact wrench of the models minus the measured one (thesis table 5.4)",
+        _ALL,
+        tuple(
+            quantity
+            for name, unit in WRENCH_UNITS.items()
+            for quantity in _add_r2(name, unit, f"{name} of the model minus the measured", _SYMBOLS[name])
+        ),
+    ),
+    ThesisTable(
+        "table_5_5_6",
+        "Dynamic parameters by every method for the states (thesis tables 5.5 and 5.6)",
+        {"cameras": "UKF", "differences": "Diff.", "differences-6": "Diff. 6 Hz", "spline": "Spline"},
+        (
+            *_DYNAMICS,
+            Quantity(
+                "ddtheta_r2", "1", "r² of the acceleration against the truth or the encoder", "ε_θ̈ r²", decimals=5
+            ),
+        ),
+    ),
+)
+
+
+def make_tables(trials: Sequence[RobotTrialResult]) -> dict[str, ResultTable]:
+    """Return the table `trials` and the tables of the thesis by name."""
+    table = ResultTable.of(TRIALS, trial_rows(trials))
+    return {"trials": table} | {one.name: ResultTable.of(one.schema, _cell_rows(one, table.frame)) for one in TABLES}
+
+
+def _cell_rows(table: ThesisTable, trials: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the rows of a table: a row for each cell with trials, followed by the thesis's row for this cell."""
+    in_thesis = read_published(table)
+    passed = trials[trials["method"].isin(list(table.methods)) & (trials["verdict"] != "failed")]
+    keys = ["joint", "speed"] + (["orientation"] if table.by_orientation else [])
+    rows: list[dict[str, Any]] = []
+    groups = [(key, group) for key, group in passed.groupby(keys, dropna=False, sort=False)]
+    for key, group in sorted(groups, key=lambda one: _sort_key(one[0])):
+        cell = dict(zip(keys, key, strict=True))
+        for method, obs in table.methods.items():
+            own = group[group["method"] == method]
+            if own.empty:
+                continue
+            label = {"orientation": np.nan} | cell | {"obs": obs}
+            rows.append(label | {"source": OURS, "trials": len(own)} | _average(table.quantities, own))
+            orientation: Any = cell.get("orientation")
+            published = in_thesis.get((str(cell["joint"]), str(cell["speed"]), orientation, obs))
+            if published is not None:
+                rows.append(label | {"source": THESIS, "trials": 0} | published)
+    return rows
+
+
+def read_published(table: ThesisTable) -> Mapping[tuple[str, str, float | None, str], dict[str, float]]:
+    """Return the values in the thesis, SI, by joint, speed, orientation (degrees; None if unknown), and method."""
+    text = files("mocap_id.workflows.study").joinpath("thesis_tables.csv").read_text("utf-8")
+    _, *lines = csv.reader(text.splitlines())
+    rows = {}
+    for name, joint, speed, orientation, obs, *cells in lines:
+        if name == table.name:
+            numbers = [float(cell or "nan") for cell in cells]
+            key = (joint, speed, float(orientation) if orientation else None, obs)
+            rows[key] = _name_published(table.quantities, numbers)
+    return rows
+
+
+def _name_published(quantities: Sequence[Quantity], numbers: Sequence[float]) -> dict[str, float]:
+    """Return the columns of a row in SI units; ``numbers`` alternate between mean and standard deviation."""
+    row: dict[str, float] = {}
+    for one, mean, sd in zip(quantities, numbers[::2], numbers[1::2], strict=False):  # the thesis has fewer quantities
+        row |= {f"{one.name}_mean": one.to_si * mean, f"{one.name}_sd": one.to_si * sd}
+    return row
+
+
+def _sort_key(key: tuple[Any, ...]) -> tuple[Any, ...]:
+    known = [order.index(name) if name in order else len(order) for order, name in zip(_ORDER, key, strict=False)]
+    return (*known, *(str(part) for part in key))
+
+
+def _average(quantities: Sequence[Quantity], own: pd.DataFrame) -> dict[str, float]:
+    row = {}
+    for one in quantities:
+        if one.kind == "value":
+            values = _read_known(own[one.name])
+            row[f"{one.name}_mean"] = float(np.mean(values)) if len(values) else np.nan
+            # A reference parameter is given, not estimated, so it has no standard deviation.
+            is_given = not one.name.endswith("_r2") and (own["method"] == REFERENCE).all()
+            row[f"{one.name}_sd"] = float(np.std(values, ddof=1)) if len(values) > 1 and not is_given else np.nan
+        else:
+            bias, sd = _read_known(own[f"{one.name}_bias"]), _read_known(own[f"{one.name}_sd"])
+            row[f"{one.name}_mean"] = float(np.mean(bias)) if len(bias) else np.nan
+            row[f"{one.name}_sd"] = float(np.sqrt(np.mean(sd**2))) if len(sd) else np.nan
+    return row
+
+
+def _read_known(column: pd.Series[Any]) -> FloatArray:
+    values = column.to_numpy(dtype=np.float64)
+    return np.asarray(values[np.isfinite(values)])
+
+
+_PHASE = np.linspace(0.0, 100.0, 51)  # % of a repetition
+_FRAMES = 60  # number of drawn frames of a marker's path
+_FULL = 0.05  # largest difference of a repetition's extreme angles from the usual ones, divided by the usual range
+
+
+def select_cell(trials: Sequence[RobotTrialResult], joint: str, speed: str) -> list[RobotTrialResult]:
+    """Return the trials with results for a joint and speed, or else for the joint and speed of the first trial."""
+    passed = [trial for trial in trials if trial.by_method]
+    in_cell = [trial for trial in passed if trial.cell == (joint, speed)]
+    return in_cell or [trial for trial in passed if trial.cell == passed[0].cell]
+
+
+def collect_recovery(trial: RobotTrialResult) -> Recovery:
+    """Return the data of the figures about skeleton and states of a trial (figures 5.2 and 5.3)."""
+    identified = trial.by_method[CAMERAS.name].identified
+    planar, skeleton = identified.planar, identified.skeleton
+    thinned = slice(None, None, max(1, len(planar.frames) // _FRAMES))
+    own = sorted(set(planar.labels) & set(skeleton.markers))
+    columns = np.array([planar.labels.index(label) for label in own], dtype=np.int64)
+    points = planar.read_positions(columns, thinned, "xy", keep_bursts=True)
+    paths = {label: points[:, k] for k, label in enumerate(own)}
+    return Recovery(
+        trial=trial.name,
+        joint=trial.labels.joint or skeleton.segments[-1],
+        speed=trial.labels.speed,
+        paths=paths,
+        segment=dict(zip(skeleton.markers, skeleton.segment.tolist(), strict=True)),
+        local=dict(zip(skeleton.markers, skeleton.local, strict=True)),
+        centre=skeleton.centres[0],
+        traces=collect_traces(trial),
+    )
+
+
+def collect_traces(trial: RobotTrialResult) -> StateTraces:
+    """Return the joint states over time from the UKF and from differences, in the robot's coordinate frame."""
+    first = trial.by_method[CAMERAS.name]
+    zero = np.array([first.frame.zero, 0.0, 0.0])
+    curves = {
+        method.thesis: first.frame.sign * (trial.by_method[method.name].joint_states - zero)
+        for method in (CAMERAS, DIFFERENCES)
+        if method.name in trial.by_method
+    }
+    return StateTraces(trial.name, first.time, curves, None if trial.truth is None else trial.truth.at(first.time))
+
+
+def average_wrench(trials: Sequence[RobotTrialResult]) -> AveragedWrench | None:
+    """Return the wrench, averaged over the repetitions of a cell's trials (figures 5.4 and 5.5).
+
+    Only complete repetitions at full amplitude count, without run-in and run-out.
+
+    None if there is no such repetition.
+    """
+    measured: list[FloatArray] = []
+    models: dict[str, list[FloatArray]] = {}
+    for trial in trials:
+        first = trial.by_method[CAMERAS.name]
+        for start, end in _find_repetitions(first):
+            measured.append(_sample(first, _read_wrench(first.identified.dynamics, ""), start, end))
+            for name, series in _predict_wrench(trial).items():
+                models.setdefault(name, []).append(_sample(first, series, start, end))
+    if not measured:
+        return None
+    own, stacked = np.stack(measured), {name: np.stack(series) for name, series in models.items()}
+    errors = {name: series - own for name, series in stacked.items()}
+    return AveragedWrench(" ".join(trials[0].cell).strip(), len(own), _PHASE, own, stacked, errors)
+
+
+def _predict_wrench(trial: RobotTrialResult) -> Mapping[str, FloatArray]:
+    """Return the wrench (T, 3) of each model by the model's label in the thesis."""
+    models = {
+        method.thesis: _read_wrench(trial.by_method[method.name].identified.dynamics, "_model")
+        for method in (ENCODER, CAMERAS)
+        if method.name in trial.by_method
+    }
+    through = trial.method_of_reference
+    return models if through is None else models | {"Ref.": predict_reference(trial, through)[0]}
+
+
+def _read_wrench(dynamics: pd.DataFrame, suffix: str) -> FloatArray:
+    return dynamics[[f"{name}{suffix}" for name in WRENCH]].to_numpy(dtype=np.float64)
+
+
+def _sample(result: MethodResult, wrench: FloatArray, start: float, end: float) -> FloatArray:
+    """Return the wrench (P, 3) at the P phases of one repetition, with x in the direction of the robot's x axis."""
+    at = start + _PHASE / 100 * (end - start)
+    direction = np.array([result.frame.sign, 1.0, result.frame.sign])
+    return np.asarray(np.column_stack([np.interp(at, result.time, column) for column in wrench.T]) * direction)
+
+
+def _find_repetitions(result: MethodResult) -> list[tuple[float, float]]:
+    """Return start and end, s, of each complete repetition at full amplitude; it begins in the positive direction.
+
+    The robot runs in from rest and out to rest: there the amplitude grows and fades. Such a repetition is another
+    movement, and would widen the band of the averaged wrench.
+    """
+    events = result.folder.table("events.parquet")
+    complete = events["complete"]
+    time, angle = result.time, result.identified.q[:, 0]
+    speed = result.frame.sign * result.identified.dq[:, 0]
+    kept, extremes = [], []
+    for start, end in zip(events["start"][complete], events["end"][complete], strict=True):
+        first = (time > start) & (time < start + 0.2 * (end - start))
+        is_positive = first.any() and np.nanmean(speed[first]) > 0
+        half = 0.0 if is_positive else 0.5 * (end - start)
+        if end + half <= time[-1]:
+            kept.append((float(start + half), float(end + half)))
+            inside = angle[(time >= start + half) & (time <= end + half)]
+            extremes.append((np.nanmin(inside), np.nanmax(inside)))
+    if not kept:
+        return kept
+    usual = np.median(extremes, axis=0)
+    full = np.abs(np.asarray(extremes) - usual).max(axis=1) <= _FULL * np.ptp(usual)
+    return [each for each, is_full in zip(kept, full, strict=True) if is_full]
+
+
+PAGE, DOCUMENT, MARKDOWN = "robot.html", "validation.json", "robot.md"
+_BEGIN, _END = "<!-- tables: written by `mocap-id validate robot` -->", "<!-- end of tables -->"
+_ABOUT = (
+    "Each table is a CSV and a Parquet file (units and meanings in the field metadata). A missing value is empty in "
+    "CSV and NaN in Parquet. Rows with the source `thesis` are from its tables."
+)
+
+
+@dataclass(frozen=True)
+class RobotStudyResult:
+    """The result of a robot study."""
+
+    folder: Path  # folder of tables and page
+    trials: tuple[RobotTrialResult, ...]
+    frames: Mapping[str, pd.DataFrame]  # tables by name
+    document: Mapping[str, Any]  # content of validation.json
+
+    @property
+    def failed(self) -> tuple[TrialRun, ...]:
+        """Trials that failed or were refused."""
+        return tuple(trial.run for trial in self.trials if trial.run.exit_code != 0)
+
+    @property
+    def page(self) -> Path:
+        """Path of the page."""
+        return self.folder / PAGE
+
+
+def validate_robot(
+    files: Sequence[Path],
+    out: Path,
+    *,
+    generated: RobotSet | None = None,
+    jobs: int = 1,
+    tell: TrialCallback = lambda run: None,
+    page: Path | None = None,
+) -> RobotStudyResult:
+    """Run a robot study, write its tables and page, and return the result.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        A study's file, or trials' files. If empty, the set in ``out/trials`` is used, which is simulated if missing.
+    out : Path
+        Folder of the tables and the page. The run folders of the trials are in its sub-folder ``runs``.
+    generated : RobotSet, optional
+        The set to simulate.
+    jobs : int
+        Number of trials that run at the same time.
+    tell : callable, optional
+        Called with the result of each finished trial.
+    page : Path, optional
+        A Markdown page whose tables are replaced. The figures are written to a folder beside this page.
+
+    Raises
+    ------
+    ConfigError
+        A file is wrong; no trial was run.
+    StoreError
+        The folder is in use or cannot be written. The failure of a trial raises nothing; it is reported in the tables.
+    """
+    out = out.absolute()
+    text = None if page is None else _read_page(page)
+    files = tuple(files) or (_simulate(out, generated or RobotSet()),)
+    study = load_robot_study(files)
+    owner = find_owner_of_files(*files)
+    configs = [replace(one, trial=replace(one.trial, out=out / "runs" / one.trial.name)) for one in study.trials]
+    with converting_errors(out):
+        out.mkdir(parents=True, exist_ok=True)
+    with Folder(out).locked():
+        check_owner(out, owner, DOCUMENT)
+        runs = run_trials([one.trial for one in configs], LocalBackend(jobs), tell, run=run_all_methods)
+        trials = tuple(read_trial_result(one, run, study.reference) for one, run in zip(configs, runs, strict=True))
+        tables = make_tables(trials)
+        data = _collect_page_data(study, trials, tables)
+        content = _describe_study(study, trials, tables)
+        result = Result("robot-study", DOCUMENT, content, tables, lambda: _make_pages(data))
+        result.write(out)
+        store_owner(out, owner, DOCUMENT)
+    if page is not None and text is not None:
+        _replace_tables(page, text, data)
+    return RobotStudyResult(out, trials, {name: table.frame for name, table in tables.items()}, result.document)
+
+
+def _simulate(out: Path, options: RobotSet) -> Path:
+    """Return the file of the simulated set in the study's folder; simulate the set if it is missing.
+
+    ConfigError is raised if the folder contains a set with different options.
+    """
+    folder = out / "trials"
+    if not (folder / FILE).exists():
+        return simulate_robot_set(folder, options)
+    if (folder / FILE).read_text("utf-8") != robot_set_yaml(options):
+        raise ConfigError(
+            f"{folder} contains a set with a different seed or number of trials: give the same options as for that "
+            "set, or choose a different `--out`"
+        )
+    return folder / FILE
+
+
+def _make_pages(data: RobotStudyData) -> dict[str, bytes]:
+    from mocap_id.reporting.study.robots import render_markdown, render_robot_page  # noqa: PLC0415  it loads the page's templates
+
+    return {PAGE: render_robot_page(data), MARKDOWN: f"# {data.study}\n\n{render_markdown(data, {})}".encode()}
+
+
+def _read_page(page: Path) -> str:
+    try:
+        text = page.read_text("utf-8")
+    except OSError as error:
+        raise ConfigError(f"{page}: the file cannot be read ({error.strerror})") from error
+    if _BEGIN not in text or _END not in text:
+        raise ConfigError(f"{page}: expected the lines `{_BEGIN}` and `{_END}`, which enclose the tables")
+    return text
+
+
+def _replace_tables(page: Path, text: str, data: RobotStudyData) -> None:
+    """Write the tables between the marks in the page, and the figures into a folder with the page's name."""
+    from mocap_id.reporting import paper_figures  # noqa: PLC0415  it loads matplotlib
+    from mocap_id.reporting.study.robots import draw_robot_figures, render_markdown  # noqa: PLC0415
+
+    drawings = draw_robot_figures(data)
+    drawn = [one for one in drawings.all if not one.missing]
+    links = {one.title: f"{page.stem}/{one.name}.svg" for one in drawn}
+    files = paper_figures.make_figure_files(drawings)
+    figures = {links[one.title]: files[f"figures/{one.name}.svg"] for one in drawn}
+    head, rest = text.split(_BEGIN, 1)
+    tail = rest.split(_END, 1)[1]
+    content = f"{head}{_BEGIN}\n\n{render_markdown(data, links)}\n{_END}{tail}"
+    write_files(page.parent, {**figures, page.name: content.encode()})
+
+
+def _collect_page_data(
+    study: RobotStudy, trials: Sequence[RobotTrialResult], tables: Mapping[str, ResultTable]
+) -> RobotStudyData:
+    slow, fast = select_cell(trials, "shoulder", "slow"), select_cell(trials, "elbow", "fast")
+    chosen = {cell[0].name for cell in (slow, fast) if cell}
+    return RobotStudyData(
+        study=study.name,
+        trials=tuple(trial.entry(trial.name, _describe(trial), f"runs/{trial.name}/report.html") for trial in trials),
+        overview=tables["trials"].frame,
+        tables=tuple((one.title, tables[one.name].frame, one.quantities) for one in TABLES),
+        recoveries=tuple(collect_recovery(trial) for trial in trials if trial.name in chosen),
+        averaged=average_wrench(fast) if fast else None,
+        traces=collect_traces(fast[0]) if fast else None,
+    )
+
+
+def _describe(trial: RobotTrialResult) -> str:
+    orientation = "" if trial.labels.orientation is None else f"{trial.labels.orientation:g}°"
+    movement = " ".join(filter(None, (trial.labels.speed, orientation))) or "unlabelled"
+    return f"{trial.labels.joint or 'joint'}, {movement}"
+
+
+def _describe_study(
+    study: RobotStudy, trials: Sequence[RobotTrialResult], tables: Mapping[str, ResultTable]
+) -> dict[str, Any]:
+    return {
+        "study": study.name,
+        "product": __version__,
+        "about": _ABOUT,
+        "page": PAGE,
+        "trials": [
+            {
+                "trial": trial.name,
+                "joint": trial.labels.joint,
+                "speed": trial.labels.speed,
+                "orientation": trial.labels.orientation,
+                "exit_code": trial.run.exit_code,
+                "message": trial.run.published,
+                "truth": trial.truth is not None,
+                "against": trial.by_method[CAMERAS.name].against if trial.by_method else "",
+            }
+            for trial in trials
+        ],
+        "tables": {name: table.description for name, table in tables.items()},
+    }
