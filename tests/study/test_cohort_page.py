@@ -69,8 +69,7 @@ def page(trials: list[TrialResult]) -> bytes:
         trial.entry(trial.name, f"{trial.subject}, {trial.strategy}", f"../{trial.name}/report.html")
         for trial in trials
     )
-    frames = {name: table.frame for name, table in make_tables(trials).items()}
-    return render_cohort_page(CohortData("a study", entries, frames))
+    return render_cohort_page(CohortData("a study", entries, make_tables(trials)))
 
 
 def test_the_page_of_a_study_that_ran(ran: Ran) -> None:

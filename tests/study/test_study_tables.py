@@ -17,7 +17,6 @@ from mocap_id.workflows.study import sit_to_stand
 from mocap_id.workflows.study.pooling import mean_sd, pool_errors
 from mocap_id.workflows.study.sit_to_stand import (
     TABLES,
-    TRIALS,
     length_rows,
     make_tables,
     model_rows,
@@ -203,7 +202,7 @@ def test_what_is_zero_but_for_rounding_has_no_coefficient_of_variation() -> None
 
 def test_trials_tell_failures_and_how_the_models_did() -> None:
     cases = [Made("a", bodies=(body("own", 3.0, 4.0),)).case(), Made("b", failed="it is broken").case()]
-    good, bad = ResultTable.of(TRIALS, cases).records
+    good, bad = ResultTable.of(TABLES["trials"], cases).records
     assert (good["verdict"], good["codes"], good["complete"]) == ("caution", "joint-uncertain, parameters-weak", 1)
     assert (good["cop_x_own_rms"], good["reprojection"]) == (5.0, 0.002)
     assert (bad["verdict"], bad["exit_code"], bad["message"]) == ("failed", 3, "it is broken")
@@ -211,7 +210,7 @@ def test_trials_tell_failures_and_how_the_models_did() -> None:
 
 def test_times_are_taken_where_the_movement_is_timed() -> None:
     times = {"to_fifth_stand_s": 9.5, "to_fifth_seat_contact_s": 10.75, "mean_cycle_s": 2.0, "failed_attempts": 1}
-    timed, other = ResultTable.of(TRIALS, [Made("a", five_times=times).case(), Made("b").case()]).records
+    timed, other = ResultTable.of(TABLES["trials"], [Made("a", five_times=times).case(), Made("b").case()]).records
     assert (timed["five_times"], timed["five_times_seated"]) == (9.5, 10.75)
     assert (timed["cycle"], timed["failed_attempts"]) == (2.0, 1)
     assert other["five_times"] is None

@@ -1,8 +1,12 @@
-"""Files of a report."""
+"""Files of a report and of a study's page, and words that tables and pages share."""
 
 from __future__ import annotations
 
 from typing import Literal, TypeAlias
+
+Ending: TypeAlias = Literal["ok", "caution", "refused", "failed"]
+ENDINGS: dict[Ending, str] = {"ok": "good", "caution": "usable with care", "refused": "refused", "failed": "failed"}
+"""Words for how a trial can end: with a level of the verdict, or as failed, without a verdict."""
 
 PdfFonts: TypeAlias = Literal["type-3", "truetype"]
 """Font type of the text in a PDF."""

@@ -8,8 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from mocap_id import __version__
 from mocap_id.reporting import style
 from mocap_id.reporting.embedding import embed
@@ -17,6 +15,8 @@ from mocap_id.reporting.figure import Drawings
 from mocap_id.reporting.grids import Grid
 
 if TYPE_CHECKING:
+    from jinja2 import Environment
+
     from mocap_id.reporting.player import Player
     from mocap_id.reporting.reasons import ExplainedReason
     from mocap_id.reporting.study.cohort import TrialEntry
@@ -76,6 +76,8 @@ class Page:
 
 def make_environment() -> Environment:
     """Return the environment of the templates; it escapes all values for HTML."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415  only a page that is made needs it
+
     return Environment(
         loader=PackageLoader("mocap_id.reporting", "templates"),
         autoescape=True,  # labels, names and messages come from untrusted files

@@ -1,27 +1,30 @@
-"""The outcome of a trial's run: exit code and summary."""
+"""The outcome of a trial's run, and the columns and tables that batches and studies make from outcomes."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from mocap_id.config.study import StudyTrial
 from mocap_id.errors import Refused
-from mocap_id.reporting.contents import SUMMARY_FILE
+from mocap_id.reporting.contents import ENDINGS, SUMMARY_FILE
 from mocap_id.reporting.numbers import to_number
 from mocap_id.reporting.results.columns import ResultColumn, ResultTable, count, number, text, whole
 from mocap_id.reporting.summary_schema import ReasonEntry
-from mocap_id.store import Folder, TableSchema
+from mocap_id.store import Folder
 from mocap_id.workflows.parallel import NOT_RUN, TrialRun
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from mocap_id.config.study import StudyTrial
     from mocap_id.reporting.study.cohort import TrialEntry
+    from mocap_id.store import TableSchema
+
+Trial = TypeVar("Trial")
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,61 +60,11 @@ class TrialOutcome:
 
     def entry(self, name: str, about: str, report: str) -> TrialEntry:
         """Return the entry of the trial on a page; `report` is the path of its report, unused for a failed trial."""
-        from mocap_id.reporting.study.cohort import TrialEntry  # noqa: PLC0415  it loads the page's templates
+        from mocap_id.reporting.study.cohort import TrialEntry  # noqa: PLC0415  only a page needs it
 
         reasons = [ReasonEntry(**reason) for reason in self.value("verdict", "reasons") or ()]
         link = None if self.summary is None else report
         return TrialEntry(name, about, self.level, reasons, self.run.published, link)
-
-
-def read_summary(folder: Path, run: TrialRun) -> Mapping[str, Any] | None:
-    """Return the content of summary.json; None for a failed trial, because its file may be from an earlier run."""
-    if run.exit_code not in (0, Refused.exit_code):
-        return None
-    summary: Mapping[str, Any] = json.loads((folder / SUMMARY_FILE).read_text("utf-8"))
-    return summary
-
-
-def number_or_nan(value: object) -> float:
-    """Return a fact as a number; NaN if it is missing or not finite."""
-    known = to_number(value)
-    return math.nan if known is None else known
-
-
-def read_entry(*keys: str) -> Callable[[TrialOutcome], Any]:
-    """Return a function that reads an entry of a trial's summary, for a column of a table."""
-    return lambda trial: trial.value(*keys)
-
-
-SUMMARY_COLUMNS: Mapping[str, ResultColumn] = {
-    column.name: column
-    for column in (
-        count("segments", "number of segments with the base", read_entry("segments", "count")),
-        number("confidence", "1", "probability that the segments are right", read_entry("segments", "confidence")),
-        number(
-            "missing_fraction", "1", "fraction of missing marker samples", read_entry("markers", "missing_fraction")
-        ),
-        number(
-            "reprojection",
-            "m",
-            "rms distance between measured and predicted markers",
-            lambda trial: trial.metres("markers", "reprojection_rms_mm"),
-        ),
-        number("mass", "kg", "mass that the plates measure while the person stands", read_entry("dynamics", "mass_kg")),
-        number(
-            "condition_number",
-            "1",
-            "condition number of the chain's regressor (base parameters) over the samples of the fit",
-            read_entry("dynamics", "condition_number"),
-        ),
-        number("clock_offset", "s", "clock offset, plates after cameras", read_entry("dynamics", "clock_offset_s")),
-    )
-}
-"""Columns that are the same in the tables of batches and studies, by name."""
-
-
-Trial = TypeVar("Trial")
-Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,43 +88,35 @@ class StudyOutcome(TrialOutcome):
 class Measure(Generic[Trial, Value]):
     """A quantity that a study compares between people or conditions."""
 
+    label: str | None  # name with unit on a page; None if no page shows it
     unit: str
     meaning: str
     of: Callable[[Trial], Value]  # returns the quantity of a trial
 
 
-TRIAL_COLUMNS: tuple[ResultColumn, ...] = (
-    text("trial", "name of the trial and of its run folder", lambda trial: trial.name),
-    text("subject", "id of the person", lambda trial: trial.subject),
-)
-VERDICT_COLUMNS: tuple[ResultColumn, ...] = (
-    text("verdict", "ok, caution, refused, or failed without a verdict", lambda trial: trial.level),
-    text("codes", "codes of the verdict's reasons", lambda trial: ", ".join(trial.codes)),
-    whole("exit_code", "exit code of `mocap-id run` for the trial", lambda trial: trial.run.exit_code),
-    text("message", "why the trial failed or was refused, without names of files", lambda trial: trial.run.published),
-)
-_INTERVAL_ENDS = {"": "", "low": ", lower end of the 95 % interval", "high": ", upper end of the 95 % interval"}
+def read_summary(folder: Path, run: TrialRun) -> Mapping[str, Any] | None:
+    """Return the content of summary.json; None for a failed trial, because its file may be from an earlier run."""
+    if run.exit_code not in (0, Refused.exit_code):
+        return None
+    summary: Mapping[str, Any] = json.loads((folder / SUMMARY_FILE).read_text("utf-8"))
+    return summary
 
 
-def estimate_columns(
-    name: str, unit: str, meaning: str, estimate: Callable[[Any], Any] | None = None
-) -> list[ResultColumn]:
-    """Return the columns of an estimate: its value, and both ends of its 95 % interval.
-
-    Parameters
-    ----------
-    name, unit, meaning : str
-    estimate : callable, optional
-        Returns the estimate of a trial; by default, the rows contain the values by column name.
-    """
-    return [
-        number(f"{name}_{end}" if end else name, unit, f"{meaning}{words}", _part_of(estimate, end or "value"))
-        for end, words in _INTERVAL_ENDS.items()
-    ]
+def read_event_facts(trial: StudyTrial, run: TrialRun, protocol: str) -> Mapping[str, Any]:
+    """Return the facts of events.parquet about a protocol; empty if missing, or if the trial failed or was refused."""
+    facts = Folder(trial.trial.out).read("events.parquet").facts if run.exit_code == 0 else {}
+    return facts.get(protocol) or {}
 
 
-def _part_of(estimate: Callable[[Any], Any] | None, part: str) -> Callable[[Any], float] | None:
-    return None if estimate is None else lambda trial: getattr(estimate(trial), part)
+def number_or_nan(value: object) -> float:
+    """Return a fact as a number; NaN if it is missing or not finite."""
+    known = to_number(value)
+    return math.nan if known is None else known
+
+
+def read_entry(*keys: str) -> Callable[[TrialOutcome], Any]:
+    """Return a function that reads an entry of a trial's summary, for a column of a table."""
+    return lambda trial: trial.value(*keys)
 
 
 def fill_tables(
@@ -185,7 +130,50 @@ def fill_tables(
     }
 
 
-def read_event_facts(trial: StudyTrial, run: TrialRun, protocol: str) -> Mapping[str, Any]:
-    """Return the facts of events.parquet about a protocol; empty if missing, or if the trial failed or was refused."""
-    facts = Folder(trial.trial.out).read("events.parquet").facts if run.exit_code == 0 else {}
-    return facts.get(protocol) or {}
+SUMMARY_COLUMNS: Mapping[str, ResultColumn] = {
+    column.name: column
+    for column in (
+        count("segments", "number of segments with the base", read_entry("segments", "count")),
+        number("confidence", "1", "probability that the segments are right", read_entry("segments", "confidence")),
+        number(
+            "missing_fraction", "1", "fraction of missing marker samples", read_entry("markers", "missing_fraction")
+        ),
+        number(
+            "reprojection",
+            "m",
+            "rms distance between measured and predicted markers",
+            lambda trial: trial.metres("markers", "reprojection_rms_mm"),
+            "re-projection (mm)",
+            decimals=1,
+            factor=1e3,
+            optional=True,
+        ),
+        number("mass", "kg", "mass that the plates measure while the person stands", read_entry("dynamics", "mass_kg")),
+        number(
+            "condition_number",
+            "1",
+            "condition number of the chain's regressor (base parameters) over the samples of the fit",
+            read_entry("dynamics", "condition_number"),
+            "condition number",
+            optional=True,
+        ),
+        number("clock_offset", "s", "clock offset, plates after cameras", read_entry("dynamics", "clock_offset_s")),
+    )
+}
+"""Columns that are the same in the tables of batches and studies, by name."""
+TRIAL_COLUMNS: tuple[ResultColumn, ...] = (
+    text("trial", "name of the trial and of its run folder", lambda trial: trial.name, "trial"),
+    text("subject", "id of the person", lambda trial: trial.subject, "person"),
+)
+VERDICT_COLUMNS: tuple[ResultColumn, ...] = (
+    text(
+        "verdict",
+        "ok, caution, refused, or failed without a verdict",
+        lambda trial: trial.level,
+        "verdict",
+        cell=lambda row: ENDINGS[row["verdict"]],
+    ),
+    text("codes", "codes of the verdict's reasons", lambda trial: ", ".join(trial.codes)),
+    whole("exit_code", "exit code of `mocap-id run` for the trial", lambda trial: trial.run.exit_code),
+    text("message", "why the trial failed or was refused, without names of files", lambda trial: trial.run.published),
+)

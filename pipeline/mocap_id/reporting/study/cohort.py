@@ -1,60 +1,27 @@
-"""The data for the page of a study of people: how each trial ended, and the study's tables."""
+"""What the pages of all studies of people share: the data, how each trial ended, and figures with a row per person."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.reporting import style
-from mocap_id.reporting.contents import COHORT
+from mocap_id.reporting.contents import COHORT, ENDINGS, Ending
 from mocap_id.reporting.explanations import LEVELS
 from mocap_id.reporting.figure import Drawings, Item, Points, Rule
-from mocap_id.reporting.grids import GridColumn, text
 from mocap_id.reporting.page import KeyNumber, Page, Section
 from mocap_id.reporting.reasons import ExplainedReason, Prose, explain_reason, split_code, to_sentence
 from mocap_id.reporting.summary_schema import ReasonEntry
 
+if TYPE_CHECKING:
+    from mocap_id.reporting.results.columns import ResultTable
 
-@dataclass(frozen=True)
-class CohortData:
-    """The data for the page of a study of people."""
-
-    study: str  # name of the study
-    trials: tuple[TrialEntry, ...]
-    tables: Mapping[str, pd.DataFrame]  # the study's tables by name
-    remarks: tuple[str, ...] = ()  # sentences about trials that may be of another person
-
-    @property
-    def subjects(self) -> tuple[str, ...]:
-        """Ids of the people, in the order of the trials."""
-        return tuple(dict.fromkeys(self.tables["trials"]["subject"]))
-
-    @property
-    def strategies(self) -> tuple[str, ...]:
-        """The strategies, in the order of the trials."""
-        return tuple(dict.fromkeys(self.tables["trials"]["strategy"]))
-
-    def of_cohort(self, table: str) -> pd.DataFrame:
-        """Return the rows of a table that are about all people together."""
-        frame = self.tables[table]
-        return frame[frame["subject"] == COHORT]
-
-    def of_people(self, table: str) -> pd.DataFrame:
-        """Return the rows of a table that are about single people."""
-        frame = self.tables[table]
-        return frame[frame["subject"] != COHORT]
-
-
-Ending: TypeAlias = Literal["ok", "caution", "refused", "failed"]
-ENDINGS: dict[Ending, str] = {"ok": "good", "caution": "usable with care", "refused": "refused", "failed": "failed"}
-"""Words for how a trial can end: with a level of the verdict, or as failed, without a verdict."""
-VERDICT: GridColumn = text("verdict", lambda row: ENDINGS[row["verdict"]])
-"""Column with the verdict, for tables of trials."""
+_SPREAD = 0.6  # fraction of a row's height over which the trials of a person are spread
 
 
 @dataclass(frozen=True)
@@ -97,6 +64,37 @@ class TrialEntry:
         return tuple(map(explain_reason, self.reasons))
 
 
+@dataclass(frozen=True)
+class CohortData:
+    """The data for the page of a study of people."""
+
+    study: str  # name of the study
+    trials: tuple[TrialEntry, ...]
+    tables: Mapping[str, ResultTable]  # the study's tables by name
+    remarks: tuple[str, ...] = ()  # sentences about trials that may be of another person
+
+    def frame(self, table: str) -> pd.DataFrame:
+        """Return all rows of a table."""
+        return self.tables[table].frame
+
+    def of_cohort(self, table: str) -> pd.DataFrame:
+        """Return the rows of a table that are about all people together."""
+        return self.frame(table)[self.frame(table)["subject"] == COHORT]
+
+    def of_people(self, table: str) -> pd.DataFrame:
+        """Return the rows of a table that are about single people."""
+        return self.frame(table)[self.frame(table)["subject"] != COHORT]
+
+    def list_labels(self, label: str) -> list[str]:
+        """Return the different values of a column of the table `trials`, in the order of the trials."""
+        return list(dict.fromkeys(self.frame("trials")[label]))
+
+    @property
+    def subjects(self) -> list[str]:
+        """Ids of the people, in the order of the trials."""
+        return self.list_labels("subject")
+
+
 def count_passed(trials: Sequence[TrialEntry]) -> str:
     """Return a clause that says how many trials have results."""
     return f"{sum(trial.passed for trial in trials)} of {len(trials)} trials have results"
@@ -128,7 +126,7 @@ def render_study_page(
     ).render()
 
 
-_SPREAD = 0.6  # fraction of a row's height over which the trials of a person are spread
+# Figures with a row for each person and, within the row, a position for each trial.
 
 
 def place_trials(data: CohortData, trials: Sequence[str], subjects: Sequence[str] = ()) -> FloatArray:
@@ -137,7 +135,7 @@ def place_trials(data: CohortData, trials: Sequence[str], subjects: Sequence[str
     The rows are in the order of ``subjects``; if it is empty, in the order in which people occur in the trials.
     """
     rows: dict[str, float] = {}
-    frame = data.tables["trials"]
+    frame = data.frame("trials")
     for row, subject in enumerate(subjects or data.subjects):
         own = frame[frame["subject"] == subject]["trial"]
         rows |= {name: row + offset for name, offset in zip(own, spread_evenly(len(own), _SPREAD), strict=True)}
@@ -147,11 +145,6 @@ def place_trials(data: CohortData, trials: Sequence[str], subjects: Sequence[str
 def spread_evenly(count: int, width: float) -> FloatArray:
     """Return ``count`` evenly spaced positions, centred at zero, over a width; zero for a single position."""
     return width * (np.arange(count) / (count - 1) - 0.5) if count > 1 else np.zeros(count)
-
-
-def name_rows(data: CohortData) -> tuple[str, ...]:
-    """Return the labels of the rows: the ids of the people."""
-    return tuple(style.clean(subject, 16) for subject in data.subjects)
 
 
 def draw_separators(data: CohortData) -> list[Item]:
@@ -164,17 +157,20 @@ def draw_dots(data: CohortData, frame: pd.DataFrame, value: str, sd: str, *, fac
 
     ``value`` and ``sd`` are column names; the frame also has `trial` and `strategy`. Values are times ``factor``.
     """
-    known = frame[np.isfinite(frame[value].to_numpy(dtype=np.float64))]
+    known = frame[np.isfinite(to_floats(frame[value]))]
     items: list[Item] = []
-    for k, strategy in enumerate(data.strategies, start=1):
+    for k, strategy in enumerate(data.list_labels("strategy"), start=1):
         own = known[known["strategy"] == strategy]
         if own.empty:
             continue
-        trials, spread = own["trial"].tolist(), own[sd].to_numpy(dtype=np.float64)
+        trials, spread = own["trial"].tolist(), to_floats(own[sd])
         half = NORMAL_95 * factor * np.where(np.isfinite(spread), spread, 0.0)
-        x = factor * own[value].to_numpy(dtype=np.float64)
         label, names = style.clean(strategy, 20), tuple(style.clean(trial, 30) for trial in trials)
-        items.append(
-            Points(x, place_trials(data, trials), style.pick_colour(k), label, size=3.5, half=half, names=names)
-        )
+        place, colour = place_trials(data, trials), style.pick_colour(k)
+        items.append(Points(factor * to_floats(own[value]), place, colour, label, size=3.5, half=half, names=names))
     return items
+
+
+def to_floats(column: pd.Series) -> FloatArray:
+    """Return a column of numbers as an array; NaN where unknown."""
+    return np.asarray(column.to_numpy(dtype=np.float64))

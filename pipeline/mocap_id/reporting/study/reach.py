@@ -1,4 +1,4 @@
-"""The tables of a reach study."""
+"""``cohort.html`` of a reach study: tables (thesis 7.1), volume by person, volumes on one scale (figures 7.3, 7.4)."""
 
 from __future__ import annotations
 
@@ -6,98 +6,41 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Item, Line, Panel, Points, arrange_in_lines
-from mocap_id.reporting.grids import Grid, GridColumn, estimate, number, show_estimate, text, to_grid
+from mocap_id.reporting.grids import show_estimate
 from mocap_id.reporting.numbers import UNKNOWN, show, to_number
 from mocap_id.reporting.page import KeyNumber, Section
 from mocap_id.reporting.space.figures.reach import make_turnable_panel
-from mocap_id.reporting.study.cohort import VERDICT, CohortData, draw_separators, place_trials, render_study_page
-
-_MEASURES = {
-    "volume": "volume (m³)",
-    "visited": "visited volume (m³)",
-    "surface": "surface",
-    "elevation": "elevation (°)",
-    "height": "height (m)",
-}
-_MEASURE = text("measure", lambda row: _MEASURES[row["measure"]])
-
-
-def list_people(frame: pd.DataFrame) -> Grid:
-    """Return table 7.1: reachable volume and clinical score of every person."""
-    columns = (
-        text("person", "subject"),
-        GridColumn("score", lambda row: show_score(row["score"]), optional=True),
-        GridColumn("trials", lambda row: f"{row['trials']} of {row['of_trials']}"),
-        estimate(_MEASURES["volume"], "volume"),
-        number("right (m³)", "volume_right", 3, optional=True),
-        number("left (m³)", "volume_left", 3, optional=True),
-        estimate(_MEASURES["visited"], "visited"),
-    )
-    return to_grid("Reachable volume and clinical score (thesis table 7.1), with 95 % intervals", frame, columns)
-
-
-def list_measures(frame: pd.DataFrame) -> Grid:
-    """Return a table of the other measures of reach of every person."""
-    others = (estimate(_MEASURES[name], name) for name in ("surface", "elevation", "height"))
-    return to_grid("Other measures of reach", frame, (text("person", "subject"), *others))
-
-
-def list_correlations(frame: pd.DataFrame) -> Grid:
-    """Return a table of the correlation of every measure with the clinical score."""
-    columns = (
-        _MEASURE,
-        number("people", "people", 0),
-        estimate("Spearman's correlation", "spearman"),
-        number("p", "p"),
-    )
-    caption = "Correlation with the clinical score, with 95 % interval and permutation p-value"
-    return to_grid(caption, frame[frame["spearman"].notna()], columns)
-
-
-def list_differences(frame: pd.DataFrame, caption: str) -> Grid:
-    """Return a table of paired differences from rows of the cohort or of every person."""
-    columns = (
-        text("difference", "comparison"),
-        _MEASURE,
-        text("person", "subject"),
-        text("of", "label"),
-        number("people", "people", 0),
-        estimate("difference", "difference"),
-        number("sd", "sd", optional=True),
-    )
-    return to_grid(caption, frame, columns)
-
-
-def list_trials(frame: pd.DataFrame) -> Grid:
-    """Return a table of every trial with its verdict and reach."""
-    columns = (
-        text("trial", "trial"),
-        text("person", "subject"),
-        text("side", "side"),
-        text("session", "session", UNKNOWN),
-        VERDICT,
-        *(estimate(head, name) for name, head in _MEASURES.items()),
-        text("", "why"),
-    )
-    return to_grid("Every trial, with 95 % intervals", frame, columns)
-
-
-def show_score(score: object) -> str:
-    """Format a clinical score, such as ``2``; return a dash if it is unknown."""
-    value = to_number(score)
-    return UNKNOWN if value is None else f"{value:g}"
-
+from mocap_id.reporting.study.cohort import CohortData, draw_separators, place_trials, render_study_page, to_floats
 
 _SIDES = {"right": style.BLUE, "left": style.VERMILLION}
 _CAPTION = (
     "Surfaces of the reachable volumes of each person about the top of the breastbone, all on one scale, for joints "
     "that are independent of each other. On the page, each panel can be rotated. The thick line is the arm at its "
     "furthest reach; the ring is its shoulder. {drawn}"
+)
+_FOOTER = (
+    "The same numbers in SI units are in the CSV and Parquet files beside this page, which study.json describes. A "
+    "left arm is mirrored, so that the numbers of both sides have the same meaning."
+)
+_MEANING = (
+    "The volume is what the wrist can reach if each joint uses its whole range, independent of the others, as in the "
+    "thesis. The visited volume uses only recorded combinations of joint angles. The surface is the reached fraction "
+    "of the hemisphere in front of the shoulder. For elevation and height, the largest values are given.",
+    "A person's number is the mean of both sides. Its interval is the mean interval of the trials, because the "
+    "trials may have the same errors.",
+)
+_CORRELATION = (
+    "The correlation excludes people without a score. Its interval applies to people like these; with few people it is "
+    "wide even if their order is perfect."
+)
+_DIFFERENCES = (
+    "Paired differences with 95 % intervals. The interval of a person follows from the intervals of the trials, the "
+    "interval of the cohort from the differences between people (Student's t). If nobody changed between two sessions, "
+    "twice the standard deviation is the smallest change of one person that repetition alone does not explain."
 )
 
 
@@ -110,6 +53,67 @@ class Shape:
     session: str  # name of the session
     wires: FloatArray  # (K, 3) lines on the surface, interrupted by NaN
     arm: FloatArray  # (3, 3) shoulder, elbow and wrist at the furthest reach
+
+
+def render_reach_page(data: CohortData, shapes: Sequence[Shape]) -> bytes:
+    """Return the HTML page in UTF-8.
+
+    Parameters
+    ----------
+    data : CohortData
+        Data of the study with the tables `people`, `correlation`, `differences` and `trials`.
+    shapes : sequence of Shape
+        Surfaces of reachable volumes, at most one for each person, side and session, in the order of the sessions.
+    """
+    return render_study_page(
+        data, _make_key_numbers(data), _make_sections(data), draw_reach_figures(data, shapes), _FOOTER
+    )
+
+
+def _make_key_numbers(data: CohortData) -> Iterator[KeyNumber]:
+    frame = data.frame("people")
+    yield KeyNumber("people", str(len(frame)), f"{len(data.trials)} trials")
+    volumes = frame["volume"].dropna()
+    if len(volumes):
+        extremes = f"{show(volumes.min())} … {show(volumes.max())} m³"
+        yield KeyNumber("volume", extremes, "smallest and largest volume of a person")
+    correlation, differences = data.frame("correlation"), data.of_cohort("differences")
+    for row in correlation[(correlation["measure"] == "volume") & correlation["spearman"].notna()].to_dict("records"):
+        about = f"95 % interval {show(row['spearman_low'])} … {show(row['spearman_high'])}, {row['people']} people"
+        yield KeyNumber("volume and score", show(row["spearman"]), f"Spearman's correlation, {about}")
+    known = differences[(differences["measure"] == "volume") & differences["difference"].notna()]
+    for row in known.to_dict("records"):
+        yield KeyNumber(row["comparison"], show_estimate(row, "difference"), "mean difference of volume, m³")
+
+
+def _make_sections(data: CohortData) -> Iterator[Section]:
+    people, correlation, differences = (data.tables[name] for name in ("people", "correlation", "differences"))
+    known = correlation.frame["spearman"].notna()
+    thesis = "Reachable volume and clinical score (thesis table 7.1), with 95 % intervals"
+    grids = [people.grid(thesis, "subject score trials volume volume_right volume_left visited")]
+    if known.any():
+        caption = "Correlation with the clinical score, with 95 % interval and permutation p-value"
+        grids.append(correlation.grid(caption, "measure people spearman p", rows=correlation.frame[known]))
+    grids.append(people.grid("Other measures of reach", "subject surface elevation height"))
+    text = (*_MEANING, _CORRELATION) if known.any() else _MEANING
+    yield Section("volume", "Reachable volume", tuple(grids), ("volumes",), text=text)
+    yield Section(
+        "shapes",
+        "The volumes on one scale (thesis figures 7.3 and 7.4)",
+        figures=("reach-sides", "reach-sessions"),
+    )
+    if len(differences.frame):
+        columns = "comparison measure subject label people difference sd"
+        of_cohort, of_people = data.of_cohort("differences"), data.of_people("differences")
+        yield Section(
+            "differences",
+            "Left and right, session and session",
+            (differences.grid("Mean differences over the people", columns, rows=of_cohort),),
+            folded=(differences.grid("Differences of every person", columns, rows=of_people),),
+            text=(_DIFFERENCES,),
+        )
+    columns = "trial subject side session verdict volume visited surface elevation height why"
+    yield Section("trials", "Trials", (data.tables["trials"].grid("Every trial, with 95 % intervals", columns),))
 
 
 def draw_reach_figures(data: CohortData, shapes: Sequence[Shape]) -> Drawings:
@@ -137,8 +141,8 @@ def draw_reach_figures(data: CohortData, shapes: Sequence[Shape]) -> Drawings:
 
 def _name_people(data: CohortData) -> dict[str, str]:
     """Return the labels of all people by id, with the clinical score if known, in the order of table 7.1."""
-    frame = data.tables["people"]
-    scores = zip(frame["subject"], frame["score"].to_numpy(dtype=np.float64), strict=True)
+    frame = data.frame("people")
+    scores = zip(frame["subject"], to_floats(frame["score"]), strict=True)
     return {
         subject: style.clean(subject, 16) + ("" if np.isnan(score) else f" ({show_score(score)})")
         for subject, score in scores
@@ -146,7 +150,7 @@ def _name_people(data: CohortData) -> dict[str, str]:
 
 
 def _draw_volumes(data: CohortData) -> Figure | str:
-    trials, labels = data.tables["trials"], _name_people(data)
+    trials, labels = data.frame("trials"), _name_people(data)
     known = trials[trials["volume"].notna()]
     if known.empty:
         return "No reachable volume: no trial has one."
@@ -156,7 +160,7 @@ def _draw_volumes(data: CohortData) -> Figure | str:
         own = (known["side"] == side).to_numpy(dtype=np.bool_)
         if not own.any():
             continue
-        value, low, high = (known.loc[own, f"volume{end}"].to_numpy(dtype=np.float64) for end in ("", "_low", "_high"))
+        value, low, high = (to_floats(known.loc[own, f"volume{end}"]) for end in ("", "_low", "_high"))
         ends = np.column_stack([low, high, np.full(int(own.sum()), np.nan)]).ravel()
         names = tuple(style.clean(name, 30) for name in known.loc[own, "trial"])
         items += [Line(ends, np.repeat(rows[own], 3), colour), Points(value, rows[own], colour, side, names=names)]
@@ -220,81 +224,7 @@ def _draw_items(shape: Shape, label: str, colour: str) -> Iterator[Item]:
     yield Points(x, y, style.INK, symbol="ring", z=z)
 
 
-_FOOTER = (
-    "The same numbers in SI units are in the CSV and Parquet files beside this page, which study.json describes. A "
-    "left arm is mirrored, so that the numbers of both sides have the same meaning."
-)
-_MEANING = (
-    "The volume is what the wrist can reach if each joint uses its whole range, independent of the others, as in the "
-    "thesis. The visited volume uses only recorded combinations of joint angles. The surface is the reached fraction "
-    "of the hemisphere in front of the shoulder. For elevation and height, the largest values are given.",
-    "A person's number is the mean of both sides. Its interval is the mean interval of the trials, because the "
-    "trials may have the same errors.",
-)
-_CORRELATION = (
-    "The correlation excludes people without a score. Its interval applies to people like these; with few people it is "
-    "wide even if their order is perfect."
-)
-_DIFFERENCES = (
-    "Paired differences with 95 % intervals. The interval of a person follows from the intervals of the trials, the "
-    "interval of the cohort from the differences between people (Student's t). If nobody changed between two sessions, "
-    "twice the standard deviation is the smallest change of one person that repetition alone does not explain."
-)
-
-
-def render_reach_page(data: CohortData, shapes: Sequence[Shape]) -> bytes:
-    """Return the HTML page in UTF-8.
-
-    Parameters
-    ----------
-    data : CohortData
-        Data of the study with the tables `people`, `correlation`, `differences` and `trials`.
-    shapes : sequence of Shape
-        Surfaces of reachable volumes, at most one for each person, side and session, in the order of the sessions.
-    """
-    return render_study_page(
-        data, _make_key_numbers(data), _make_sections(data), draw_reach_figures(data, shapes), _FOOTER
-    )
-
-
-def _make_sections(data: CohortData) -> Iterator[Section]:
-    correlation = data.tables["correlation"]
-    scored = bool(correlation["spearman"].notna().any())
-    people = data.tables["people"]
-    grids = (
-        list_people(people),
-        *([list_correlations(correlation)] if scored else []),
-        list_measures(people),
-    )
-    text = (*_MEANING, _CORRELATION) if scored else _MEANING
-    yield Section("volume", "Reachable volume", grids, ("volumes",), text=text)
-    yield Section(
-        "shapes",
-        "The volumes on one scale (thesis figures 7.3 and 7.4)",
-        figures=("reach-sides", "reach-sessions"),
-    )
-    if len(data.tables["differences"]):
-        yield Section(
-            "differences",
-            "Left and right, session and session",
-            (list_differences(data.of_cohort("differences"), "Mean differences over the people"),),
-            folded=(list_differences(data.of_people("differences"), "Differences of every person"),),
-            text=(_DIFFERENCES,),
-        )
-    yield Section("trials", "Trials", (list_trials(data.tables["trials"]),))
-
-
-def _make_key_numbers(data: CohortData) -> Iterator[KeyNumber]:
-    frame = data.tables["people"]
-    yield KeyNumber("people", str(len(frame)), f"{len(data.trials)} trials")
-    volumes = frame["volume"].dropna()
-    if len(volumes):
-        extremes = f"{show(volumes.min())} … {show(volumes.max())} m³"
-        yield KeyNumber("volume", extremes, "smallest and largest volume of a person")
-    correlation, differences = data.tables["correlation"], data.of_cohort("differences")
-    for row in correlation[(correlation["measure"] == "volume") & correlation["spearman"].notna()].to_dict("records"):
-        about = f"95 % interval {show(row['spearman_low'])} … {show(row['spearman_high'])}, {row['people']} people"
-        yield KeyNumber("volume and score", show(row["spearman"]), f"Spearman's correlation, {about}")
-    known = differences[(differences["measure"] == "volume") & differences["difference"].notna()]
-    for row in known.to_dict("records"):
-        yield KeyNumber(row["comparison"], show_estimate(row, "difference"), "mean difference of volume, m³")
+def show_score(score: object) -> str:
+    """Format a clinical score, such as ``2``; return a dash if it is unknown."""
+    value = to_number(score)
+    return UNKNOWN if value is None else f"{value:g}"

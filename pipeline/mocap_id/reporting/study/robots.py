@@ -1,159 +1,38 @@
-"""The data for the page of a robot study: how each trial ended, the tables, and series for the figures."""
+"""``robot.html``, the same tables in Markdown for pages such as docs/robot.md, and the figures (thesis 5.2 to 5.6).
+
+A sentence replaces a missing figure.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.downsampling import thin_curve
 from mocap_id.reporting.figure import Band, Dash, Drawing, Drawings, Figure, Item, Line, Panel, Points, Text
-from mocap_id.reporting.grids import Grid, GridColumn, number, text, to_grid
+from mocap_id.reporting.grids import Grid, GridColumn, number, text
 from mocap_id.reporting.numbers import UNKNOWN, show_fixed, to_number
 from mocap_id.reporting.page import Page, Section
-from mocap_id.reporting.study.cohort import count_passed
-from mocap_id.reporting.style import format_unit
+from mocap_id.reporting.study.cohort import TrialEntry, count_passed
 
 if TYPE_CHECKING:
-    import pandas as pd
+    from mocap_id.reporting.results.columns import ResultTable
 
-    from mocap_id.reporting.study.cohort import TrialEntry
-
-
-@dataclass(frozen=True)
-class StateTraces:
-    """States of a trial in the robot's frame: angle, velocity and acceleration, rad, rad/s and rad/s²."""
-
-    trial: str
-    time: FloatArray  # (T,) s
-    curves: Mapping[str, FloatArray]  # (T, 3) states by method
-    truth: FloatArray | None  # (T, 3) true states; None if unknown
-
-
-@dataclass(frozen=True)
-class Recovery:
-    """Markers, joint centre and states of one trial."""
-
-    trial: str
-    joint: str
-    speed: str
-    paths: Mapping[str, FloatArray]  # (F, 2) path of each marker in the plane, m
-    segment: Mapping[str, int]  # segment of each marker, 0 = base
-    local: Mapping[str, FloatArray]  # (2,) coordinates of each marker in its segment's frame, m
-    centre: FloatArray  # (2,) centre of the joint, plane frame, m
-    traces: StateTraces
-
-
-@dataclass(frozen=True)
-class AveragedWrench:
-    """Wrench over the R repetitions of the trials of one cell, in the robot's frame, N and N·m."""
-
-    cell: str  # joint, orientation and speed, a row of the thesis's tables
-    repetitions: int
-    phase: FloatArray  # (P,) % of a repetition
-    measured: FloatArray  # (R, P, 3) Fx, Fy, tauz
-    models: Mapping[str, FloatArray]  # (R, P, 3) modelled wrench, by the labels of the thesis
-    errors: Mapping[str, FloatArray]  # (R, P, 3) model minus measurement
-
-
-@dataclass(frozen=True)
-class RobotStudyData:
-    """The data for the page of a robot study."""
-
-    study: str
-    trials: tuple[TrialEntry, ...]
-    overview: pd.DataFrame  # the table `trials`
-    # title, rows and quantities of each of the thesis's tables
-    tables: tuple[tuple[str, pd.DataFrame, Sequence[Quantity]], ...]
-    recoveries: tuple[Recovery, ...]
-    averaged: AveragedWrench | None  # None without a complete repetition
-    traces: StateTraces | None  # None if no trial has results
-
-
-Kind: TypeAlias = Literal["value", "error"]
-
-_UNITS = {"m": ("mm", 1e3), "rad": ("deg", 180 / np.pi), "rad/s": ("deg/s", 180 / np.pi)}
-_DECIMALS = {"mm": 2, "deg": 3, "deg/s": 2, "1": 1, "kg·m²": 4}
-_SOURCES = {"this": "this program", "thesis": "thesis"}
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A quantity in a table of the thesis, with a column for its mean and one for its standard deviation."""
-
-    name: str
-    unit: str
-    meaning: str
-    symbol: str  # heading of the column
-    # For a value, the columns are mean and standard deviation over the trials. For an error, they are the mean of the
-    # trials' biases and the root mean square of the trials' standard deviations.
-    kind: Kind = "value"
-    to_si: float = 1.0  # factor from the thesis's unit to SI
-    decimals: int | None = None  # number of decimals; None for the usual number of the unit
-
-    @property
-    def grid_column(self) -> GridColumn:
-        """Column of a table with cells ``mean (standard deviation)``."""
-        shown, factor = _UNITS.get(self.unit, (format_unit(self.unit), 1.0))
-        decimals = _DECIMALS.get(shown, 3) if self.decimals is None else self.decimals
-
-        def cell(row: Mapping[str, Any]) -> str:
-            mean, sd = to_number(row[f"{self.name}_mean"]), to_number(row[f"{self.name}_sd"])
-            if mean is None and sd is None:
-                return UNKNOWN
-            value = "?" if mean is None else show_fixed(factor * mean, decimals)
-            return value if sd is None else f"{value} ({show_fixed(factor * sd, decimals)})"
-
-        return GridColumn(self.symbol if self.unit == "1" else f"{self.symbol} ({shown})", cell)
-
-
-def list_thesis_rows(title: str, frame: pd.DataFrame, quantities: Sequence[Quantity]) -> Grid:
-    """Return one of the thesis's tables with the rows of the study and, below them, those of the thesis."""
-    columns = (
-        text("joint", "joint", UNKNOWN),
-        GridColumn("orientation (deg)", lambda row: show_fixed(row["orientation"], 0), text=True, optional=True),
-        text("speed", "speed", UNKNOWN),
-        text("obs.", "obs"),
-        text("by", lambda row: _SOURCES[row["source"]]),
-        text("trials", "trials", UNKNOWN),
-        *(quantity.grid_column for quantity in quantities),
-    )
-    return to_grid(title, frame, columns)
-
-
-def list_trials(trials: pd.DataFrame) -> Grid:
-    """Return a table of every trial with states from the cameras: verdict, and errors if they are known."""
-    columns = (
-        text("trial", "trial"),
-        text("verdict", "verdict"),
-        text("reasons", "codes", UNKNOWN),
-        number("l₁ (mm)", "base", 2, 1e3),
-        number("error of l₁ (mm)", "base_error", 2, 1e3),
-        number("acceleration r²", "ddtheta_r2", 4),
-        number("condition", "condition"),
-        GridColumn("error of my₂ (%)", lambda row: _show_error(row, "my2")),
-        GridColumn("error of Izz₂ (%)", lambda row: _show_error(row, "Izz2")),
-        text("Izz₂ is", "Izz2_verdict", UNKNOWN),
-        number("torque r²", "torque_r2", 4),
-        number("clock of the encoder (ms)", "encoder_offset", 3, 1e3),
-    )
-    caption = "Every trial, with states from the cameras; errors of my₂ and Izz₂ ± sd, relative to the reference"
-    return to_grid(caption, trials[trials["method"] == "cameras"], columns)
-
-
-def _show_error(row: Mapping[str, Any], name: str) -> str:
-    """Format the error of a parameter with its standard deviation, in per cent of the reference."""
-    value, reference, sd = (to_number(row[key]) for key in (name, f"{name}_reference", f"{name}_sd"))
-    if value is None or not reference or sd is None:
-        return UNKNOWN
-    return f"{show_fixed(100 * (value / reference - 1), 2)} ± {show_fixed(100 * sd / reference, 2)}"
-
-
+LEGEND = (
+    "Mean (standard deviation). Values: over the trials of a cell; errors: over all samples of these trials. P: states "
+    "from the cameras; R: states from the robot's encoder; Ref.: the reference parameters on the same states. States "
+    "are compared with the truth if it is known, else with the encoder. The rows of the thesis are below the rows of "
+    "this program; ? is a number that is not readable in the thesis. Cells without a row of the thesis (the fast "
+    "shoulder) were not measured there."
+)
+_FOOTER = (
+    "The same numbers in SI units are in the CSV and Parquet files beside this page, which validation.json describes."
+)
 _RECOVERY = (
     "Above: paths of the markers in the plane, with crosses for stationary markers, colours for markers of the moving "
     "body, and a circle for the joint centre. Beside it: the moving markers in the frame of their segment. Below: "
@@ -183,6 +62,121 @@ _ACCELERATION_LOOKS: Mapping[str, tuple[str, Dash, float]] = {
 }
 
 
+@dataclass(frozen=True)
+class StateTraces:
+    """States of a trial in the robot's frame: angle, velocity and acceleration, rad, rad/s and rad/s²."""
+
+    trial: str
+    time: FloatArray  # (T,) s
+    curves: Mapping[str, FloatArray]  # (T, 3) states by method
+    truth: FloatArray | None  # (T, 3) true states; None if unknown
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """Markers, joint centre and states of one trial."""
+
+    joint: str
+    speed: str
+    paths: Mapping[str, FloatArray]  # (F, 2) path of each marker in the plane, m
+    segment: Mapping[str, int]  # segment of each marker, 0 = base
+    local: Mapping[str, FloatArray]  # (2,) coordinates of each marker in its segment's frame, m
+    centre: FloatArray  # (2,) centre of the joint, plane frame, m
+    traces: StateTraces
+
+
+@dataclass(frozen=True)
+class AveragedWrench:
+    """Wrench over the R repetitions of the trials of one cell, in the robot's frame, N and N·m."""
+
+    cell: str  # joint, orientation and speed, a row of the thesis's tables
+    repetitions: int
+    phase: FloatArray  # (P,) % of a repetition
+    measured: FloatArray  # (R, P, 3) Fx, Fy, tauz
+    models: Mapping[str, FloatArray]  # (R, P, 3) modelled wrench, by the labels of the thesis
+    errors: Mapping[str, FloatArray]  # (R, P, 3) model minus measurement
+
+
+@dataclass(frozen=True)
+class RobotStudyData:
+    """The data for the page of a robot study."""
+
+    study: str
+    trials: tuple[TrialEntry, ...]
+    overview: ResultTable  # the table `trials`
+    tables: Mapping[str, ResultTable]  # each of the thesis's tables by its title
+    recoveries: tuple[Recovery, ...]
+    averaged: AveragedWrench | None  # None without a complete repetition
+    traces: StateTraces | None  # None if no trial has results
+
+
+def render_robot_page(data: RobotStudyData) -> bytes:
+    """Return the HTML page in UTF-8."""
+    against = set(data.overview.frame["against"]) - {""}
+    lead = "Neither truth nor encoder is known, so the errors of the states are unknown."
+    if "truth" in against:
+        lead = "Simulated trials: the errors are differences from the exact truth."
+    elif "encoder" in against:
+        lead = "The truth is not known. The states from the cameras are compared with the encoder; R has no comparison."
+    figures = draw_robot_figures(data)
+    first, *tables = _list_grids(data)
+    return Page(
+        name=data.study,
+        headline=count_passed(data.trials),
+        lead=lead,
+        command="validate robot",
+        level="ok" if all(trial.passed for trial in data.trials) else "caution",
+        sections=(
+            Section("trials", "Trials", (first,)),
+            Section("tables", "Tables", tuple(tables), text=(LEGEND,)),
+            Section("figures", "Figures", figures=tuple(one.name for one in figures.all)),
+        ),
+        trials=data.trials,
+        figures=figures,
+        footer=_FOOTER,
+    ).render()
+
+
+def _list_grids(data: RobotStudyData) -> Iterator[Grid]:
+    """Yield the table of every trial with states from the cameras, and the thesis's tables."""
+    trials = data.overview.frame
+    yield data.overview.grid(
+        "Every trial, with states from the cameras; errors of my₂ and Izz₂ ± sd, relative to the reference",
+        "trial verdict codes base base_error",
+        number("acceleration r²", "ddtheta_r2", 4),
+        "condition",
+        GridColumn("error of my₂ (%)", lambda row: _show_error(row, "my2")),
+        GridColumn("error of Izz₂ (%)", lambda row: _show_error(row, "Izz2")),
+        text("Izz₂ is", "Izz2_verdict", UNKNOWN),
+        number("torque r²", "torque_r2", 4),
+        "encoder_offset",
+        rows=trials[trials["method"] == "cameras"],
+    )
+    for title, table in data.tables.items():
+        yield table.grid(title, *table.heads)
+
+
+def _show_error(row: Mapping[str, Any], name: str) -> str:
+    """Format the error of a parameter with its standard deviation, in per cent of the reference."""
+    value, reference, sd = (to_number(row[key]) for key in (name, f"{name}_reference", f"{name}_sd"))
+    if value is None or not reference or sd is None:
+        return UNKNOWN
+    return f"{show_fixed(100 * (value / reference - 1), 2)} ± {show_fixed(100 * sd / reference, 2)}"
+
+
+def render_markdown(data: RobotStudyData, figures: Mapping[str, str]) -> str:
+    """Return the tables and the ``figures`` (file by title) in Markdown."""
+    parts = [LEGEND]
+    for grid in _list_grids(data):
+        if grid.rows:
+            head = "| " + " | ".join(grid.head) + " |"
+            line = "|" + "|".join("---" if k in grid.text else "--:" for k in range(len(grid.head))) + "|"
+            rows = ("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in grid.rows)
+            parts.append("\n".join([f"**{grid.caption}**", "", head, line, *rows]))
+    parts += [f"![{name}]({file})" for name, file in figures.items()]
+    return "\n\n".join(parts) + "\n"
+
+
 def draw_robot_figures(data: RobotStudyData) -> Drawings:
     """Return all figures of the page."""
     return Drawings(style.clean(data.study), tuple(_make_drawings(data)))
@@ -190,7 +184,7 @@ def draw_robot_figures(data: RobotStudyData) -> Drawings:
 
 def _make_drawings(data: RobotStudyData) -> Iterator[Drawing]:
     for k, one in enumerate(data.recoveries, start=1):
-        title = style.clean(f"Kinematic recovery: {one.speed} swing of the {one.joint} ({one.trial})")
+        title = style.clean(f"Kinematic recovery: {one.speed} swing of the {one.joint} ({one.traces.trial})")
         yield Drawing(f"recovery-{k}", title, _RECOVERY, _draw_recovery(one))
     wrench: Figure | str = "No repetition is complete in any trial that has results."
     errors, cell, averaged = wrench, "", data.averaged
@@ -281,65 +275,3 @@ def _draw_lines(
         for name, (colour, dash, width) in looks.items()
         if name in series
     ]
-
-
-LEGEND = (
-    "Mean (standard deviation). Values: over the trials of a cell; errors: over all samples of these trials. P: states "
-    "from the cameras; R: states from the robot's encoder; Ref.: the reference parameters on the same states. States "
-    "are compared with the truth if it is known, else with the encoder. The rows of the thesis are below the rows of "
-    "this program; ? is a number that is not readable in the thesis. Cells without a row of the thesis (the fast "
-    "shoulder) were not measured there."
-)
-_FOOTER = (
-    "The same numbers in SI units are in the CSV and Parquet files beside this page, which validation.json describes."
-)
-
-
-def render_robot_page(data: RobotStudyData) -> bytes:
-    """Return the HTML page in UTF-8."""
-    figures = draw_robot_figures(data)
-    first, *tables = _list_grids(data)
-    return Page(
-        name=data.study,
-        headline=count_passed(data.trials),
-        lead=_describe_truth(data),
-        command="validate robot",
-        level="ok" if all(trial.passed for trial in data.trials) else "caution",
-        sections=(
-            Section("trials", "Trials", (first,)),
-            Section("tables", "Tables", tuple(tables), text=(LEGEND,)),
-            Section("figures", "Figures", figures=tuple(one.name for one in figures.all)),
-        ),
-        trials=data.trials,
-        figures=figures,
-        footer=_FOOTER,
-    ).render()
-
-
-def _list_grids(data: RobotStudyData) -> list[Grid]:
-    return [list_trials(data.overview), *(list_thesis_rows(*table) for table in data.tables)]
-
-
-def _describe_truth(data: RobotStudyData) -> str:
-    against = set(data.overview["against"]) - {""}
-    if "truth" in against:
-        return "Simulated trials: the errors are differences from the exact truth."
-    if "encoder" in against:
-        return "The truth is not known. The states from the cameras are compared with the encoder; R has no comparison."
-    return "Neither truth nor encoder is known, so the errors of the states are unknown."
-
-
-def render_markdown(data: RobotStudyData, figures: Mapping[str, str]) -> str:
-    """Return the tables and the ``figures`` (file by title) in Markdown."""
-    parts = [LEGEND, *("\n".join(_render_table(grid)) for grid in _list_grids(data) if grid.rows)]
-    parts += [f"![{name}]({file})" for name, file in figures.items()]
-    return "\n\n".join(parts) + "\n"
-
-
-def _render_table(grid: Grid) -> Iterator[str]:
-    yield f"**{grid.caption}**"
-    yield ""
-    yield "| " + " | ".join(grid.head) + " |"
-    yield "|" + "|".join("---" if k in grid.text else "--:" for k in range(len(grid.head))) + "|"
-    for row in grid.rows:
-        yield "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"

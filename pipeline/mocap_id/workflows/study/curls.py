@@ -1,4 +1,8 @@
-"""The result of one trial of a study of curls."""
+"""A study of curls: repetitions and compensation of several people under several conditions (thesis 8.3, figure 8.5).
+
+A trial has one value for each measure. The table `conditions` averages the trials of a condition over people,
+`comparisons` subtracts the trials of one condition from those of another, paired by person and number of the trial.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +16,27 @@ import numpy as np
 
 from mocap_id.config.study import Study, StudyTrial
 from mocap_id.reporting.contents import COHORT
-from mocap_id.reporting.results.columns import ResultTable, count, number, text, whole
-from mocap_id.store import TableSchema
+from mocap_id.reporting.numbers import show_fixed
+from mocap_id.reporting.results.columns import (
+    ResultColumn,
+    ResultTable,
+    count,
+    declare_tables,
+    estimate_columns,
+    number,
+    shown_as,
+    text,
+    whole,
+)
+from mocap_id.reporting.study.curls import render_curl_page
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.study.pooling import average_people, group_by, sign_flip_p
+from mocap_id.workflows.study.pooling import average_people, group_by, pool_differences, sd_of
+from mocap_id.workflows.study.study import StudyKind
 from mocap_id.workflows.trial_outcome import (
     TRIAL_COLUMNS,
     VERDICT_COLUMNS,
     Measure,
     StudyOutcome,
-    estimate_columns,
     fill_tables,
     number_or_nan,
     read_event_facts,
@@ -52,14 +67,9 @@ class CurlResult(StudyOutcome):
         """Number of complete curls up to the end of the trial; NaN if unknown."""
         return number_or_nan(self.curl.get("count"))
 
-    @property
-    def why(self) -> str:
-        """Reason why the repetitions are unknown or zero; empty otherwise."""
-        return self.curl.get("why") or ""
-
-    def average(self, name: str, key: str) -> float:
-        """Return the mean over the curls of entry ``key`` of quantity ``name``, e.g. a peak torque; NaN if unknown."""
-        entries = self.curl.get(name) or ()
+    def average_torque(self, key: str) -> float:
+        """Return the mean over the curls of a peak torque, N·m; NaN if unknown."""
+        entries = self.curl.get("torque") or ()
         values = [number_or_nan(entry[key]) for entry in entries if entry is not None]
         return _mean(value for value in values if math.isfinite(value))
 
@@ -73,40 +83,61 @@ class CurlResult(StudyOutcome):
         return math.degrees(number_or_nan(((self.curl.get("in_step") or {}).get(angle) or {}).get("range_rad")))
 
 
+def _mean(values: Iterable[float]) -> float:
+    """Return the mean; NaN if there are no values."""
+    listed = list(values)
+    return float(np.mean(listed)) if listed else math.nan
+
+
 CurlMeasure: TypeAlias = Measure[CurlResult, float]
-ANGLES = ("shoulder_plane", "shoulder_elevation", "shoulder_axial", "thorax_lateral", "thorax_axial", "thorax_flexion")
+_ANGLES = {
+    "shoulder_plane": "shoulder plane (°)",
+    "shoulder_elevation": "shoulder elevation (°)",
+    "shoulder_axial": "shoulder axial rotation (°)",
+    "thorax_lateral": "thorax lateral (°)",
+    "thorax_axial": "thorax axial (°)",
+    "thorax_flexion": "thorax flexion (°)",
+}
+ANGLES = tuple(_ANGLES)
 """Angles that should not change during a curl."""
 
 
 def _measure_compensation(angle: str) -> CurlMeasure:
     meaning = f"range of {angle.replace('_', ' ')} within a curl, mean over the curls"
-    return Measure("deg", meaning, lambda trial: trial.average_compensation(angle))
+    return Measure(_ANGLES[angle], "deg", meaning, lambda trial: trial.average_compensation(angle))
 
 
 MEASURES: Mapping[str, CurlMeasure] = {
-    "repetitions": Measure("1", "complete curls up to the end of the trial", lambda trial: trial.repetitions),
+    "repetitions": Measure(
+        "repetitions", "1", "complete curls up to the end of the trial", lambda trial: trial.repetitions
+    ),
     "normalised": Measure(
+        "normalised repetitions",
         "1",
         "repetitions, divided by the repetitions of the person's trial of the same number in the reference condition",
         lambda trial: trial.normalised,
     ),
     "duration": Measure(
+        "time of a curl (s)",
         "s",
         "time of a curl, mean over the curls",
         lambda trial: _mean(value for value in trial.curl.get("tempo_s") or () if value is not None),
     ),
     "torque": Measure(
+        "largest torque (N·m)",
         "N*m",
         "largest torque about the elbow in a curl, mean over the curls",
-        lambda trial: trial.average("torque", "peak_Nm"),
+        lambda trial: trial.average_torque("peak_Nm"),
     ),
     "torque_person": Measure(
+        "largest torque of the person (N·m)",
         "N*m",
         "largest torque of the person in a curl, mean over the curls",
-        lambda trial: trial.average("torque", "person_peak_Nm"),
+        lambda trial: trial.average_torque("person_peak_Nm"),
     ),
     **{angle: _measure_compensation(angle) for angle in ANGLES},
     "shoulder_axial_in_step": Measure(
+        None,
         "deg",
         "range of that part of shoulder axial that depends only on the flexion, in the first curl; an error of the "
         "elbow's axis has the same effect",
@@ -133,12 +164,6 @@ def normalise(trials: Sequence[CurlResult]) -> list[CurlResult]:
     return [replace(one, normalised=divide(one)) for one in trials]
 
 
-def _mean(values: Iterable[float]) -> float:
-    """Return the mean; NaN if there are no values."""
-    listed = list(values)
-    return float(np.mean(listed)) if listed else math.nan
-
-
 def condition_rows(trials: Sequence[CurlResult]) -> Iterator[dict[str, Any]]:
     """Yield a row for each measure and each condition in which the measure is known."""
     for name, measure in MEASURES.items():
@@ -163,132 +188,130 @@ def comparison_rows(trials: Sequence[CurlResult]) -> Iterator[dict[str, Any]]:
     conditions = sorted(dict.fromkeys(trial.condition for trial in trials), key=lambda name: name != reference)
     for first, second in combinations(conditions, 2):
         for name, measure in MEASURES.items():
-            people = _subtract_conditions(trials, first, second, measure)
+            values = {(one.condition, one.subject, one.number): measure.of(one) for one in trials}
+            people: dict[str, list[float]] = {}
+            for (condition, subject, nth), value in values.items():
+                difference = value - values.get((first, subject, nth), np.nan)
+                if condition == second and np.isfinite(difference):
+                    people.setdefault(subject, []).append(difference)
             if not people:
                 continue
             row = {"comparison": f"{second} - {first}", "first": first, "second": second, "measure": name}
-            yield row | {"subject": COHORT} | _average_cohort(people)
+            yield row | {"subject": COHORT} | pool_differences(people, "pairs p sd_between sd_within")
             for subject, differences in people.items():
-                yield row | {
-                    "subject": subject,
-                    "people": 1,
-                    "pairs": len(differences),
-                    "difference": float(np.mean(differences)),
-                    "sd_within": float(np.std(differences, ddof=1)) if len(differences) > 1 else np.nan,
-                }
+                mean, sd = float(np.mean(differences)), sd_of(differences)
+                counts = {"subject": subject, "people": 1, "pairs": len(differences)}
+                yield row | counts | {"difference": mean, "sd_within": sd}
 
 
-def _subtract_conditions(
-    trials: Sequence[CurlResult], first: str, second: str, measure: CurlMeasure
-) -> Mapping[str, Sequence[float]]:
-    """Return the differences (second minus first condition) by person, one for each pair of trials."""
-    values = {(one.condition, one.subject, one.number): measure.of(one) for one in trials}
-    people: dict[str, list[float]] = {}
-    for (condition, subject, nth), value in values.items():
-        difference = value - values.get((first, subject, nth), np.nan)
-        if condition == second and np.isfinite(difference):
-            people.setdefault(subject, []).append(difference)
-    return people
+def _curl(*keys: str) -> Callable[[CurlResult], Any]:
+    """Return a function that reads an entry of the facts about the curls by its keys."""
+
+    def read(trial: CurlResult) -> Any:
+        entry: Any = trial.curl
+        for key in keys:
+            entry = (entry or {}).get(key)
+        return entry
+
+    return read
 
 
-def _average_cohort(people: Mapping[str, Sequence[float]]) -> dict[str, Any]:
-    """Return the cohort's mean with its interval, its p-value, and standard deviations between and within people."""
-    means = [float(np.mean(differences)) for differences in people.values()]
-    freedom = sum(len(differences) - 1 for differences in people.values())
-    squares = sum(float(np.var(differences)) * len(differences) for differences in people.values())
-    return {
-        "people": len(means),
-        "pairs": sum(map(len, people.values())),
-        **average_people(means).columns("difference"),
-        "p": sign_flip_p(means),
-        "sd_between": float(np.std(means, ddof=1)) if len(means) > 1 else np.nan,
-        "sd_within": float(np.sqrt(squares / freedom)) if freedom else np.nan,
-    }
+def _measure_floor(angle: str) -> ResultColumn:
+    meaning = f"range of {angle.replace('_', ' ')} that errors alone can cause, mean over the curls"
+    return number(f"floor_{angle}", "deg", meaning, lambda trial: trial.average_compensation(angle, "floor_rad"))
 
 
-_MEASURE = text("measure", "what is measured: " + ", ".join(MEASURES))
-_QUANTILES = {
-    "lowest": "lowest value",
-    "q1": "lower quartile",
-    "median": "median",
-    "q3": "upper quartile",
-    "highest": "highest value",
-}
+_MEASURE = text(
+    "measure", "what is measured: " + ", ".join(MEASURES), head="", cell=lambda row: MEASURES[row["measure"]].label
+)
+_OF_TRIALS = "of the trials, in the measure's unit"
 
-
-def _curl(key: str) -> Callable[[CurlResult], Any]:
-    return lambda trial: trial.curl.get(key)
-
-
-def _end(key: str) -> Callable[[CurlResult], Any]:
-    return lambda trial: (trial.curl.get("end") or {}).get(key)
-
-
-def _floor(angle: str) -> Callable[[CurlResult], float]:
-    return lambda trial: trial.average_compensation(angle, "floor_rad")
-
-
-TABLES: Mapping[str, TableSchema] = {
-    "conditions": TableSchema(
-        "conditions.parquet",
-        1,
-        (
-            text("condition", "condition of the trials"),
-            _MEASURE,
-            whole("people", "number of people"),
+TABLES = declare_tables(
+    conditions=(
+        text("condition", "condition of the trials", head="condition"),
+        _MEASURE,
+        whole("people", "number of people", head="people"),
+        shown_as(
             whole("trials", "number of trials in which the measure is known"),
-            whole("of_trials", "number of all trials"),
-            *estimate_columns("mean", "", "mean over people, in the measure's unit"),
-            *(number(name, "", f"{words} of the trials, in the measure's unit") for name, words in _QUANTILES.items()),
+            "trials",
+            lambda row: f"{row['trials']} of {row['of_trials']}",
+        ),
+        whole("of_trials", "number of all trials"),
+        *estimate_columns("mean", "", "mean over people, in the measure's unit", head="mean"),
+        number("lowest", "", f"lowest value {_OF_TRIALS}"),
+        shown_as(
+            number("q1", "", f"lower quartile {_OF_TRIALS}"),
+            "half of the trials",
+            lambda row: f"{show_fixed(row['q1'], 2)} … {show_fixed(row['q3'], 2)}",
+        ),
+        number("median", "", f"median {_OF_TRIALS}", head="median"),
+        number("q3", "", f"upper quartile {_OF_TRIALS}"),
+        number("highest", "", f"highest value {_OF_TRIALS}"),
+    ),
+    comparisons=(
+        text("comparison", "both conditions: `second - first`", head="difference"),
+        text("first", "condition that is subtracted"),
+        text("second", "condition from which the first is subtracted"),
+        _MEASURE,
+        text("subject", "id of the person; `cohort` = mean over all people", head="person"),
+        whole("people", "number of people", head="people"),
+        whole("pairs", "number of pairs of trials with the same person and the same number", head="pairs"),
+        *estimate_columns("difference", "", "difference, in the measure's unit", head="mean difference"),
+        number(
+            "p",
+            "1",
+            "cohort: two-sided permutation p-value, not corrected for several tests",
+            head="p",
+            decimals=3,
+            optional=True,
+        ),
+        number(
+            "sd_between",
+            "",
+            "cohort: standard deviation of the people's mean differences",
+            head="sd between people",
+            optional=True,
+        ),
+        number(
+            "sd_within",
+            "",
+            "standard deviation of one person's differences; cohort: pooled over all people",
+            head="sd within a person",
+            optional=True,
         ),
     ),
-    "comparisons": TableSchema(
-        "comparisons.parquet",
-        1,
-        (
-            text("comparison", "both conditions: `second - first`"),
-            text("first", "condition that is subtracted"),
-            text("second", "condition from which the first is subtracted"),
-            _MEASURE,
-            text("subject", "id of the person; `cohort` = mean over all people"),
-            whole("people", "number of people"),
-            whole("pairs", "number of pairs of trials with the same person and the same number"),
-            *estimate_columns("difference", "", "difference, in the measure's unit"),
-            number("p", "1", "cohort: two-sided permutation p-value, not corrected for several tests"),
-            number("sd_between", "", "cohort: standard deviation of the people's mean differences"),
-            number("sd_within", "", "standard deviation of one person's differences; cohort: pooled over all people"),
+    trials=(
+        *TRIAL_COLUMNS,
+        text("condition", "condition of the trial", lambda trial: trial.condition, "condition"),
+        whole(
+            "number",
+            "number of the trial of the person in this condition, from 1",
+            lambda trial: trial.number,
+            "number",
+        ),
+        *VERDICT_COLUMNS,
+        count("partial", "number of failed attempts", _curl("partial"), "failed attempts"),
+        count("after_end", "number of complete curls after the end, not counted", _curl("after_end")),
+        number("end", "s", "end of the trial", _curl("end", "time_s"), "end (s)", decimals=1),
+        text("end_rule", "rule that determines the end", _curl("end", "rule"), "ended by"),
+        *(number(name, one.unit, one.meaning, one.of, one.label) for name, one in MEASURES.items()),
+        *map(_measure_floor, ANGLES),
+        text(
+            "why",
+            "why the repetitions are unknown or zero; empty otherwise",
+            lambda trial: trial.curl.get("why") or "",
+            "",
         ),
     ),
-    "trials": TableSchema(
-        "trials.parquet",
-        1,
-        (
-            *TRIAL_COLUMNS,
-            text("condition", "condition of the trial", lambda trial: trial.condition),
-            whole("number", "number of the trial of the person in this condition, from 1", lambda trial: trial.number),
-            *VERDICT_COLUMNS,
-            count("partial", "number of failed attempts", _curl("partial")),
-            count("after_end", "number of complete curls after the end, not counted", _curl("after_end")),
-            number("end", "s", "end of the trial", _end("time_s")),
-            text("end_rule", "rule that determines the end", _end("rule")),
-            *(number(name, measure.unit, measure.meaning, measure.of) for name, measure in MEASURES.items()),
-            *(
-                number(
-                    f"floor_{angle}",
-                    "deg",
-                    f"range of {angle.replace('_', ' ')} that errors alone can cause, mean over the curls",
-                    _floor(angle),
-                )
-                for angle in ANGLES
-            ),
-            text("why", "why the repetitions are unknown or zero; empty otherwise", lambda trial: trial.why),
-        ),
-    ),
-}
+)
 """Schemas of the tables by name."""
 
 
 def make_tables(trials: Sequence[CurlResult]) -> dict[str, ResultTable]:
     """Return the tables of a study of curls by name."""
-    rows = {"conditions": condition_rows, "comparisons": comparison_rows}
-    return fill_tables(TABLES, rows, normalise(trials))
+    return fill_tables(TABLES, {"conditions": condition_rows, "comparisons": comparison_rows}, normalise(trials))
+
+
+STUDY = StudyKind(
+    ("condition",), read_curl_result, make_tables, lambda data, trials: render_curl_page(data, trials[0].reference)
+)

@@ -1,24 +1,32 @@
-"""Means, standard deviations, intervals and p-values of numbers, some of which may be missing."""
+"""From trials to people, and from people to the cohort: means, paired differences and correlations.
+
+Every person counts once, whatever the number of trials. Some numbers may be missing; a number that cannot be computed
+is NaN.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
-from math import factorial, nan
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.special import stdtrit
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.comparison import Agreement
+from mocap_id.reporting.contents import COHORT
 
 T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)
-_EXACT = 14  # largest number of people for which all signs are compared
-_DRAWS, _SEED = 20_000, 20
+FEWEST = 4
+"""Smallest number of people for which a correlation is computed."""
+_MOST_SIGNS, _MOST_ORDERS = 14, 7  # largest numbers of people for which all signs, and all orders, are compared
+_DRAWS = 20_000  # number of random signs or orders for more people
+_SAMPLES, _STEPS = 2000, 81  # samples of a population with one correlation, and number of these correlations
+_SEED = 20
 
 
 @dataclass(frozen=True)
@@ -39,6 +47,88 @@ class Estimate:
     def columns(self, name: str) -> dict[str, float]:
         """Return the columns ``name``, ``name_low`` and ``name_high``."""
         return {name: self.value, f"{name}_low": self.low, f"{name}_high": self.high}
+
+
+def group_by(members: Iterable[T], key: Callable[[T], K]) -> Mapping[K, list[T]]:
+    """Return lists of members by key, in the order in which the keys first occur."""
+    groups: dict[K, list[T]] = {}
+    for member in members:
+        groups.setdefault(key(member), []).append(member)
+    return groups
+
+
+def mean_sd(values: Iterable[float | None]) -> tuple[float, float]:
+    """Return mean and sample standard deviation (n − 1) of the known values; NaN if there are too few values.
+
+    Examples
+    --------
+    >>> mean_sd([1.0, None, 3.0])
+    (2.0, 1.4142135623730951)
+    """
+    known = np.array([value for value in values if value is not None and math.isfinite(value)])
+    return float(known.mean()) if len(known) else math.nan, sd_of(known)
+
+
+def named_mean_sd(name: str, values: Iterable[float | None]) -> dict[str, float]:
+    """Return mean and standard deviation as the columns ``name_mean`` and ``name_sd``."""
+    return dict(zip((f"{name}_mean", f"{name}_sd"), mean_sd(values), strict=True))
+
+
+def sd_of(values: Sequence[float] | FloatArray) -> float:
+    """Return the sample standard deviation (n − 1); NaN for less than two values."""
+    return float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
+
+
+def pool_people(
+    rows: Iterable[Mapping[str, Any]], keys: Sequence[str], columns: Mapping[str, tuple[str, str]]
+) -> Iterator[dict[str, Any]]:
+    """Yield a row of the cohort for each combination of ``keys``, from one row for each person.
+
+    ``columns`` names the pooled columns of the people, and for each the columns of the mean and of the standard
+    deviation over the people; an empty name leaves one out.
+    """
+    for group, own in group_by(rows, lambda row: tuple(row[key] for key in keys)).items():
+        row = dict(zip(keys, group, strict=True)) | {"subject": COHORT, "subjects": len(own)}
+        row["trials"] = sum(one["trials"] for one in own)
+        for column, names in columns.items():
+            row |= {name: value for name, value in zip(names, mean_sd(one[column] for one in own), strict=True) if name}
+        yield row
+
+
+def pool_differences(people: Mapping[str, Sequence[float]], columns: str) -> dict[str, Any]:
+    """Return the cohort's row of paired differences, from the differences of each person.
+
+    The row has the number of people, the mean over the people with its interval, and these ``columns``, separated by
+    blanks: ``pairs``, ``p`` (see :func:`sign_flip_p`), and the standard deviations ``sd`` of all differences,
+    ``sd_between`` of the people's means and ``sd_within`` people, pooled.
+    """
+    means = [float(np.mean(own)) for own in people.values()]
+    freedom = sum(len(own) - 1 for own in people.values())
+    squares = sum(float(np.var(own)) * len(own) for own in people.values())
+    find: Mapping[str, Callable[[], float]] = {
+        "pairs": lambda: sum(map(len, people.values())),
+        "p": lambda: sign_flip_p(means),
+        "sd": lambda: sd_of([one for own in people.values() for one in own]),
+        "sd_between": lambda: sd_of(means),
+        "sd_within": lambda: float(np.sqrt(squares / freedom)) if freedom else math.nan,
+    }
+    row = {"people": len(means), **average_people(means).columns("difference")}
+    return row | {name: find[name]() for name in columns.split()}
+
+
+def pool_errors(errors: Sequence[Agreement | None]) -> tuple[float, float]:
+    """Return mean and standard deviation of the samples of several errors together; each error has the same weight.
+
+    From means b_i and standard deviations s_i: the mean b of the b_i, and sqrt(mean(s_i² + b_i²) − b²). NaN without a
+    known error.
+    """
+    known = [error for error in errors if error is not None]
+    if not known:
+        return math.nan, math.nan
+    bias = np.array([error.bias for error in known])
+    square = np.array([error.sd**2 + error.bias**2 for error in known])
+    mean = float(bias.mean())
+    return mean, math.sqrt(max(float(square.mean()) - mean**2, 0.0))
 
 
 def average_estimates(estimates: Iterable[Estimate]) -> Estimate:
@@ -85,72 +175,14 @@ def sign_flip_p(differences: Sequence[float]) -> float:
     if n < 2:
         return math.nan
     least = abs(array.sum()) - 1e-12 * np.abs(array).sum()
-    if n <= _EXACT:
+    if n <= _MOST_SIGNS:
         signs = np.array(list(product((-1.0, 1.0), repeat=n)))
         return float(np.mean(np.abs(signs @ array) >= least))
     signs = np.random.default_rng(_SEED).choice([-1.0, 1.0], (_DRAWS, n))
     return float((1 + (np.abs(signs @ array) >= least).sum()) / (1 + _DRAWS))
 
 
-def mean_sd(values: Iterable[float | None]) -> tuple[float, float]:
-    """Return mean and sample standard deviation (n − 1) of the known values; NaN if there are too few values.
-
-    Examples
-    --------
-    >>> mean_sd([1.0, None, 3.0])
-    (2.0, 1.4142135623730951)
-    """
-    known = np.array([value for value in values if value is not None and math.isfinite(value)])
-    mean = float(known.mean()) if len(known) else math.nan
-    return mean, float(known.std(ddof=1)) if len(known) > 1 else math.nan
-
-
-def named_mean_sd(name: str, values: Iterable[float | None]) -> dict[str, float]:
-    """Return mean and standard deviation as the columns ``name_mean`` and ``name_sd``."""
-    mean, sd = mean_sd(values)
-    return {f"{name}_mean": mean, f"{name}_sd": sd}
-
-
-def group_by(members: Iterable[T], key: Callable[[T], K]) -> Mapping[K, list[T]]:
-    """Return lists of members by key, in the order in which the keys first occur."""
-    groups: dict[K, list[T]] = {}
-    for member in members:
-        groups.setdefault(key(member), []).append(member)
-    return groups
-
-
-def pool_errors(errors: Sequence[Agreement | None]) -> tuple[float, float]:
-    """Return mean and standard deviation of the samples of several errors together; each error has the same weight.
-
-    From means b_i and standard deviations s_i: the mean b of the b_i, and sqrt(mean(s_i² + b_i²) − b²). NaN without a
-    known error.
-    """
-    known = [error for error in errors if error is not None]
-    if not known:
-        return math.nan, math.nan
-    bias = np.array([error.bias for error in known])
-    square = np.array([error.sd**2 + error.bias**2 for error in known])
-    mean = float(bias.mean())
-    return mean, math.sqrt(max(float(square.mean()) - mean**2, 0.0))
-
-
-FEWEST = 4
-"""Smallest number of people for which a correlation is computed."""
-_EXACT_RANKS = 7  # largest number of people for which all orders are compared
-_RANK_DRAWS, _STEPS = 2000, 81
-_RANK_SEED = 20
-
-
-@dataclass(frozen=True)
-class Correlation:
-    """Spearman's correlation of two variables."""
-
-    estimate: Estimate  # correlation and 95 % interval; NaN for fewer than FEWEST people, or if a variable is constant
-    p: float  # two-sided p-value of the hypothesis that there is no correlation; NaN as for the estimate
-    people: int  # number of people for whom both variables are known
-
-
-def correlate_ranks(x: FloatArray, y: FloatArray) -> Correlation:
+def correlate_ranks(x: FloatArray, y: FloatArray) -> tuple[Estimate, float, int]:
     """Return Spearman's correlation of two variables (N,); pairs with a NaN are left out.
 
     The p-value compares all orders of ``y``, or 20,000 random orders for more than seven people. The interval
@@ -163,19 +195,34 @@ def correlate_ranks(x: FloatArray, y: FloatArray) -> Correlation:
         The variable that may have ties, such as a clinical score.
     y : (N,) array
 
+    Returns
+    -------
+    estimate : Estimate
+        Correlation and interval; NaN for fewer than :data:`FEWEST` people, or if a variable is constant.
+    p : float
+        Two-sided p-value of the hypothesis that there is no correlation; NaN as for the estimate.
+    people : int
+        Number of people for whom both variables are known.
+
     Examples
     --------
-    >>> result = correlate_ranks(np.array([1.0, 2.0, 3.0, 5.0]), np.array([0.358, 0.270, 0.178, 0.0015]))
-    >>> result.estimate.value, round(result.p, 3)
+    >>> estimate, p, _ = correlate_ranks(np.array([1.0, 2.0, 3.0, 5.0]), np.array([0.358, 0.270, 0.178, 0.0015]))
+    >>> estimate.value, round(p, 3)
     (-1.0, 0.083)
     """
     known = np.isfinite(x) & np.isfinite(y)
     first, second = _rank(x[known]), _rank(y[known])
     n = int(known.sum())
     if n < FEWEST or np.ptp(first) == 0 or np.ptp(second) == 0:
-        return Correlation(Estimate(), nan, n)
+        return Estimate(), math.nan, n
     value = float(_correlate(first, second[None])[0])
-    return Correlation(Estimate(value, *_find_interval(first, value)), _find_p(first, second, value), n)
+    if n <= _MOST_ORDERS:
+        orders = np.array(list(permutations(second)))
+        p = float((np.abs(_correlate(first, orders)) >= abs(value)).sum() / math.factorial(n))
+    else:
+        orders = np.random.default_rng(_SEED).permuted(np.tile(second, (_DRAWS, 1)), axis=1)
+        p = float((1 + (np.abs(_correlate(first, orders)) >= abs(value)).sum()) / (1 + len(orders)))
+    return Estimate(value, *_find_interval(first, value)), p, n
 
 
 def _rank(values: FloatArray) -> FloatArray:
@@ -197,20 +244,11 @@ def _correlate(x: FloatArray, y: FloatArray) -> FloatArray:
     return np.asarray(np.clip(y @ x / np.sqrt((x @ x) * (y**2).sum(axis=1)), -1, 1).round(12))
 
 
-def _find_p(x: FloatArray, y: FloatArray, value: float) -> float:
-    n = len(x)
-    if n <= _EXACT_RANKS:
-        orders = np.array(list(permutations(y)))
-        return float((np.abs(_correlate(x, orders)) >= abs(value)).sum() / factorial(n))
-    orders = np.random.default_rng(_RANK_SEED).permuted(np.tile(y, (10 * _RANK_DRAWS, 1)), axis=1)
-    return float((1 + (np.abs(_correlate(x, orders)) >= abs(value)).sum()) / (1 + len(orders)))
-
-
 def _find_interval(x: FloatArray, value: float) -> tuple[float, float]:
     """Return the lowest and highest correlation in the population for which ``value`` is plausible at the ranks x."""
-    rng = np.random.default_rng(_RANK_SEED)
-    hidden = np.sort(rng.standard_normal((_RANK_DRAWS, len(x))), axis=1)[:, np.argsort(np.argsort(x, kind="stable"))]
-    noise = rng.standard_normal((_RANK_DRAWS, len(x)))
+    rng = np.random.default_rng(_SEED)
+    hidden = np.sort(rng.standard_normal((_SAMPLES, len(x))), axis=1)[:, np.argsort(np.argsort(x, kind="stable"))]
+    noise = rng.standard_normal((_SAMPLES, len(x)))
     levels = np.linspace(-1, 1, _STEPS)  # Spearman's correlation in the population
     above, below = [], []
     for pearson in 2 * np.sin(np.pi / 6 * levels):

@@ -1,4 +1,8 @@
-"""The result of one trial of a reach study, and the page of the study."""
+"""A study of reaches: the reachable volume of several people and their clinical score (thesis table 7.1).
+
+A trial has one value with its interval for each measure. The table `people` averages a person's trials over sessions
+and sides, `correlation` compares people with their score, and `differences` pairs sides and successive sessions.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import inf, nan
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -14,19 +17,29 @@ import numpy as np
 from mocap_id.arrays import NORMAL_95
 from mocap_id.config.study import Study, StudyTrial
 from mocap_id.reporting.contents import COHORT
-from mocap_id.reporting.numbers import to_numbers
-from mocap_id.reporting.results.columns import ResultTable, count, number, text, whole
+from mocap_id.reporting.numbers import UNKNOWN, to_numbers
+from mocap_id.reporting.results.columns import (
+    ResultColumn,
+    ResultTable,
+    count,
+    declare_tables,
+    estimate_columns,
+    number,
+    shown_as,
+    text,
+    whole,
+)
+from mocap_id.reporting.space.figures.reach import make_wires
 from mocap_id.reporting.study.cohort import CohortData
-from mocap_id.reporting.study.reach import Shape
-from mocap_id.store import TableSchema
+from mocap_id.reporting.study.reach import Shape, render_reach_page, show_score
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.study.pooling import Estimate, average_estimates, average_people, correlate_ranks, group_by
+from mocap_id.workflows.study.pooling import Estimate, average_estimates, correlate_ranks, group_by, pool_differences
+from mocap_id.workflows.study.study import StudyKind
 from mocap_id.workflows.trial_outcome import (
     TRIAL_COLUMNS,
     VERDICT_COLUMNS,
     Measure,
     StudyOutcome,
-    estimate_columns,
     fill_tables,
     number_or_nan,
     read_event_facts,
@@ -83,16 +96,22 @@ def _read_elevation(trial: ReachResult) -> Estimate:
 
 
 MEASURES: Mapping[str, ReachMeasure] = {
-    "volume": Measure("m^3", "reachable volume, joints independent of each other", _volume()),
-    "visited": Measure("m^3", "reachable volume of the recorded combinations of angles", _volume("visited")),
+    "volume": Measure("volume (m³)", "m^3", "reachable volume, joints independent of each other", _volume()),
+    "visited": Measure(
+        "visited volume (m³)", "m^3", "reachable volume of the recorded combinations of angles", _volume("visited")
+    ),
     "surface": Measure(
+        "surface",
         "1",
         "reached fraction of the hemisphere in front of the shoulder",
         lambda trial: Estimate(_read_number(trial, "surface", "box", "total")),
     ),
-    "elevation": Measure("deg", "highest elevation of the upper arm", _read_elevation),
+    "elevation": Measure("elevation (°)", "deg", "highest elevation of the upper arm", _read_elevation),
     "height": Measure(
-        "m", "highest wrist above the shoulder", lambda trial: Estimate(_read_number(trial, "heights", "highest_m"))
+        "height (m)",
+        "m",
+        "highest wrist above the shoulder",
+        lambda trial: Estimate(_read_number(trial, "heights", "highest_m")),
     ),
 }
 """Measures that are compared between people, sides and sessions; the thesis uses `volume`."""
@@ -104,31 +123,16 @@ def read_reach_result(study: Study, trial: StudyTrial, run: TrialRun) -> ReachRe
     return ReachResult(trial=trial, run=run, score=study.subjects[trial.subject].score, summary=summary, reach=facts)
 
 
-def make_page(data: CohortData, trials: Sequence[ReachResult]) -> bytes:
-    """Return the page of the study as UTF-8; the page draws the last trial of each person, side and session."""
-    from mocap_id.reporting.study.reach import render_reach_page  # noqa: PLC0415  it loads the page's templates
-
-    with_surface = [trial for trial in trials if trial.reach.get("mesh")]
-    drawn = {(trial.subject, trial.side, trial.session): trial for trial in with_surface}
-    return render_reach_page(data, tuple(map(make_shape, drawn.values())))
-
-
-def make_shape(trial: ReachResult) -> Shape:
-    """Return the surface of a trial's reachable volume; the surface of a left arm is mirrored back to the left."""
-    from mocap_id.reporting.space.figures.reach import make_wires  # noqa: PLC0415  as above
-
-    mesh, mirror = trial.reach["mesh"], [1, 1, -1 if trial.side == "left" else 1]
-    shoulder = np.array(trial.reach["shoulder_m"])
-    surface = shoulder + make_wires(mesh["theta_deg"], mesh["psi_deg"], mesh["box_m"])
-    arm = shoulder + np.array(trial.reach["view"]["arm_m"])
-    return Shape(trial.subject, trial.side, trial.session, surface * mirror, arm * mirror)
-
-
 def person_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
     """Yield a row for each person: first people without a score, then people with a score in ascending order."""
     people = group_by(trials, lambda trial: trial.subject)
     volume = MEASURES["volume"]
-    for subject, own in sorted(people.items(), key=lambda item: -inf if item[1][0].score is None else item[1][0].score):
+
+    def rank(item: tuple[str, list[ReachResult]]) -> float:
+        score = item[1][0].score
+        return -math.inf if score is None else score
+
+    for subject, own in sorted(people.items(), key=rank):
         with_volume = [trial for trial in own if np.isfinite(volume.of(trial).value)]
         row = {"subject": subject, "score": own[0].score, "trials": len(with_volume), "of_trials": len(own)}
         for name, measure in MEASURES.items():
@@ -143,10 +147,10 @@ def _average_side(trials: Sequence[ReachResult], side: str, measure: ReachMeasur
 def correlation_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
     """Yield a row for each measure: its correlation with the score, from people for whom both are known."""
     rows = list(person_rows(trials))
-    score = np.array([nan if row["score"] is None else row["score"] for row in rows], dtype=np.float64)
+    score = np.array([math.nan if row["score"] is None else row["score"] for row in rows], dtype=np.float64)
     for name in MEASURES:
-        result = correlate_ranks(score, np.array([row[name] for row in rows], dtype=np.float64))
-        yield {"measure": name, "people": result.people, "p": result.p} | result.estimate.columns("spearman")
+        estimate, p, people = correlate_ranks(score, np.array([row[name] for row in rows], dtype=np.float64))
+        yield {"measure": name, "people": people, "p": p} | estimate.columns("spearman")
 
 
 @dataclass(frozen=True)
@@ -165,21 +169,6 @@ class _Pair:
         return second.minus(first)
 
 
-def difference_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
-    """Yield, for each comparison and measure, the row of the cohort and then the rows of the people."""
-    for comparison, pairs in group_by(_pair_trials(trials), lambda pair: pair.comparison).items():
-        for name, measure in MEASURES.items():
-            differences = [(pair, pair.difference(measure)) for pair in pairs]
-            known = [(pair, difference) for pair, difference in differences if np.isfinite(difference.value)]
-            if not known:
-                continue
-            labels = {"comparison": comparison, "measure": name}
-            yield labels | {"subject": COHORT} | _average_differences(known)
-            for pair, difference in known:
-                person = {"subject": pair.subject, "label": pair.label, "people": 1}
-                yield labels | person | difference.columns("difference")
-
-
 def _pair_trials(trials: Sequence[ReachResult]) -> Iterator[_Pair]:
     """Yield the pairs of each person: right and left of each session, then successive sessions of each side."""
     sessions = list(dict.fromkeys(trial.session for trial in trials if trial.session))
@@ -195,89 +184,129 @@ def _pair_trials(trials: Sequence[ReachResult]) -> Iterator[_Pair]:
                 yield _Pair(f"{after} - {before}", subject, side, groups[before, side], groups[after, side])
 
 
-def _average_differences(differences: Sequence[tuple[_Pair, Estimate]]) -> dict[str, Any]:
-    """Return the columns of the cohort: mean over the people with its interval, and sd of all differences."""
-    people = group_by(differences, lambda one: one[0].subject)
-    means = [float(np.mean([difference.value for _, difference in own])) for own in people.values()]
-    values = np.array([difference.value for _, difference in differences])
-    sd = float(values.std(ddof=1)) if len(values) > 1 else np.nan
-    return {"people": len(means), "sd": sd} | average_people(means).columns("difference")
+def difference_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
+    """Yield, for each comparison and measure, the row of the cohort and then the rows of the people."""
+    for comparison, pairs in group_by(_pair_trials(trials), lambda pair: pair.comparison).items():
+        for name, measure in MEASURES.items():
+            differences = [(pair, pair.difference(measure)) for pair in pairs]
+            known = [(pair, difference) for pair, difference in differences if np.isfinite(difference.value)]
+            if not known:
+                continue
+            labels = {"comparison": comparison, "measure": name}
+            people: dict[str, list[float]] = {}
+            for pair, difference in known:
+                people.setdefault(pair.subject, []).append(difference.value)
+            yield labels | {"subject": COHORT} | pool_differences(people, "sd")
+            for pair, difference in known:
+                person = {"subject": pair.subject, "label": pair.label, "people": 1}
+                yield labels | person | difference.columns("difference")
 
+
+def make_page(data: CohortData, trials: Sequence[ReachResult]) -> bytes:
+    """Return the page of the study as UTF-8; the page draws the last trial of each person, side and session."""
+    with_surface = [trial for trial in trials if trial.reach.get("mesh")]
+    drawn = {(trial.subject, trial.side, trial.session): trial for trial in with_surface}
+    return render_reach_page(data, tuple(map(make_shape, drawn.values())))
+
+
+def make_shape(trial: ReachResult) -> Shape:
+    """Return the surface of a trial's reachable volume; the surface of a left arm is mirrored back to the left."""
+    mesh, mirror = trial.reach["mesh"], [1, 1, -1 if trial.side == "left" else 1]
+    shoulder = np.array(trial.reach["shoulder_m"])
+    surface = shoulder + make_wires(mesh["theta_deg"], mesh["psi_deg"], mesh["box_m"])
+    arm = shoulder + np.array(trial.reach["view"]["arm_m"])
+    return Shape(trial.subject, trial.side, trial.session, surface * mirror, arm * mirror)
+
+
+# The columns of all tables, and how the page shows them.
 
 _SCORE = "clinical score of the person; NaN if not given"
-_MEASURE = text("measure", "measure of reach: " + ", ".join(MEASURES))
-_LEVELS = ("waist", "mouth", "overhead")
+_MEASURE = text(
+    "measure",
+    "measure of reach: " + ", ".join(MEASURES),
+    head="measure",
+    cell=lambda row: MEASURES[row["measure"]].label,
+)
 
 
-def _read_level(level: str) -> Callable[[ReachResult], int | None]:
-    """Return a function of a trial that returns 1 if the level was reached, 0 if not, and None if this is unknown."""
+def _level(level: str) -> ResultColumn:
+    """Return the column of whether a level was reached; missing if this is unknown."""
 
     def read(trial: ReachResult) -> int | None:
         reached = trial.value("workspace", "heights", "levels", level)
         return None if reached is None else int(reached)
 
-    return read
+    return count(level, f"1: reached the height of {level}; 0: not reached", read)
 
 
-TABLES: Mapping[str, TableSchema] = {
-    "people": TableSchema(
-        "people.parquet",
-        1,
-        (
-            text("subject", "id of the person"),
-            number("score", "1", _SCORE),
+TABLES = declare_tables(
+    people=(
+        text("subject", "id of the person", head="person"),
+        shown_as(number("score", "1", _SCORE), "score", lambda row: show_score(row["score"]), optional=True),
+        shown_as(
             whole("trials", "number of trials with a known volume"),
-            whole("of_trials", "number of all trials"),
-            *(column for name, one in MEASURES.items() for column in estimate_columns(name, one.unit, one.meaning)),
-            number("volume_right", "m^3", "reachable volume of the right arm, mean over its trials"),
-            number("volume_left", "m^3", "reachable volume of the left arm, mean over its trials"),
+            "trials",
+            lambda row: f"{row['trials']} of {row['of_trials']}",
+        ),
+        whole("of_trials", "number of all trials"),
+        *(
+            column
+            for name, one in MEASURES.items()
+            for column in estimate_columns(name, one.unit, one.meaning, None, one.label)
+        ),
+        number(
+            "volume_right",
+            "m^3",
+            "reachable volume of the right arm, mean over its trials",
+            head="right (m³)",
+            decimals=3,
+            optional=True,
+        ),
+        number(
+            "volume_left",
+            "m^3",
+            "reachable volume of the left arm, mean over its trials",
+            head="left (m³)",
+            decimals=3,
+            optional=True,
         ),
     ),
-    "correlation": TableSchema(
-        "correlation.parquet",
-        1,
-        (
-            _MEASURE,
-            whole("people", "number of people whose score and measure are known"),
-            *estimate_columns("spearman", "1", "Spearman's correlation with the score"),
-            number("p", "1", "two-sided permutation p-value of the hypothesis of no correlation"),
+    correlation=(
+        _MEASURE,
+        whole("people", "number of people whose score and measure are known", head="people"),
+        *estimate_columns("spearman", "1", "Spearman's correlation with the score", head="Spearman's correlation"),
+        number("p", "1", "two-sided permutation p-value of the hypothesis of no correlation", head="p"),
+    ),
+    differences=(
+        text("comparison", "both sides or sessions: second minus first", head="difference"),
+        _MEASURE,
+        text("subject", "id of the person; `cohort` = mean over all people", head="person"),
+        text("label", "session in which sides are compared, or side in which sessions are compared", head="of"),
+        whole("people", "number of people in the row", head="people"),
+        *estimate_columns("difference", "", "difference, in the measure's unit", head="difference"),
+        number(
+            "sd",
+            "",
+            "cohort: standard deviation of the differences, in the measure's unit",
+            head="sd",
+            optional=True,
         ),
     ),
-    "differences": TableSchema(
-        "differences.parquet",
-        1,
-        (
-            text("comparison", "both sides or sessions: second minus first"),
-            _MEASURE,
-            text("subject", "id of the person; `cohort` = mean over all people"),
-            text("label", "session in which sides are compared, or side in which sessions are compared"),
-            whole("people", "number of people in the row"),
-            *estimate_columns("difference", "", "difference, in the measure's unit"),
-            number("sd", "", "cohort: standard deviation of the differences, in the measure's unit"),
+    trials=(
+        *TRIAL_COLUMNS,
+        text("side", "side of the arm", lambda trial: trial.side, "side"),
+        text("session", "session of the recording", lambda trial: trial.session, "session", missing=UNKNOWN),
+        number("score", "1", _SCORE, lambda trial: trial.score),
+        *VERDICT_COLUMNS,
+        *(
+            column
+            for name, one in MEASURES.items()
+            for column in estimate_columns(name, one.unit, one.meaning, one.of, one.label)
         ),
+        *map(_level, ("waist", "mouth", "overhead")),
+        text("why", "why the volume is unknown; empty otherwise", lambda trial: trial.why, ""),
     ),
-    "trials": TableSchema(
-        "trials.parquet",
-        1,
-        (
-            *TRIAL_COLUMNS,
-            text("side", "side of the arm", lambda trial: trial.side),
-            text("session", "session of the recording", lambda trial: trial.session),
-            number("score", "1", _SCORE, lambda trial: trial.score),
-            *VERDICT_COLUMNS,
-            *(
-                column
-                for name, one in MEASURES.items()
-                for column in estimate_columns(name, one.unit, one.meaning, one.of)
-            ),
-            *(
-                count(level, f"1: reached the height of {level}; 0: not reached", _read_level(level))
-                for level in _LEVELS
-            ),
-            text("why", "why the volume is unknown; empty otherwise", lambda trial: trial.why),
-        ),
-    ),
-}
+)
 """Schemas of the tables by name."""
 
 
@@ -285,3 +314,6 @@ def make_tables(trials: Sequence[ReachResult]) -> dict[str, ResultTable]:
     """Return the tables of a reach study by name."""
     rows = {"people": person_rows, "correlation": correlation_rows, "differences": difference_rows}
     return fill_tables(TABLES, rows, trials)
+
+
+STUDY = StudyKind(("side", "session"), read_reach_result, make_tables, make_page)

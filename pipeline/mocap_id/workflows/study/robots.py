@@ -1,4 +1,12 @@
-"""The truth of a simulated robot trial, and the cell of the thesis's tables that a trial belongs to."""
+"""``mocap-id validate robot``: the robot study of the thesis (ch. 5), trials of one joint each with every method.
+
+From top to bottom: the truth of a simulated trial; the methods for the joint states; the result of a trial with each
+method; the table `trials`; the thesis's tables 5.1 to 5.6; the data of the figures; the study.
+
+The cameras determine the plane up to a rotation about the vertical, and the coordinate frame of the last segment up to
+a constant angle. Parameters and series are therefore expressed in the robot's own frame if the encoder or the truth
+determines it. In this frame, the angle is zero with the arm stretched upwards, and positive in the encoder's direction.
+"""
 
 from __future__ import annotations
 
@@ -10,21 +18,39 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import pandas as pd
 
 from mocap_id import __version__, recording, runner
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import FloatArray
 from mocap_id.config import Trial
-from mocap_id.config.robot_study import RobotReference, RobotStudy, RobotTrial, load_robot_study
+from mocap_id.config.robot_study import RobotReference, RobotTrial, load_robot_study
 from mocap_id.dynamics.clock_offset import SampledWrench
 from mocap_id.errors import ConfigError, MocapIdError, RecordingError
-from mocap_id.reporting.results.columns import ResultColumn as Column
-from mocap_id.reporting.results.columns import ResultTable, number, text, whole
+from mocap_id.reporting.numbers import UNKNOWN, show_fixed, to_number
+from mocap_id.reporting.results.columns import (
+    ResultColumn,
+    ResultTable,
+    declare_tables,
+    error_columns,
+    number,
+    shown_as,
+    text,
+    whole,
+)
 from mocap_id.reporting.results.result import Result
-from mocap_id.reporting.study.robots import AveragedWrench, Quantity, Recovery, RobotStudyData, StateTraces
+from mocap_id.reporting.study.robots import (
+    AveragedWrench,
+    Recovery,
+    RobotStudyData,
+    StateTraces,
+    draw_robot_figures,
+    render_markdown,
+    render_robot_page,
+)
+from mocap_id.reporting.style import format_unit
 from mocap_id.simulation import RobotSet, simulate_robot_set
 from mocap_id.simulation.robot_set import FILE, robot_set_yaml
 from mocap_id.stages import STAGES
@@ -38,9 +64,16 @@ from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, r
 from mocap_id.workflows.run_folder import find_owner_of_files
 from mocap_id.workflows.trial_outcome import TrialOutcome, number_or_nan, read_summary
 
-PARAMETERS = ("mass", "mx1", "mx2", "my2", "Izz2")
-"""Names of the base parameters of one joint."""
+PAGE, DOCUMENT, MARKDOWN = "robot.html", "validation.json", "robot.md"
+STATES = {"theta": "rad", "dtheta": "rad/s", "ddtheta": "rad/s^2"}
+WRENCH = {"Fx": "N", "Fy": "N", "tauz": "N*m"}
+PARAMETERS = {"mass": "kg", "mx1": "kg*m", "mx2": "kg*m", "my2": "kg*m", "Izz2": "kg*m^2"}
+"""Units of the base parameters of one joint, by name."""
+_STATES_STAGE, _DYNAMICS_STAGE = "ukf-smooth", "identify-dim"
 _FAST = 0.375  # Hz: the mean of the thesis's two speeds
+
+
+# The truth of a simulated trial.
 
 
 @dataclass(frozen=True)
@@ -58,22 +91,15 @@ class Truth:
         known = np.abs(self.time[nearest] - time) < 0.5 * step
         return np.where(known[:, None], self.states[nearest], np.nan)
 
-
-@dataclass(frozen=True)
-class Labels:
-    """The cell of the thesis's tables that a trial belongs to; an unknown label is empty or None."""
-
-    joint: str = ""
-    speed: str = ""
-    orientation: float | None = None
-
-    def completed_by(self, other: Labels) -> Labels:
-        """Return these labels; an unknown label is replaced by the label of ``other``."""
-        orientation = other.orientation if self.orientation is None else self.orientation
-        return Labels(self.joint or other.joint, self.speed or other.speed, orientation)
+    @property
+    def reference(self) -> dict[str, float]:
+        """The true parameters, named as in the `reference` of a study's file."""
+        parameters = dict(zip(PARAMETERS, map(float, self.document["base_parameters"]["values"]), strict=True))
+        lengths = self.document.get("segment_lengths_m", {})
+        return parameters | ({"base": float(lengths["l1"])} if "l1" in lengths else {})
 
 
-def read_truth(recording: Path) -> Truth | None:
+def read_truth(motion: Path) -> Truth | None:
     """Read truth.json and truth.npz beside a recording; None if one of them is missing.
 
     Raises
@@ -81,7 +107,7 @@ def read_truth(recording: Path) -> Truth | None:
     RecordingError
         The files exist but cannot be read.
     """
-    file, arrays = recording.parent / "truth.json", recording.parent / "truth.npz"
+    file, arrays = motion.parent / "truth.json", motion.parent / "truth.npz"
     if not (file.exists() and arrays.exists()):
         return None
     try:
@@ -93,27 +119,7 @@ def read_truth(recording: Path) -> Truth | None:
         raise RecordingError(f"{file}: the file is not the truth of a simulated trial ({error}); remove it") from None
 
 
-def read_labels(truth: Truth | None) -> Labels:
-    """Return the labels in truth.json; all labels are unknown if there is no truth."""
-    if truth is None:
-        return Labels()
-    frequency = truth.document.get("freq_hz")
-    speed = "" if frequency is None else "fast" if frequency > _FAST else "slow"
-    yaw = truth.document.get("robot_yaw_deg")
-    return Labels(str(truth.document.get("joint") or ""), speed, None if yaw is None else float(yaw))
-
-
-def read_reference(truth: Truth | None) -> dict[str, float]:
-    """Return the true parameters, named as in the `reference` of a study's file; empty if there is no truth."""
-    if truth is None:
-        return {}
-    parameters = dict(zip(PARAMETERS, map(float, truth.document["base_parameters"]["values"]), strict=True))
-    lengths = truth.document.get("segment_lengths_m", {})
-    return parameters | ({"base": float(lengths["l1"])} if "l1" in lengths else {})
-
-
-DYNAMICS = "identify-dim"
-_STATES = "ukf-smooth"
+# The methods for the joint states; stages that do not depend on the method run once.
 
 
 @dataclass(frozen=True)
@@ -131,6 +137,8 @@ DIFFERENCES = Method("differences", "Diff.", {"method": "butterworth", "butterwo
 SMOOTHER = Method("differences-6", "Diff. 6 Hz", {"method": "butterworth", "butterworth_hz": 6.0})
 SPLINE = Method("spline", "Spline", {"method": "spline"})
 METHODS = (CAMERAS, ENCODER, DIFFERENCES, SMOOTHER, SPLINE)
+REFERENCE = "reference"
+"""Value of `method` in the rows of the reference parameters."""
 
 
 def run_all_methods(trial: Trial) -> TrialRun:
@@ -141,13 +149,11 @@ def run_all_methods(trial: Trial) -> TrialRun:
     done = run_trial(trial)
     if done.exit_code != 0:
         return done
-    for method in METHODS[1:]:
-        if method is ENCODER and trial.keys.encoder is None:
-            continue
+    for method in _list_methods(trial)[1:]:
         variant = with_method(trial, method)
         try:
             _share_artefacts(trial.out, variant.out)
-            outcome = runner.run_to(variant, DYNAMICS)
+            outcome = runner.run_to(variant, _DYNAMICS_STAGE)
             if outcome.refused is not None:
                 raise outcome.refused
         except MocapIdError as error:
@@ -163,17 +169,22 @@ def run_all_methods(trial: Trial) -> TrialRun:
     return done
 
 
+def _list_methods(trial: Trial) -> list[Method]:
+    return [method for method in METHODS if method is not ENCODER or trial.keys.encoder is not None]
+
+
 def with_method(trial: Trial, method: Method) -> Trial:
     """Return the trial with the settings and the run folder of a method."""
     if method is CAMERAS:
         return trial
-    settings = trial.settings[_STATES].model_copy(update=dict(method.settings))
-    return replace(trial, settings={**trial.settings, _STATES: settings}, out=trial.out / "methods" / method.name)
+    settings = trial.settings[_STATES_STAGE].model_copy(update=dict(method.settings))
+    out = trial.out / "methods" / method.name
+    return replace(trial, settings={**trial.settings, _STATES_STAGE: settings}, out=out)
 
 
 def _share_artefacts(source: Path, target: Path) -> None:
     """Link or copy the artefacts of the stages before the joint states into the run folder of a method."""
-    before = STAGES[: next(k for k, stage in enumerate(STAGES) if stage.name == _STATES)]
+    before = STAGES[: next(k for k, stage in enumerate(STAGES) if stage.name == _STATES_STAGE)]
     with converting_errors(target):
         for file in (file for stage in before for file in (*stage.outputs, record_file(stage.name))):
             copy = target / file
@@ -187,30 +198,31 @@ def _share_artefacts(source: Path, target: Path) -> None:
                 shutil.copy2(source / file, copy)
 
 
-STATES = ("theta", "dtheta", "ddtheta")
-WRENCH = ("Fx", "Fy", "tauz")
+# The result of one trial with each method.
 
 
 @dataclass(frozen=True)
 class SeriesErrors:
     """Bias and standard deviation of a series minus its reference, and r²; NaN if unknown."""
 
-    bias: float
-    sd: float
-    r2: float
+    bias: float = np.nan
+    sd: float = np.nan
+    r2: float = np.nan
 
     @classmethod
     def of(cls, difference: FloatArray, reference: FloatArray) -> SeriesErrors:
         """Return the errors of a series from its differences (N,) to a ``reference`` (N,); NaN samples do not count."""
         both = np.isfinite(difference) & np.isfinite(reference)
         if np.count_nonzero(both) < 2:
-            return NO_ERRORS
+            return SeriesErrors()
         difference, spread = difference[both], float(np.var(reference[both]))
         r2 = 1.0 - float(np.mean(difference**2)) / spread if spread > 0 else np.nan
         return cls(float(np.mean(difference)), float(np.std(difference)), r2)
 
-
-NO_ERRORS = SeriesErrors(np.nan, np.nan, np.nan)
+    @classmethod
+    def read(cls, facts: Mapping[str, Any] | None) -> SeriesErrors:
+        """Return the errors in the facts of an artefact."""
+        return cls(*(number_or_nan((facts or {}).get(name)) for name in ("bias", "sd", "r2")))
 
 
 @dataclass(frozen=True)
@@ -219,6 +231,20 @@ class RobotFrame:
 
     sign: int = 1
     zero: float = 0.0  # rad
+
+    @classmethod
+    def find(cls, folder: Folder, truth: Truth | None) -> RobotFrame:
+        """Return the robot's frame from its encoder, or else from the truth, or else the frame of the plane."""
+        encoder = folder.read("encoder.parquet").facts
+        if encoder.get("sign") is not None:
+            return cls(int(encoder["sign"]), float(encoder["zero_rad"]))
+        if truth is None:
+            return cls()
+        states = folder.table("states.parquet")
+        angle, true = states["theta_1"], truth.at(states["time"])[:, 0]
+        both = np.isfinite(angle) & np.isfinite(true)
+        sign = 1 if np.cov(angle[both], true[both])[0, 1] >= 0 else -1
+        return cls(sign, float(np.mean(angle[both] - sign * true[both])))
 
     def from_plane(self, parameters: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return base parameters (5,) and their covariance (5, 5), transformed from the plane to the robot's frame."""
@@ -245,12 +271,8 @@ class MethodResult:
     parameters: FloatArray  # (5,) base parameters in the order of PARAMETERS
     sds: FloatArray  # (5,) their standard deviations
     verdicts: tuple[str, ...]  # known, weak or not identifiable
-    condition: float  # condition number of the regressor
-    clock_offset: float  # s
-    states: Mapping[str, SeriesErrors]  # errors of the series in :data:`STATES`
+    errors: Mapping[str, SeriesErrors]  # of the series in :data:`STATES`
     against: str  # reference of the states: ``truth`` or ``encoder``; empty without a reference
-    wrench: Mapping[str, SeriesErrors]  # model minus measurement over the samples of the fit
-    torque: SeriesErrors  # model minus encoder
 
     @property
     def folder(self) -> Folder:
@@ -268,13 +290,17 @@ class MethodResult:
         return _read_joint_states(self.identified)
 
 
+def _read_joint_states(trial: IdentifiedTrial) -> FloatArray:
+    return np.column_stack([trial.q[:, 0], trial.dq[:, 0], trial.ddq[:, 0]])
+
+
 def read_method_result(folder: Folder, truth: Truth | None, *, by_encoder: bool) -> MethodResult:
     """Read the result of a trial with one method from its run folder.
 
     If ``by_encoder``, the states come from the encoder, so they cannot be compared with the encoder.
     """
-    identified, frame = open_identified_trial(folder.path), _find_robot_frame(folder, truth)
-    tree, facts, count = folder.tree("dynamics.h5"), identified.facts, len(PARAMETERS)
+    identified, frame = open_identified_trial(folder.path), RobotFrame.find(folder, truth)
+    tree, count = folder.tree("dynamics.h5"), len(PARAMETERS)
     value, covariance = tree.numbers("base/value"), tree.array("base/covariance").astype(np.float64)
     verdicts = tree.texts("base/verdict")
     if len(value) != count:
@@ -282,65 +308,20 @@ def read_method_result(folder: Folder, truth: Truth | None, *, by_encoder: bool)
         verdicts = ("not identifiable",) * count
     else:
         value, covariance = frame.from_plane(value, covariance)
-    states, against = _compare_states(folder, identified, frame, truth, by_encoder=by_encoder)
-    return MethodResult(
-        identified=identified,
-        frame=frame,
-        parameters=value,
-        sds=np.sqrt(np.diagonal(covariance)),
-        verdicts=verdicts,
-        condition=number_or_nan(facts.get("condition_number")),
-        clock_offset=number_or_nan(facts.get("clock_offset_s")),
-        states=states,
-        against=against,
-        wrench={name: _read_errors((facts.get("wrench") or {}).get(name)) for name in WRENCH},
-        torque=_read_errors(facts.get("torque")),
-    )
-
-
-def _find_robot_frame(folder: Folder, truth: Truth | None) -> RobotFrame:
-    """Return the robot's frame from its encoder, or else from the truth, or else the frame of the plane."""
-    encoder = folder.read("encoder.parquet").facts
-    if encoder.get("sign") is not None:
-        return RobotFrame(int(encoder["sign"]), float(encoder["zero_rad"]))
-    if truth is None:
-        return RobotFrame()
-    states = folder.table("states.parquet")
-    angle, true = states["theta_1"], truth.at(states["time"])[:, 0]
-    both = np.isfinite(angle) & np.isfinite(true)
-    sign = 1 if np.cov(angle[both], true[both])[0, 1] >= 0 else -1
-    return RobotFrame(sign, float(np.mean(angle[both] - sign * true[both])))
-
-
-def _compare_states(
-    folder: Folder, trial: IdentifiedTrial, frame: RobotFrame, truth: Truth | None, *, by_encoder: bool
-) -> tuple[dict[str, SeriesErrors], str]:
-    """Return the errors of the states and the name of their reference.
-
-    The mean error of the angle is removed, because the zero of the angle depends on the coordinate frame.
-    """
-    encoder = folder.table("encoder.parquet")
+    # The mean error of the angle is removed, because the zero of the angle depends on the coordinate frame.
+    encoder, against = folder.table("encoder.parquet"), ""
+    states = dict.fromkeys(STATES, SeriesErrors())
     if truth is not None:
-        time = trial.dynamics["time"].to_numpy(dtype=np.float64)
+        time = identified.dynamics["time"].to_numpy(dtype=np.float64)
         reference, against = frame.sign * truth.at(time), "truth"
     elif encoder.length and not by_encoder:
-        reference, against = encoder.stack(STATES), "encoder"
-    else:
-        return dict.fromkeys(STATES, NO_ERRORS), ""
-    errors = _read_joint_states(trial) - reference
-    known: BoolArray = np.isfinite(errors[:, 0])
-    errors[:, 0] -= np.mean(errors[known, 0]) if known.any() else 0.0
-    return {name: SeriesErrors.of(errors[:, d], reference[:, d]) for d, name in enumerate(STATES)}, against
-
-
-def _read_joint_states(trial: IdentifiedTrial) -> FloatArray:
-    return np.column_stack([trial.q[:, 0], trial.dq[:, 0], trial.ddq[:, 0]])
-
-
-def _read_errors(facts: Mapping[str, Any] | None) -> SeriesErrors:
-    if facts is None:
-        return NO_ERRORS
-    return SeriesErrors(*(number_or_nan(facts.get(name)) for name in ("bias", "sd", "r2")))
+        reference, against = encoder.stack(tuple(STATES)), "encoder"
+    if against:
+        errors = _read_joint_states(identified) - reference
+        known = np.isfinite(errors[:, 0])
+        errors[:, 0] -= np.mean(errors[known, 0]) if known.any() else 0.0
+        states = {name: SeriesErrors.of(errors[:, d], reference[:, d]) for d, name in enumerate(STATES)}
+    return MethodResult(identified, frame, value, np.sqrt(np.diagonal(covariance)), verdicts, states, against)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -348,7 +329,9 @@ class RobotTrialResult(TrialOutcome):
     """The result of one robot trial with every method."""
 
     trial: RobotTrial
-    labels: Labels
+    joint: str  # joint, speed and orientation identify a cell of the thesis's tables; empty or None if unknown
+    speed: str
+    orientation: float | None
     truth: Truth | None
     reference: Mapping[str, float]  # known reference parameters, and ``base``: distance of the joint from the origin, m
     by_method: Mapping[str, MethodResult]  # empty for a trial that failed or was refused
@@ -361,7 +344,7 @@ class RobotTrialResult(TrialOutcome):
     @property
     def cell(self) -> tuple[str, str]:
         """Joint and speed, which identify a cell in the thesis's tables."""
-        return self.labels.joint, self.labels.speed
+        return self.joint, self.speed
 
     @property
     def method_of_reference(self) -> MethodResult | None:
@@ -370,25 +353,30 @@ class RobotTrialResult(TrialOutcome):
         return self.by_method.get(ENCODER.name, self.by_method.get(CAMERAS.name)) if known else None
 
 
-def read_trial_result(trial: RobotTrial, run: TrialRun, reference: Mapping[str, RobotReference]) -> RobotTrialResult:
+def read_robot_result(trial: RobotTrial, run: TrialRun, reference: Mapping[str, RobotReference]) -> RobotTrialResult:
     """Read the result of a trial from its run folder and the run folders of the methods."""
     config = trial.trial
     truth = read_truth(get_recording(config.keys).motion)
-    labels = Labels(trial.joint, trial.speed, trial.orientation).completed_by(read_labels(truth))
-    given = reference.get(labels.joint)
-    methods = [method for method in METHODS if method is not ENCODER or config.keys.encoder is not None]
+    document = {} if truth is None else truth.document
+    frequency, yaw = document.get("freq_hz"), document.get("robot_yaw_deg")
+    true_speed = "" if frequency is None else "fast" if frequency > _FAST else "slow"
+    joint = trial.joint or str(document.get("joint") or "")
+    given = reference.get(joint)
+    known = {} if truth is None else truth.reference
     return RobotTrialResult(
         trial=trial,
         run=run,
         summary=read_summary(config.out, run),
-        labels=labels,
+        joint=joint,
+        speed=trial.speed or true_speed,
+        orientation=float(yaw) if trial.orientation is None and yaw is not None else trial.orientation,
         truth=truth,
-        reference=read_reference(truth) if given is None else given.model_dump(exclude_none=True),
+        reference=known if given is None else given.model_dump(exclude_none=True),
         by_method={
             method.name: read_method_result(
                 Folder(with_method(config, method).out), truth, by_encoder=method is ENCODER
             )
-            for method in (methods if run.exit_code == 0 else ())
+            for method in (_list_methods(config) if run.exit_code == 0 else ())
         },
     )
 
@@ -401,76 +389,17 @@ def predict_reference(trial: RobotTrialResult, result: MethodResult) -> tuple[Fl
     return identified.chain.regressor @ full, (identified.chain.torque_regressor @ full)[:, 0]
 
 
-REFERENCE = "reference"
-STATE_UNITS = dict(zip(STATES, ("rad", "rad/s", "rad/s^2"), strict=True))
-WRENCH_UNITS = dict(zip(WRENCH, ("N", "N", "N*m"), strict=True))
-PARAMETER_UNITS = dict(zip(PARAMETERS, ("kg", "kg*m", "kg*m", "kg*m", "kg*m^2"), strict=True))
-
-CELL = (
-    text("joint", "the joint that moves"),
-    text("speed", "speed of the movement"),
-    number("orientation", "deg", "angle of the robot about the vertical; NaN: all orientations"),
-    text("obs", "P: states from the cameras; R: from the encoder; Ref.: reference parameters; else name of a method"),
-    text("source", "`this` program, or the `thesis`"),
-    whole("trials", "number of trials in the row; 0 for the thesis"),
-)
-"""Columns that identify the cell of the thesis's tables to which a row belongs."""
-
-
-def _error_columns(name: str, unit: str, meaning: str) -> list[Column]:
-    parts = (("bias", unit, "mean"), ("sd", unit, "standard deviation"), ("r2", "1", "r²"))
-    return [number(f"{name}_{part}", of, f"{meaning}: {words}") for part, of, words in parts]
-
-
-def _series_columns(units: Mapping[str, str], meaning: str) -> list[Column]:
-    return [column for name, unit in units.items() for column in _error_columns(name, unit, f"{name} {meaning}")]
-
-
-def _parameter_columns(name: str, unit: str) -> tuple[Column, ...]:
-    return (
-        number(name, unit, f"base parameter {name} in the robot's own frame"),
-        number(f"{name}_sd", unit, "its standard deviation"),
-        number(f"{name}_reference", unit, "value of the reference"),
-        text(f"{name}_verdict", "known, weak or not identifiable"),
-    )
-
-
-TRIALS = TableSchema(
-    "trials.parquet",
-    1,
-    (
-        text("trial", "name of the trial and of its run folder"),
-        *CELL[:3],
-        text("method", "cameras, encoder, differences, differences-6, spline, or reference"),
-        text("verdict", "verdict of the trial: ok, caution, refused or failed"),
-        text("codes", "codes of the verdict's reasons"),
-        text("against", "reference of the states: truth or encoder; empty without a reference"),
-        number("base", "m", "distance of the joint from the plane's origin"),
-        number("base_sd", "m", "its standard deviation"),
-        number("base_error", "m", "distance minus the distance of the reference"),
-        *_error_columns("marker", "m", "distance of the moving markers from their prediction")[:2],
-        *_series_columns(STATE_UNITS, "minus the value of the truth or the encoder"),
-        number("condition", "1", "condition number of the stacked regressor"),
-        *(column for name, unit in PARAMETER_UNITS.items() for column in _parameter_columns(name, unit)),
-        *_error_columns("torque", "N*m", "torque of the model minus the encoder's"),
-        *_series_columns(WRENCH_UNITS, "of the model minus the measured"),
-        number("clock_offset", "s", "clock offset, plates after cameras"),
-        number("encoder_offset", "s", "offset of the encoder's clock: its sample at t is the state at t + this offset"),
-        number("encoder_offset_sd", "s", "its standard deviation"),
-        number("encoder_offset_truth", "s", "true offset, if known"),
-    ),
-)
+# The table `trials`: a row for each trial and method, and a row for each trial with the reference parameters.
 
 
 def trial_rows(trials: Sequence[RobotTrialResult]) -> Iterator[dict[str, Any]]:
     """Yield the rows of the table `trials`; a trial without results has a single row without numbers."""
     for trial in trials:
-        orientation = trial.labels.orientation
         labels = {
             "trial": trial.name,
-            "joint": trial.labels.joint,
-            "speed": trial.labels.speed,
-            "orientation": np.nan if orientation is None else orientation,
+            "joint": trial.joint,
+            "speed": trial.speed,
+            "orientation": np.nan if trial.orientation is None else trial.orientation,
             "verdict": trial.level,
             "codes": ", ".join(trial.codes),
         }
@@ -484,42 +413,35 @@ def trial_rows(trials: Sequence[RobotTrialResult]) -> Iterator[dict[str, Any]]:
 
 
 def _describe_result(trial: RobotTrialResult, result: MethodResult) -> dict[str, Any]:
+    facts, encoder = result.identified.facts, result.folder.read("encoder.parquet").facts
+    base, sd = (trial.value("lengths_m", "base", key) for key in ("value", "sd"))
+    truth = {} if trial.truth is None else trial.truth.document.get("encoder", {})
     row: dict[str, Any] = {
         "against": result.against,
-        "condition": result.condition,
-        "clock_offset": result.clock_offset,
-    }
-    for k, name in enumerate(PARAMETERS):
-        row |= {name: result.parameters[k], f"{name}_sd": result.sds[k], f"{name}_verdict": result.verdicts[k]}
-        row[f"{name}_reference"] = trial.reference.get(name, np.nan)
-    for name, errors in {**result.states, **result.wrench, "torque": result.torque}.items():
-        row |= _name_errors(name, errors)
-    return row | _describe_kinematics(trial, result)
-
-
-def _describe_kinematics(trial: RobotTrialResult, result: MethodResult) -> dict[str, Any]:
-    base, sd = (trial.value("lengths_m", "base", key) for key in ("value", "sd"))
-    encoder = result.folder.read("encoder.parquet").facts
-    truth = {} if trial.truth is None else trial.truth.document.get("encoder", {})
-    return {
         "base": base,
         "base_sd": sd,
         "base_error": np.nan if base is None else base - trial.reference.get("base", np.nan),
-        **_average_marker_errors(result),
+        "condition": number_or_nan(facts.get("condition_number")),
+        "clock_offset": number_or_nan(facts.get("clock_offset_s")),
         "encoder_offset": encoder.get("clock_offset_s"),
         "encoder_offset_sd": encoder.get("clock_offset_sd_s"),
         "encoder_offset_truth": truth.get("clock_offset_s"),
     }
-
-
-def _average_marker_errors(result: MethodResult) -> dict[str, float]:
-    """Return the mean and standard deviation of the moving markers' distances from their prediction, m."""
+    for k, name in enumerate(PARAMETERS):
+        row |= {name: result.parameters[k], f"{name}_sd": result.sds[k], f"{name}_verdict": result.verdicts[k]}
+        row[f"{name}_reference"] = trial.reference.get(name, np.nan)
+    for name, errors in result.errors.items():
+        row |= _name_errors(name, errors)
+    for name in WRENCH:  # model minus measurement over the samples of the fit
+        row |= _name_errors(name, SeriesErrors.read((facts.get("wrench") or {}).get(name)))
+    row |= _name_errors("torque", SeriesErrors.read(facts.get("torque")))
+    # Distances of the moving markers from their prediction.
     markers, skeleton = result.folder.long_table("markers.parquet"), result.identified.skeleton
     moving = [name for name, segment in zip(skeleton.markers, skeleton.segment, strict=True) if segment > 0]
     residual = markers.values["residual"]
     own = np.isin(markers.labels, moving) & markers.values["used"].astype(np.bool_)
     known = residual[own & np.isfinite(residual)]
-    return {"marker_bias": float(np.mean(known)), "marker_sd": float(np.std(known))} if len(known) else {}
+    return row | ({"marker_bias": float(np.mean(known)), "marker_sd": float(np.std(known))} if len(known) else {})
 
 
 def _name_errors(name: str, errors: SeriesErrors) -> dict[str, float]:
@@ -536,26 +458,144 @@ def _describe_reference(trial: RobotTrialResult, result: MethodResult) -> dict[s
     for k, name in enumerate(WRENCH):
         measured = dynamics[name].to_numpy(dtype=np.float64)[fitted]
         row |= _name_errors(name, SeriesErrors.of(wrench[fitted, k] - measured, measured))
-    return row | _name_errors("torque", _compare_torque(trial, result, torque))
-
-
-def _compare_torque(trial: RobotTrialResult, result: MethodResult, torque: FloatArray) -> SeriesErrors:
-    """Return the errors of a torque (T,) in the plane relative to the torque in the encoder's file, at its times."""
+    # The torque is compared with the torque in the encoder's file, at its times.
     file, encoder = trial.trial.trial.keys.encoder, result.folder.read("encoder.parquet").facts
     log = None if file is None else recording.read_encoder(file)
-    if log is None or log.torque is None or encoder.get("sign") is None:
-        return NO_ERRORS
-    measured = encoder["sign"] * log.torque
-    model = SampledWrench.of(result.time, torque[:, None])(log.time + encoder["clock_offset_s"])[:, 0]
-    return SeriesErrors.of(model - measured, measured)
+    errors = SeriesErrors()
+    if log is not None and log.torque is not None and encoder.get("sign") is not None:
+        measured = encoder["sign"] * log.torque
+        model = SampledWrench.of(result.time, torque[:, None])(log.time + encoder["clock_offset_s"])[:, 0]
+        errors = SeriesErrors.of(model - measured, measured)
+    return row | _name_errors("torque", errors)
 
 
-OURS, THESIS = "this", "thesis"
+_SOURCES = {"this": "this program", "thesis": "thesis"}
+_CELL = (
+    text("joint", "the joint that moves", head="joint", missing=UNKNOWN),
+    text("speed", "speed of the movement", head="speed", missing=UNKNOWN),
+    shown_as(
+        number("orientation", "deg", "angle of the robot about the vertical; NaN: all orientations"),
+        "orientation (deg)",
+        lambda row: show_fixed(row["orientation"], 0),
+        optional=True,
+        text=True,
+    ),
+    text(
+        "obs",
+        "P: states from the cameras; R: from the encoder; Ref.: reference parameters; else name of a method",
+        head="obs.",
+    ),
+    text("source", "`this` program, or the `thesis`", head="by", cell=lambda row: _SOURCES[row["source"]]),
+    shown_as(
+        whole("trials", "number of trials in the row; 0 for the thesis"),
+        "trials",
+        lambda row: str(row["trials"] or UNKNOWN),
+        text=True,
+    ),
+)
+"""Columns that identify the cell of the thesis's tables to which a row belongs."""
+
+
+def _series_columns(units: Mapping[str, str], meaning: str) -> list[ResultColumn]:
+    """Return bias, standard deviation and r² of each series; ``{}`` in the meaning stands for the name."""
+    return [
+        number(f"{name}_{part}", "1" if part == "r2" else unit, f"{meaning.format(name)}: {words}")
+        for name, unit in units.items()
+        for part, words in (("bias", "mean"), ("sd", "standard deviation"), ("r2", "r²"))
+    ]
+
+
+def _parameter_columns(name: str) -> tuple[ResultColumn, ...]:
+    unit = PARAMETERS[name]
+    return (
+        number(name, unit, f"base parameter {name} in the robot's own frame"),
+        number(f"{name}_sd", unit, "its standard deviation"),
+        number(f"{name}_reference", unit, "value of the reference"),
+        text(f"{name}_verdict", "known, weak or not identifiable"),
+    )
+
+
+TRIALS = declare_tables(
+    trials=(
+        text("trial", "name of the trial and of its run folder", head="trial"),
+        *_CELL[:3],
+        text("method", "cameras, encoder, differences, differences-6, spline, or reference"),
+        text("verdict", "verdict of the trial: ok, caution, refused or failed", head="verdict"),
+        text("codes", "codes of the verdict's reasons", head="reasons", missing=UNKNOWN),
+        text("against", "reference of the states: truth or encoder; empty without a reference"),
+        number("base", "m", "distance of the joint from the plane's origin", head="l₁ (mm)", decimals=2, factor=1e3),
+        number("base_sd", "m", "its standard deviation"),
+        number(
+            "base_error",
+            "m",
+            "distance minus the distance of the reference",
+            head="error of l₁ (mm)",
+            decimals=2,
+            factor=1e3,
+        ),
+        *_series_columns({"marker": "m"}, "distance of the moving markers from their prediction")[:2],
+        *_series_columns(STATES, "{} minus the value of the truth or the encoder"),
+        number("condition", "1", "condition number of the stacked regressor", head="condition"),
+        *(column for name in PARAMETERS for column in _parameter_columns(name)),
+        *_series_columns({"torque": "N*m"}, "torque of the model minus the encoder's"),
+        *_series_columns(WRENCH, "{} of the model minus the measured"),
+        number("clock_offset", "s", "clock offset, plates after cameras"),
+        number(
+            "encoder_offset",
+            "s",
+            "offset of the encoder's clock: its sample at t is the state at t + this offset",
+            head="clock of the encoder (ms)",
+            decimals=3,
+            factor=1e3,
+        ),
+        number("encoder_offset_sd", "s", "its standard deviation"),
+        number("encoder_offset_truth", "s", "true offset, if known"),
+    )
+)["trials"]
+
+
+# The thesis's tables 5.1 to 5.6: each cell averaged over the trials, followed by the values in the thesis.
+
+Kind: TypeAlias = Literal["value", "error"]
+
 _ORDER = ("shoulder", "elbow", "wrist"), ("slow", "fast")
+_UNITS = {"m": ("mm", 1e3), "rad": ("deg", 180 / np.pi), "rad/s": ("deg/s", 180 / np.pi)}
+_DECIMALS = {"mm": 2, "deg": 3, "deg/s": 2, "1": 1, "kg·m²": 4}
 _SYMBOLS = {
     "mass": "m₁+m₂", "mx1": "mx₁+Tₓm₂", "mx2": "mx₂", "my2": "my₂", "Izz2": "Izz₂",
     "theta": "ε_θ", "dtheta": "ε_θ̇", "ddtheta": "ε_θ̈", "Fx": "ε_Fx", "Fy": "ε_Fy", "tauz": "ε_τz",
 }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity in a table of the thesis, with a column for its mean and one for its standard deviation."""
+
+    name: str
+    unit: str
+    meaning: str
+    symbol: str  # heading of the column
+    # For a value, the columns are mean and standard deviation over the trials. For an error, they are the mean of the
+    # trials' biases and the root mean square of the trials' standard deviations.
+    kind: Kind = "value"
+    to_si: float = 1.0  # factor from the thesis's unit to SI
+    decimals: int | None = None  # number of decimals; None for the usual number of the unit
+
+    @property
+    def columns(self) -> list[ResultColumn]:
+        """The columns; a page shows them in one cell, ``mean (standard deviation)``."""
+        shown, factor = _UNITS.get(self.unit, (format_unit(self.unit), 1.0))
+        decimals = _DECIMALS.get(shown, 3) if self.decimals is None else self.decimals
+
+        def cell(row: Mapping[str, Any]) -> str:
+            mean, sd = to_number(row[f"{self.name}_mean"]), to_number(row[f"{self.name}_sd"])
+            if mean is None and sd is None:
+                return UNKNOWN
+            value = "?" if mean is None else show_fixed(factor * mean, decimals)
+            return value if sd is None else f"{value} ({show_fixed(factor * sd, decimals)})"
+
+        mean, sd = error_columns(self.name, self.unit, self.meaning, "mean sd")
+        return [shown_as(mean, self.symbol if self.unit == "1" else f"{self.symbol} ({shown})", cell), sd]
 
 
 @dataclass(frozen=True)
@@ -571,12 +611,8 @@ class ThesisTable:
     @property
     def schema(self) -> TableSchema:
         """Schema of the table's file."""
-        pairs = (
-            number(f"{one.name}_{part}", one.unit, f"{one.meaning}: {words}")
-            for one in self.quantities
-            for part, words in (("mean", "mean"), ("sd", "standard deviation"))
-        )
-        return TableSchema(f"{self.name}.parquet", 1, (*CELL, *pairs))
+        columns = (*_CELL, *(column for one in self.quantities for column in one.columns))
+        return declare_tables(**{self.name: columns})[self.name]
 
 
 def _add_r2(name: str, unit: str, meaning: str, symbol: str) -> tuple[Quantity, Quantity]:
@@ -588,11 +624,12 @@ def _add_r2(name: str, unit: str, meaning: str, symbol: str) -> tuple[Quantity, 
 
 _DYNAMICS = (
     Quantity("condition", "1", "condition number of the stacked regressor", "condition"),
-    *(Quantity(name, unit, f"base parameter {name}", _SYMBOLS[name]) for name, unit in PARAMETER_UNITS.items()),
+    *(Quantity(name, unit, f"base parameter {name}", _SYMBOLS[name]) for name, unit in PARAMETERS.items()),
     *_add_r2("torque", "N*m", "torque of the model minus the encoder's", "ε_τ"),
 )
 _MEASURED = {"encoder": "R", "cameras": "P"}
 _ALL = {"reference": "Ref.", **_MEASURED}
+_DEG = np.pi / 180
 
 TABLES = (
     ThesisTable(
@@ -602,15 +639,8 @@ TABLES = (
         (
             Quantity("base", "m", "distance of the joint from the plane's origin", "l₁", to_si=1e-3),
             Quantity("marker", "m", "distance of the markers from their prediction", "ε_M", "error", 1e-3),
-            Quantity("theta", "rad", "angle minus the true or the encoder's angle", "ε_θ", "error", np.pi / 180),
-            Quantity(
-                "dtheta",
-                "rad/s",
-                "velocity minus the true or the encoder's velocity",
-                "ε_θ̇",
-                "error",
-                np.pi / 180,
-            ),
+            Quantity("theta", "rad", "angle minus the true or the encoder's angle", "ε_θ", "error", _DEG),
+            Quantity("dtheta", "rad/s", "velocity minus the true or the encoder's velocity", "ε_θ̇", "error", _DEG),
             Quantity("base_error", "m", "distance minus the distance of the reference", "l₁ − reference"),
         ),
         by_orientation=True,
@@ -622,7 +652,7 @@ TABLES = (
         _MEASURED,
         tuple(
             quantity
-            for name, unit in STATE_UNITS.items()
+            for name, unit in STATES.items()
             for quantity in _add_r2(name, unit, f"{name} minus the truth's", _SYMBOLS[name])
         ),
     ),
@@ -632,7 +662,7 @@ TABLES = (
         _ALL,
         tuple(
             quantity
-            for name, unit in WRENCH_UNITS.items()
+            for name, unit in WRENCH.items()
             for quantity in _add_r2(name, unit, f"{name} of the model minus the measured", _SYMBOLS[name])
         ),
     ),
@@ -663,67 +693,66 @@ def _cell_rows(table: ThesisTable, trials: pd.DataFrame) -> list[dict[str, Any]]
     keys = ["joint", "speed"] + (["orientation"] if table.by_orientation else [])
     rows: list[dict[str, Any]] = []
     groups = [(key, group) for key, group in passed.groupby(keys, dropna=False, sort=False)]
-    for key, group in sorted(groups, key=lambda one: _sort_key(one[0])):
+
+    def rank(key: tuple[Any, ...]) -> tuple[Any, ...]:
+        known = [order.index(name) if name in order else len(order) for order, name in zip(_ORDER, key, strict=False)]
+        return (*known, *(str(part) for part in key))
+
+    for key, group in sorted(groups, key=lambda one: rank(one[0])):
         cell = dict(zip(keys, key, strict=True))
         for method, obs in table.methods.items():
             own = group[group["method"] == method]
             if own.empty:
                 continue
             label = {"orientation": np.nan} | cell | {"obs": obs}
-            rows.append(label | {"source": OURS, "trials": len(own)} | _average(table.quantities, own))
+            averages = (value for one in table.quantities for value in _average(one, own).items())
+            rows.append(label | {"source": "this", "trials": len(own)} | dict(averages))
             orientation: Any = cell.get("orientation")
             published = in_thesis.get((str(cell["joint"]), str(cell["speed"]), orientation, obs))
             if published is not None:
-                rows.append(label | {"source": THESIS, "trials": 0} | published)
+                rows.append(label | {"source": "thesis", "trials": 0} | published)
     return rows
 
 
+def _average(one: Quantity, own: pd.DataFrame) -> dict[str, float]:
+    """Return mean and standard deviation of a quantity over the trials of a cell."""
+
+    def read_known(column: str) -> FloatArray:
+        values = own[column].to_numpy(dtype=np.float64)
+        return np.asarray(values[np.isfinite(values)])
+
+    if one.kind == "value":
+        centre = read_known(one.name)
+        # A reference parameter is given, not estimated, so it has no standard deviation.
+        is_given = not one.name.endswith("_r2") and (own["method"] == REFERENCE).all()
+        sd = float(np.std(centre, ddof=1)) if len(centre) > 1 and not is_given else np.nan
+    else:
+        centre, sds = read_known(f"{one.name}_bias"), read_known(f"{one.name}_sd")
+        sd = float(np.sqrt(np.mean(sds**2))) if len(sds) else np.nan
+    return {f"{one.name}_mean": float(np.mean(centre)) if len(centre) else np.nan, f"{one.name}_sd": sd}
+
+
 def read_published(table: ThesisTable) -> Mapping[tuple[str, str, float | None, str], dict[str, float]]:
-    """Return the values in the thesis, SI, by joint, speed, orientation (degrees; None if unknown), and method."""
-    text = files("mocap_id.workflows.study").joinpath("thesis_tables.csv").read_text("utf-8")
-    _, *lines = csv.reader(text.splitlines())
+    """Return the values in the thesis, SI, by joint, speed, orientation (degrees; None if unknown), and method.
+
+    They come from ``thesis_tables.csv``, in the units of the thesis; mean and standard deviation alternate. A value is
+    empty if the thesis does not give it, or if it is illegible in our copy.
+    """
+    content = files("mocap_id.workflows.study").joinpath("thesis_tables.csv").read_text("utf-8")
+    _, *lines = csv.reader(content.splitlines())
     rows = {}
     for name, joint, speed, orientation, obs, *cells in lines:
         if name == table.name:
             numbers = [float(cell or "nan") for cell in cells]
-            key = (joint, speed, float(orientation) if orientation else None, obs)
-            rows[key] = _name_published(table.quantities, numbers)
+            row: dict[str, float] = {}
+            # The thesis has fewer quantities.
+            for one, mean, sd in zip(table.quantities, numbers[::2], numbers[1::2], strict=False):
+                row |= {f"{one.name}_mean": one.to_si * mean, f"{one.name}_sd": one.to_si * sd}
+            rows[joint, speed, float(orientation) if orientation else None, obs] = row
     return rows
 
 
-def _name_published(quantities: Sequence[Quantity], numbers: Sequence[float]) -> dict[str, float]:
-    """Return the columns of a row in SI units; ``numbers`` alternate between mean and standard deviation."""
-    row: dict[str, float] = {}
-    for one, mean, sd in zip(quantities, numbers[::2], numbers[1::2], strict=False):  # the thesis has fewer quantities
-        row |= {f"{one.name}_mean": one.to_si * mean, f"{one.name}_sd": one.to_si * sd}
-    return row
-
-
-def _sort_key(key: tuple[Any, ...]) -> tuple[Any, ...]:
-    known = [order.index(name) if name in order else len(order) for order, name in zip(_ORDER, key, strict=False)]
-    return (*known, *(str(part) for part in key))
-
-
-def _average(quantities: Sequence[Quantity], own: pd.DataFrame) -> dict[str, float]:
-    row = {}
-    for one in quantities:
-        if one.kind == "value":
-            values = _read_known(own[one.name])
-            row[f"{one.name}_mean"] = float(np.mean(values)) if len(values) else np.nan
-            # A reference parameter is given, not estimated, so it has no standard deviation.
-            is_given = not one.name.endswith("_r2") and (own["method"] == REFERENCE).all()
-            row[f"{one.name}_sd"] = float(np.std(values, ddof=1)) if len(values) > 1 and not is_given else np.nan
-        else:
-            bias, sd = _read_known(own[f"{one.name}_bias"]), _read_known(own[f"{one.name}_sd"])
-            row[f"{one.name}_mean"] = float(np.mean(bias)) if len(bias) else np.nan
-            row[f"{one.name}_sd"] = float(np.sqrt(np.mean(sd**2))) if len(sd) else np.nan
-    return row
-
-
-def _read_known(column: pd.Series[Any]) -> FloatArray:
-    values = column.to_numpy(dtype=np.float64)
-    return np.asarray(values[np.isfinite(values)])
-
+# The data of the figures: the recovery of one joint, and wrenches averaged over repetitions.
 
 _PHASE = np.linspace(0.0, 100.0, 51)  # % of a repetition
 _FRAMES = 60  # number of drawn frames of a marker's path
@@ -745,12 +774,10 @@ def collect_recovery(trial: RobotTrialResult) -> Recovery:
     own = sorted(set(planar.labels) & set(skeleton.markers))
     columns = np.array([planar.labels.index(label) for label in own], dtype=np.int64)
     points = planar.read_positions(columns, thinned, "xy", keep_bursts=True)
-    paths = {label: points[:, k] for k, label in enumerate(own)}
     return Recovery(
-        trial=trial.name,
-        joint=trial.labels.joint or skeleton.segments[-1],
-        speed=trial.labels.speed,
-        paths=paths,
+        joint=trial.joint or skeleton.segments[-1],
+        speed=trial.speed,
+        paths={label: points[:, k] for k, label in enumerate(own)},
         segment=dict(zip(skeleton.markers, skeleton.segment.tolist(), strict=True)),
         local=dict(zip(skeleton.markers, skeleton.local, strict=True)),
         centre=skeleton.centres[0],
@@ -777,41 +804,33 @@ def average_wrench(trials: Sequence[RobotTrialResult]) -> AveragedWrench | None:
 
     None if there is no such repetition.
     """
-    measured: list[FloatArray] = []
-    models: dict[str, list[FloatArray]] = {}
+    series: dict[str, list[FloatArray]] = {}
     for trial in trials:
         first = trial.by_method[CAMERAS.name]
+        wrenches = {"measured": _read_wrench(first, "")} | {
+            method.thesis: _read_wrench(trial.by_method[method.name], "_model")
+            for method in (ENCODER, CAMERAS)
+            if method.name in trial.by_method
+        }
+        if trial.method_of_reference is not None:
+            wrenches["Ref."] = predict_reference(trial, trial.method_of_reference)[0]
+        # x is in the direction of the robot's x axis.
+        direction = np.array([first.frame.sign, 1.0, first.frame.sign])
         for start, end in _find_repetitions(first):
-            measured.append(_sample(first, _read_wrench(first.identified.dynamics, ""), start, end))
-            for name, series in _predict_wrench(trial).items():
-                models.setdefault(name, []).append(_sample(first, series, start, end))
-    if not measured:
+            at = start + _PHASE / 100 * (end - start)
+            for name, wrench in wrenches.items():
+                sampled = np.column_stack([np.interp(at, first.time, column) for column in wrench.T]) * direction
+                series.setdefault(name, []).append(sampled)
+    if not series:
         return None
-    own, stacked = np.stack(measured), {name: np.stack(series) for name, series in models.items()}
-    errors = {name: series - own for name, series in stacked.items()}
-    return AveragedWrench(" ".join(trials[0].cell).strip(), len(own), _PHASE, own, stacked, errors)
+    measured, *models = ((name, np.stack(one)) for name, one in series.items())
+    errors = {name: model - measured[1] for name, model in models}
+    cell = " ".join(trials[0].cell).strip()
+    return AveragedWrench(cell, len(measured[1]), _PHASE, measured[1], dict(models), errors)
 
 
-def _predict_wrench(trial: RobotTrialResult) -> Mapping[str, FloatArray]:
-    """Return the wrench (T, 3) of each model by the model's label in the thesis."""
-    models = {
-        method.thesis: _read_wrench(trial.by_method[method.name].identified.dynamics, "_model")
-        for method in (ENCODER, CAMERAS)
-        if method.name in trial.by_method
-    }
-    through = trial.method_of_reference
-    return models if through is None else models | {"Ref.": predict_reference(trial, through)[0]}
-
-
-def _read_wrench(dynamics: pd.DataFrame, suffix: str) -> FloatArray:
-    return dynamics[[f"{name}{suffix}" for name in WRENCH]].to_numpy(dtype=np.float64)
-
-
-def _sample(result: MethodResult, wrench: FloatArray, start: float, end: float) -> FloatArray:
-    """Return the wrench (P, 3) at the P phases of one repetition, with x in the direction of the robot's x axis."""
-    at = start + _PHASE / 100 * (end - start)
-    direction = np.array([result.frame.sign, 1.0, result.frame.sign])
-    return np.asarray(np.column_stack([np.interp(at, result.time, column) for column in wrench.T]) * direction)
+def _read_wrench(result: MethodResult, suffix: str) -> FloatArray:
+    return result.identified.dynamics[[f"{name}{suffix}" for name in WRENCH]].to_numpy(dtype=np.float64)
 
 
 def _find_repetitions(result: MethodResult) -> list[tuple[float, float]]:
@@ -840,7 +859,8 @@ def _find_repetitions(result: MethodResult) -> list[tuple[float, float]]:
     return [each for each, is_full in zip(kept, full, strict=True) if is_full]
 
 
-PAGE, DOCUMENT, MARKDOWN = "robot.html", "validation.json", "robot.md"
+# The study: run every trial with every method; write the tables, the page, and the tables in a Markdown page.
+
 _BEGIN, _END = "<!-- tables: written by `mocap-id validate robot` -->", "<!-- end of tables -->"
 _ABOUT = (
     "Each table is a CSV and a Parquet file (units and meanings in the field metadata). A missing value is empty in "
@@ -902,7 +922,7 @@ def validate_robot(
         The folder is in use or cannot be written. The failure of a trial raises nothing; it is reported in the tables.
     """
     out = out.absolute()
-    text = None if page is None else _read_page(page)
+    before = None if page is None else _read_page(page)
     files = tuple(files) or (_simulate(out, generated or RobotSet()),)
     study = load_robot_study(files)
     owner = find_owner_of_files(*files)
@@ -912,15 +932,39 @@ def validate_robot(
     with Folder(out).locked():
         check_owner(out, owner, DOCUMENT)
         runs = run_trials([one.trial for one in configs], LocalBackend(jobs), tell, run=run_all_methods)
-        trials = tuple(read_trial_result(one, run, study.reference) for one, run in zip(configs, runs, strict=True))
+        trials = tuple(read_robot_result(one, run, study.reference) for one, run in zip(configs, runs, strict=True))
         tables = make_tables(trials)
-        data = _collect_page_data(study, trials, tables)
-        content = _describe_study(study, trials, tables)
-        result = Result("robot-study", DOCUMENT, content, tables, lambda: _make_pages(data))
+        data = _collect_page_data(study.name, trials, tables)
+        content = {
+            "study": study.name,
+            "product": __version__,
+            "about": _ABOUT,
+            "page": PAGE,
+            "trials": [
+                {
+                    "trial": trial.name,
+                    "joint": trial.joint,
+                    "speed": trial.speed,
+                    "orientation": trial.orientation,
+                    "exit_code": trial.run.exit_code,
+                    "message": trial.run.published,
+                    "truth": trial.truth is not None,
+                    "against": trial.by_method[CAMERAS.name].against if trial.by_method else "",
+                }
+                for trial in trials
+            ],
+            "tables": {name: table.description for name, table in tables.items()},
+        }
+
+        def make_pages() -> dict[str, bytes]:
+            markdown = f"# {data.study}\n\n{render_markdown(data, {})}"
+            return {PAGE: render_robot_page(data), MARKDOWN: markdown.encode()}
+
+        result = Result("robot-study", DOCUMENT, content, tables, make_pages)
         result.write(out)
         store_owner(out, owner, DOCUMENT)
-    if page is not None and text is not None:
-        _replace_tables(page, text, data)
+    if page is not None and before is not None:
+        _replace_tables(page, before, data)
     return RobotStudyResult(out, trials, {name: table.frame for name, table in tables.items()}, result.document)
 
 
@@ -940,80 +984,48 @@ def _simulate(out: Path, options: RobotSet) -> Path:
     return folder / FILE
 
 
-def _make_pages(data: RobotStudyData) -> dict[str, bytes]:
-    from mocap_id.reporting.study.robots import render_markdown, render_robot_page  # noqa: PLC0415  it loads the page's templates
-
-    return {PAGE: render_robot_page(data), MARKDOWN: f"# {data.study}\n\n{render_markdown(data, {})}".encode()}
-
-
 def _read_page(page: Path) -> str:
     try:
-        text = page.read_text("utf-8")
+        content = page.read_text("utf-8")
     except OSError as error:
         raise ConfigError(f"{page}: the file cannot be read ({error.strerror})") from error
-    if _BEGIN not in text or _END not in text:
+    if _BEGIN not in content or _END not in content:
         raise ConfigError(f"{page}: expected the lines `{_BEGIN}` and `{_END}`, which enclose the tables")
-    return text
+    return content
 
 
-def _replace_tables(page: Path, text: str, data: RobotStudyData) -> None:
+def _replace_tables(page: Path, before: str, data: RobotStudyData) -> None:
     """Write the tables between the marks in the page, and the figures into a folder with the page's name."""
     from mocap_id.reporting import paper_figures  # noqa: PLC0415  it loads matplotlib
-    from mocap_id.reporting.study.robots import draw_robot_figures, render_markdown  # noqa: PLC0415
 
     drawings = draw_robot_figures(data)
     drawn = [one for one in drawings.all if not one.missing]
     links = {one.title: f"{page.stem}/{one.name}.svg" for one in drawn}
-    files = paper_figures.make_figure_files(drawings)
-    figures = {links[one.title]: files[f"figures/{one.name}.svg"] for one in drawn}
-    head, rest = text.split(_BEGIN, 1)
+    made = paper_figures.make_figure_files(drawings)
+    figures = {links[one.title]: made[f"figures/{one.name}.svg"] for one in drawn}
+    head, rest = before.split(_BEGIN, 1)
     tail = rest.split(_END, 1)[1]
     content = f"{head}{_BEGIN}\n\n{render_markdown(data, links)}\n{_END}{tail}"
     write_files(page.parent, {**figures, page.name: content.encode()})
 
 
 def _collect_page_data(
-    study: RobotStudy, trials: Sequence[RobotTrialResult], tables: Mapping[str, ResultTable]
+    study: str, trials: Sequence[RobotTrialResult], tables: Mapping[str, ResultTable]
 ) -> RobotStudyData:
     slow, fast = select_cell(trials, "shoulder", "slow"), select_cell(trials, "elbow", "fast")
     chosen = {cell[0].name for cell in (slow, fast) if cell}
+    entries = []
+    for trial in trials:
+        orientation = "" if trial.orientation is None else f"{trial.orientation:g}°"
+        movement = " ".join(filter(None, (trial.speed, orientation))) or "unlabelled"
+        about = f"{trial.joint or 'joint'}, {movement}"
+        entries.append(trial.entry(trial.name, about, f"runs/{trial.name}/report.html"))
     return RobotStudyData(
-        study=study.name,
-        trials=tuple(trial.entry(trial.name, _describe(trial), f"runs/{trial.name}/report.html") for trial in trials),
-        overview=tables["trials"].frame,
-        tables=tuple((one.title, tables[one.name].frame, one.quantities) for one in TABLES),
+        study=study,
+        trials=tuple(entries),
+        overview=tables["trials"],
+        tables={one.title: tables[one.name] for one in TABLES},
         recoveries=tuple(collect_recovery(trial) for trial in trials if trial.name in chosen),
         averaged=average_wrench(fast) if fast else None,
         traces=collect_traces(fast[0]) if fast else None,
     )
-
-
-def _describe(trial: RobotTrialResult) -> str:
-    orientation = "" if trial.labels.orientation is None else f"{trial.labels.orientation:g}°"
-    movement = " ".join(filter(None, (trial.labels.speed, orientation))) or "unlabelled"
-    return f"{trial.labels.joint or 'joint'}, {movement}"
-
-
-def _describe_study(
-    study: RobotStudy, trials: Sequence[RobotTrialResult], tables: Mapping[str, ResultTable]
-) -> dict[str, Any]:
-    return {
-        "study": study.name,
-        "product": __version__,
-        "about": _ABOUT,
-        "page": PAGE,
-        "trials": [
-            {
-                "trial": trial.name,
-                "joint": trial.labels.joint,
-                "speed": trial.labels.speed,
-                "orientation": trial.labels.orientation,
-                "exit_code": trial.run.exit_code,
-                "message": trial.run.published,
-                "truth": trial.truth is not None,
-                "against": trial.by_method[CAMERAS.name].against if trial.by_method else "",
-            }
-            for trial in trials
-        ],
-        "tables": {name: table.description for name, table in tables.items()},
-    }
