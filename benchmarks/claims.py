@@ -36,7 +36,6 @@ from mocap_id.workflows.sensitivity.perturbations import (
     read_inputs,
 )
 from mocap_id.workflows.sensitivity.runs import (
-    CHANGES,
     Estimates,
     PerturbationRun,
     SeriesChanges,
@@ -89,7 +88,7 @@ class Case:
     def run(self, kind: str, target: str, level: float, **filtering: float) -> tuple[Estimates, SeriesChanges]:
         """Run one perturbation, with other settings of the filter if given, and return its estimates and changes."""
         change = Perturbation(kind, target, level)
-        changed = CHANGES[kind](self.trial, change)
+        changed = KINDS[kind].change(self.trial, change)
         if filtering:
             changed = changed.with_settings("ukf-smooth", **filtering)
         done = run_from(change.definition.entry, changed)

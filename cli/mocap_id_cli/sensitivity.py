@@ -44,12 +44,11 @@ def sensitivity(
     The perturbations are typical laboratory errors (thesis 5.5.2). If TRIAL is a YAML file, missing or outdated
     results are computed first. A given run folder is not changed.
     """
-    from mocap_id.workflows.sensitivity import perturbations, study  # noqa: PLC0415  no other command has to wait for it
+    from mocap_id.workflows.sensitivity import study  # noqa: PLC0415  no other command has to wait for it
 
     log_to_stderr(quiet, verbose)
-    options = (perturbations.SensitivityOptions() if settings is None else perturbations.read_options(settings)).only(
-        only or ()
-    )
+    options = study.SensitivityOptions() if settings is None else study.read_options(settings)
+    options = options.only(only or ())
     options = options.only(only or ())
     start = time.perf_counter()
     result = study.sensitivity(

@@ -27,8 +27,7 @@ from mocap_id.reporting.figure import Drawing, Drawings, Figure, Key, Line, Pane
 from mocap_id.reporting.page import make_environment
 from mocap_id.runner import run
 from mocap_id.simulation import Options, RobotSet, generate
-from mocap_id.workflows.sensitivity.perturbations import SensitivityOptions
-from mocap_id.workflows.sensitivity.study import sensitivity
+from mocap_id.workflows.sensitivity.study import SensitivityOptions, sensitivity
 from mocap_id.workflows.study import run_study
 from mocap_id.workflows.study.robots import validate_robot
 

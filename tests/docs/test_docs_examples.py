@@ -23,7 +23,7 @@ from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGE_HELP
 from mocap_id.workflows import parallel as backends
-from mocap_id.workflows.sensitivity.perturbations import read_options
+from mocap_id.workflows.sensitivity.study import read_options
 from mocap_id_cli.app import build, load_command
 from mocap_id_cli.commands import COMMANDS
 

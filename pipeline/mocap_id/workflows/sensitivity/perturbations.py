@@ -1,21 +1,23 @@
-"""The kinds of perturbation: those of thesis 5.5.2, and further errors that occur in a laboratory."""
+"""The kinds of perturbation: those of thesis 5.5.2, and further errors that occur in a laboratory.
+
+From top to bottom: a kind and a perturbation; the inputs of the stages that are run again, which are artefacts, keys
+and settings of the trial, whose files are not changed; the functions that change them, for signals, for markers and for
+the logs of inertial sensors; the list of all kinds.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, cast
 
 import numpy as np
-from pydantic import Field
 
 from mocap_id import runner
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.config.parsing import parse, raise_mistakes, suggest_name
-from mocap_id.config.source import Source, read
+from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.clock_offset import SampledWrench
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.geometry import so3
@@ -33,13 +35,16 @@ from mocap_id.workflows.run_folder import check_provenance, open_run_to
 
 Entry: TypeAlias = Literal["fit-joints", "ukf-smooth", "identify-dim"]
 Worse: TypeAlias = Literal["more", "less", "either"]
+Change: TypeAlias = "Callable[[TrialInputs, Perturbation], TrialInputs]"
+ChangeLog: TypeAlias = Callable[[ImuLog, float, np.random.Generator], ImuLog]
+"""Changes a log by a level of the perturbation, with a generator of random numbers for this sensor."""
 
+SEED = 1
 COMPONENTS = ("Fx", "Fy", "tauz")
 JOINTS = ("joints",)
 """Value of :attr:`Kind.targets` for a kind that acts on each joint of the trial, or on all joints."""
 ALL = "all"
 """Target for all joints at once."""
-_THESIS_SD = ("0.0001", "0.001", "0.1")
 
 
 @dataclass(frozen=True)
@@ -58,7 +63,13 @@ class Kind:
     free: bool = False  # whether a target may be any number; ``targets`` are then the defaults
     worse: Worse = "more"  # direction in which the levels get worse
     random: bool = False  # whether the perturbation is drawn at random, from the seed
-    needs_imus: bool = False  # whether the perturbation changes the logs of inertial sensors
+    change: Change | None = None  # returns the inputs with the perturbation; None for a kind that changes logs instead
+    change_log: ChangeLog | None = None  # returns the log of one inertial sensor with the perturbation
+
+    @property
+    def needs_imus(self) -> bool:
+        """Whether the perturbation changes the logs of inertial sensors."""
+        return self.change_log is not None
 
     @property
     def changes_lengths(self) -> bool:
@@ -69,165 +80,6 @@ class Kind:
     def is_count(self) -> bool:
         """Whether the levels are counts."""
         return not self.unit
-
-
-def _at_least(least: int) -> Callable[[float], bool]:
-    return lambda level: level >= least and level == int(level)
-
-
-def _both_signs(*levels: float) -> tuple[float, ...]:
-    return tuple(sign * level for level in levels for sign in (1, -1))
-
-
-_ANGLE = (lambda level: abs(level) <= math.pi, "an angle up to ± pi, rad")
-_CLOCK = (lambda level: abs(level) <= 1, "a time up to ± 1 s")
-_DIVISOR = (_at_least(1), "a whole number by which the frame rate is divided, 1 or more")
-_MARKERS = (_at_least(2), "a whole number of markers, 2 or more")
-_NUMBER = (math.isfinite, "a number")
-_SHARE = (lambda level: 0 <= level < 1, "a fraction of at least 0 and below 1")
-_SIZE = (lambda level: level >= 0, "0 or more")
-_SNAP = (lambda level: level > 0, "a standard deviation of the snap above 0, rad/s^4")
-_IGNORED = _both_signs(0.001, 0.003, 0.01, 0.03, 0.1)
-_FIT: Entry = "fit-joints"
-_UKF: Entry = "ukf-smooth"
-_DYN: Entry = "identify-dim"
-# fmt: off
-_KINDS = (
-    Kind("filter-noise", "the filter's noise", _UKF, "rad/s^4", (1e1, 1e2, 1e3, 1e4), *_SNAP,
-         targets=_THESIS_SD, free=True, worse="either"),
-    Kind("angle-bias", "angle bias", _DYN, "rad", (0.01, 0.03, 0.1), *_ANGLE, targets=JOINTS),
-    Kind("angle-noise", "angle noise", _UKF, "rad", (0.001, 0.003, 0.01), *_SIZE,
-         targets=JOINTS, usual=(ALL,), random=True),
-    Kind("clock-offset", "clock offset, estimated", _DYN, "s", _both_signs(0.001, 0.01, 0.1), *_CLOCK),
-    Kind("clock-offset-ignored", "clock offset, not estimated", _DYN, "s", _IGNORED, *_CLOCK),
-    Kind("wrench-bias", "wrench bias", _DYN, "N or N*m", (0.1, 1.0, 10.0), *_NUMBER, targets=COMPONENTS),
-    Kind("wrench-noise", "wrench noise", _DYN, "N or N*m", (0.01, 0.1, 1.0), *_SIZE,
-         targets=COMPONENTS, random=True),
-    Kind("board-steps", "steps of a balance board's cells", _DYN, "kg", (0.1, 0.5, 2.0), *_SIZE, random=True),
-    Kind("stamp-jitter", "jitter of the force's time stamps", _DYN, "s", (0.003, 0.01, 0.03), *_SIZE, random=True),
-    Kind("camera-noise", "camera noise", _FIT, "m", (0.001, 0.003, 0.01), *_SIZE, random=True),
-    Kind("marker-count", "markers per segment", _FIT, "", (4, 3, 2), *_MARKERS, worse="less", random=True),
-    Kind("drop-outs", "drop-outs", _FIT, "of samples", (0.05, 0.2, 0.5), *_SHARE, random=True),
-    Kind("soft-tissue", "soft tissue", _FIT, "m", (0.001, 0.003, 0.01), *_SIZE, random=True),
-    Kind("frame-rate", "frame rate", _FIT, "", (2, 4, 8), *_DIVISOR),
-    Kind("imu-clock", "wander of the inertial sensors' clocks", _UKF, "s", (0.002, 0.01, 0.05), *_SIZE,
-         random=True, needs_imus=True),
-    Kind("imu-bias", "drift of the gyroscopes' biases", _UKF, "rad/s", (0.003, 0.01, 0.03), *_SIZE,
-         random=True, needs_imus=True),
-    Kind("imu-mounting", "rotation of the inertial sensors on the skin", _UKF, "rad", (0.03, 0.1, 0.3), *_ANGLE,
-         random=True, needs_imus=True),
-)
-# fmt: on
-KINDS: Mapping[str, Kind] = {kind.name: kind for kind in _KINDS}
-"""Each kind by name, in the order of the tables."""
-
-
-SEED = 1
-
-
-@dataclass(frozen=True)
-class KindSelection:
-    """A kind of perturbation with levels and targets; an empty tuple means the default levels or targets."""
-
-    kind: str  # one of :data:`mocap_id.workflows.sensitivity.perturbations.KINDS`
-    levels: tuple[float, ...] = ()
-    targets: tuple[str, ...] = ()
-
-
-ALL_KINDS = tuple(KindSelection(kind) for kind in KINDS)
-"""All kinds with their default levels and targets."""
-
-
-@dataclass(frozen=True)
-class SensitivityOptions:
-    """The options of a sensitivity study."""
-
-    selections: tuple[KindSelection, ...] = ALL_KINDS
-    seed: int = SEED
-    tolerance: float = 0.05  # tolerated change of a base parameter, as a fraction of its size
-
-    def only(self, kinds: Sequence[str]) -> SensitivityOptions:
-        """Return the options with only the selections of ``kinds``; the same options if ``kinds`` is empty.
-
-        Raises
-        ------
-        ConfigError
-            There is no such kind, or none of the kinds is selected.
-        """
-        for name in kinds:
-            if name not in KINDS:
-                raise ConfigError(
-                    f"--only {name}: there is no perturbation of this kind: {suggest_name(name, list(KINDS))}"
-                )
-        selections = tuple(one for one in self.selections if not kinds or one.kind in kinds)
-        if not selections:
-            raise ConfigError(f"--only {', '.join(kinds)}: the settings file does not contain these kinds")
-        return replace(self, selections=selections)
-
-
-class _Entry(Settings):
-    kind: str = Field(description="what is perturbed")
-    levels: tuple[float, ...] = Field((), description="levels to try, in the kind's unit; if not given, its defaults")
-    on: tuple[str | float, ...] = Field((), description="joints, components or marker sd; if not given, the defaults")
-
-    @property
-    def targets(self) -> tuple[str, ...]:
-        return tuple(name if isinstance(name, str) else f"{name:g}" for name in self.on)
-
-
-class _File(Settings):
-    seed: int = Field(SEED, ge=0, description="seed of the random numbers")
-    tolerance: float = Field(5.0, gt=0, description="tolerated change of a base parameter, % of its size")
-    perturbations: tuple[_Entry, ...] = Field((), description="perturbations to try; all kinds if not given")
-
-
-def read_options(file: Path) -> SensitivityOptions:
-    """Read and check a settings file.
-
-    Raises
-    ------
-    ConfigError
-        The file has mistakes; the message has a line for each mistake: file, line, key, and the expected value.
-    """
-    source = read(file.absolute())
-    if isinstance(source.data, list):
-        moved = {("perturbations", *key): line for key, line in source.lines.items()}
-        source = Source(source.file, {"perturbations": source.data}, {(): 1, **moved})
-    parsed = parse(source, _File, "a list of perturbations, each with a `kind:`")
-    raise_mistakes(
-        line for number, entry in enumerate(parsed.perturbations) for line in _find_mistakes(entry, number, source)
-    )
-    selections = tuple(KindSelection(entry.kind, entry.levels, entry.targets) for entry in parsed.perturbations)
-    return SensitivityOptions(selections or ALL_KINDS, parsed.seed, parsed.tolerance / 100)
-
-
-def _find_mistakes(entry: _Entry, number: int, source: Source) -> Iterator[str]:
-    """Yield a message for each mistake in an entry that the types of the settings do not exclude."""
-    key = ("perturbations", number)
-    kind = KINDS.get(entry.kind)
-    if kind is None:
-        where = source.where((*key, "kind"))
-        yield f"{where}: there is no perturbation `{entry.kind}`: {suggest_name(entry.kind, list(KINDS))}"
-        return
-    for k, level in enumerate(entry.levels):
-        if not kind.allowed(level):
-            yield f"{source.where((*key, 'levels', k))}: {kind.name}: the level {level:g} is not {kind.expected}"
-    for k, name in enumerate(entry.targets):
-        where = source.where((*key, "on", k))
-        if kind.free:
-            if not _is_positive(name):
-                yield f"{where}: {kind.name}: `on` is {name!r}; expected a marker's standard deviation above 0, m"
-        elif not kind.targets:
-            yield f"{where}: {kind.name} acts on everything: leave out `on`"
-        elif kind.targets != JOINTS and name not in kind.targets:
-            yield f"{where}: {kind.name}: there is no {name!r}: {suggest_name(name, list(kind.targets))}"
-
-
-def _is_positive(text: str) -> bool:
-    try:
-        return float(text) > 0
-    except ValueError:
-        return False
 
 
 @dataclass(frozen=True)
@@ -255,45 +107,7 @@ class Perturbation:
         return np.random.default_rng([self.seed, *words.tolist()])
 
 
-def plan(selections: Sequence[KindSelection], joints: Sequence[str], seed: int = SEED) -> tuple[Perturbation, ...]:
-    """Return the perturbations of a trial that the selections describe, without duplicates.
-
-    Parameters
-    ----------
-    selections : sequence of KindSelection
-    joints : sequence of str
-        Names of the trial's joints.
-    seed : int
-
-    Raises
-    ------
-    ConfigError
-        The trial does not have one of the targets.
-    """
-    perturbations = (
-        Perturbation(one.kind, target, float(level), seed)
-        for one in selections
-        for target in _choose_targets(one, joints)
-        for level in one.levels or KINDS[one.kind].levels
-    )
-    return tuple(dict.fromkeys(perturbations))
-
-
-def _choose_targets(selection: KindSelection, joints: Sequence[str]) -> Sequence[str]:
-    kind = KINDS[selection.kind]
-    if kind.free:
-        return selection.targets or kind.targets
-    possible = (*joints, ALL) if kind.targets == JOINTS else kind.targets
-    wrong = [target for target in selection.targets if target not in possible]
-    if wrong:
-        expected = f"expected one of {', '.join(possible)}" if possible else "this kind has no target: leave out `on`"
-        raise ConfigError(f"{kind.name}: there is no {wrong[0]!r} to perturb in this trial; {expected}")
-    if selection.targets:
-        return selection.targets
-    if len(joints) == 1 and kind.targets == JOINTS:
-        return joints  # with a single joint, "all" would be the same target
-    return kind.usual or possible or ("",)
-
+# The inputs of the stages that are run again.
 
 FIRST, LAST = "fit-joints", "identify-dim"
 
@@ -422,9 +236,9 @@ def read_inputs(source: TrialSource) -> TrialInputs:
     return TrialInputs(source, {file: folder.read(file) for file in sorted(files)}, source.settings)
 
 
+# Perturbations of the signals: noise of the filter, angles, clock offset, wrench.
+
 _HALF_DEPTH_M = 0.119  # distance of the cells of a balance board from its centre, along the motion
-_WANDER_PERIOD = 7.0  # s
-_SLIP_TIME = 0.5  # s, in which a sensor rotates on its segment
 STATES, WRENCH = "states.parquet", "wrench.parquet"
 
 
@@ -519,53 +333,7 @@ def _add_error(trial: TrialInputs, component: str, error: float | FloatArray) ->
     return trial.with_artefacts(replace(table.with_columns(cop_x=cop), facts=facts))
 
 
-def perturb_logs(trial: TrialInputs, change: Perturbation, folder: Path) -> TrialInputs:
-    """Write perturbed logs of all inertial sensors to ``folder``, and return the trial with these logs."""
-    files = {}
-    for number, (segment, sensor) in enumerate(list_sensors(trial.source.keys.imus).items()):
-        rng = np.random.default_rng([number, *change.rng().integers(2**32, size=4)])
-        files[segment] = folder / f"{number}.csv"
-        files[segment].write_bytes(
-            format_imu_csv(LOG_CHANGES[change.kind](read_imu(sensor.file, sensor.rate_hz), change.level, rng))
-        )
-    keys = trial.source.keys.model_copy(update={"imus": files})
-    return replace(trial, source=replace(trial.source, keys=keys))
-
-
-def _wander_clock(log: ImuLog, level: float, rng: np.random.Generator) -> ImuLog:
-    """Return a log whose time stamps have a sinusoidal error with an amplitude of ``level`` s."""
-    phase = rng.uniform(0, 2 * np.pi)
-    return replace(log, time=log.time + level * np.sin(2 * np.pi * log.time / _WANDER_PERIOD + phase))
-
-
-def _drift_bias(log: ImuLog, level: float, rng: np.random.Generator) -> ImuLog:
-    """Return a log with a bias of the gyroscope from ``-level`` to ``level`` rad/s, along a random direction."""
-    ramp = np.interp(log.time, log.time[[0, -1]], [-level, level])
-    return replace(log, gyro=log.gyro + ramp[:, None] * _draw_direction(rng))
-
-
-def _rotate_sensor(log: ImuLog, level: float, rng: np.random.Generator) -> ImuLog:
-    """Return the log of a sensor that rotates by ``level`` rad on its segment in the middle of the trial."""
-    middle, axis = float(log.time[[0, -1]].mean()), _draw_direction(rng)
-    share = np.clip((log.time - middle) / _SLIP_TIME + 0.5, 0.0, 1.0)
-    back = so3.exp(-level * share[:, None] * axis)
-    speed = level * np.gradient(share, log.time)
-    gyro = np.einsum("fij,fj->fi", back, log.gyro) + speed[:, None] * axis
-    return replace(log, gyro=gyro, acc=np.einsum("fij,fj->fi", back, log.acc))
-
-
-def _draw_direction(rng: np.random.Generator) -> FloatArray:
-    vector = rng.standard_normal(3)
-    return np.asarray(vector / np.linalg.norm(vector))
-
-
-LOG_CHANGES: Mapping[str, Callable[[ImuLog, float, np.random.Generator], ImuLog]] = {
-    "imu-clock": _wander_clock,
-    "imu-bias": _drift_bias,
-    "imu-mounting": _rotate_sensor,
-}
-"""The function that changes the log of one sensor, by kind."""
-
+# Perturbations of the markers: noise, skin motion, drop-outs, fewer markers, lower frame rate, noise of the angles.
 
 PLANAR, SEGMENTS = "planar.parquet", "segments.parquet"
 _BURST = (0.05, 0.5)  # s, shortest and longest drop-out
@@ -615,24 +383,20 @@ def soft_tissue(trial: TrialInputs, change: Perturbation) -> TrialInputs:
 
 def drop_outs(trial: TrialInputs, change: Perturbation) -> TrialInputs:
     """Return the trial without bursts of samples of moving markers; the level is the removed fraction of samples."""
-    moving, time = _find_moving(trial), trial.time
+    moving, time, rng = _find_moving(trial), trial.time, change.rng()
     missing = np.zeros((len(time), len(moving)), dtype=np.bool_)
-    bursts, removed = _draw_bursts(change.rng(), missing.shape, time[1] - time[0]), 0
+    removed, dt = 0, time[1] - time[0]
     while removed < change.level * missing.size:
-        frames, marker = next(bursts)
+        start, marker = int(rng.integers(len(time))), int(rng.integers(len(moving)))
+        frames = slice(start, start + max(1, round(rng.uniform(*_BURST) / dt)))
         removed += int(np.count_nonzero(~missing[frames, marker]))
         missing[frames, marker] = True
-    everywhere = np.zeros((len(time), len(_read_segments(trial))), dtype=np.bool_)
+    table = trial.long(PLANAR)
+    everywhere = np.zeros((len(time), len(table.labels)), dtype=np.bool_)
     everywhere[:, moving] = missing
-    return trial.with_artefacts(_remove_samples(trial.long(PLANAR), everywhere))
-
-
-def _draw_bursts(rng: np.random.Generator, shape: tuple[int, ...], dt: float) -> Iterator[tuple[slice, int]]:
-    """Yield endless random drop-outs, each as its frames and its marker; ``dt`` is the time between frames, s."""
-    frames, markers = shape
-    while True:
-        start, marker = int(rng.integers(frames)), int(rng.integers(markers))
-        yield slice(start, start + max(1, round(rng.uniform(*_BURST) / dt))), marker
+    seen = {name: np.where(everywhere, np.nan, table.values[name]) for name in ("x", "y", "z")}
+    visible = table.values["visible"].astype(np.bool_) & ~everywhere
+    return trial.with_artefacts(replace(table, values={**seen, "visible": visible}))
 
 
 def marker_count(trial: TrialInputs, change: Perturbation) -> TrialInputs:
@@ -716,7 +480,109 @@ def _shift(trial: TrialInputs, columns: IntArray, shift: FloatArray) -> TrialInp
     return trial.with_artefacts(replace(table, values=values))
 
 
-def _remove_samples(table: LongTable, missing: BoolArray) -> LongTable:
-    """Return planar.parquet without the samples that ``missing`` (F, M) marks."""
-    seen = {name: np.where(missing, np.nan, table.values[name]) for name in ("x", "y", "z")}
-    return replace(table, values={**seen, "visible": table.values["visible"].astype(np.bool_) & ~missing})
+# Perturbations of the logs of inertial sensors. The program estimates a constant offset or drift of a sensor's clock, a
+# constant bias and a constant mounting for every trial. The perturbations therefore vary during the trial.
+
+_WANDER_PERIOD = 7.0  # s
+_SLIP_TIME = 0.5  # s, in which a sensor rotates on its segment
+
+
+def perturb_logs(trial: TrialInputs, change: Perturbation, folder: Path) -> TrialInputs:
+    """Write perturbed logs of all inertial sensors to ``folder``, and return the trial with these logs."""
+    change_log = change.definition.change_log
+    assert change_log is not None
+    files = {}
+    for number, (segment, sensor) in enumerate(list_sensors(trial.source.keys.imus).items()):
+        rng = np.random.default_rng([number, *change.rng().integers(2**32, size=4)])
+        files[segment] = folder / f"{number}.csv"
+        files[segment].write_bytes(format_imu_csv(change_log(read_imu(sensor.file, sensor.rate_hz), change.level, rng)))
+    keys = trial.source.keys.model_copy(update={"imus": files})
+    return replace(trial, source=replace(trial.source, keys=keys))
+
+
+def _wander_clock(log: ImuLog, level: float, rng: np.random.Generator) -> ImuLog:
+    """Return a log whose time stamps have a sinusoidal error with an amplitude of ``level`` s."""
+    phase = rng.uniform(0, 2 * np.pi)
+    return replace(log, time=log.time + level * np.sin(2 * np.pi * log.time / _WANDER_PERIOD + phase))
+
+
+def _drift_bias(log: ImuLog, level: float, rng: np.random.Generator) -> ImuLog:
+    """Return a log with a bias of the gyroscope from ``-level`` to ``level`` rad/s, along a random direction."""
+    ramp = np.interp(log.time, log.time[[0, -1]], [-level, level])
+    return replace(log, gyro=log.gyro + ramp[:, None] * _draw_direction(rng))
+
+
+def _rotate_sensor(log: ImuLog, level: float, rng: np.random.Generator) -> ImuLog:
+    """Return the log of a sensor that rotates by ``level`` rad on its segment in the middle of the trial."""
+    middle, axis = float(log.time[[0, -1]].mean()), _draw_direction(rng)
+    share = np.clip((log.time - middle) / _SLIP_TIME + 0.5, 0.0, 1.0)
+    back = so3.exp(-level * share[:, None] * axis)
+    speed = level * np.gradient(share, log.time)
+    gyro = np.einsum("fij,fj->fi", back, log.gyro) + speed[:, None] * axis
+    return replace(log, gyro=gyro, acc=np.einsum("fij,fj->fi", back, log.acc))
+
+
+def _draw_direction(rng: np.random.Generator) -> FloatArray:
+    vector = rng.standard_normal(3)
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+# The list of all kinds.
+
+
+def _at_least(least: int) -> Callable[[float], bool]:
+    return lambda level: level >= least and level == int(level)
+
+
+def _both_signs(*levels: float) -> tuple[float, ...]:
+    return tuple(sign * level for level in levels for sign in (1, -1))
+
+
+_THESIS_SD = ("0.0001", "0.001", "0.1")
+_ANGLE = (lambda level: abs(level) <= math.pi, "an angle up to ± pi, rad")
+_CLOCK = (lambda level: abs(level) <= 1, "a time up to ± 1 s")
+_DIVISOR = (_at_least(1), "a whole number by which the frame rate is divided, 1 or more")
+_MARKERS = (_at_least(2), "a whole number of markers, 2 or more")
+_NUMBER = (math.isfinite, "a number")
+_SHARE = (lambda level: 0 <= level < 1, "a fraction of at least 0 and below 1")
+_SIZE = (lambda level: level >= 0, "0 or more")
+_SNAP = (lambda level: level > 0, "a standard deviation of the snap above 0, rad/s^4")
+_IGNORED = _both_signs(0.001, 0.003, 0.01, 0.03, 0.1)
+_FIT: Entry = "fit-joints"
+_UKF: Entry = "ukf-smooth"
+_DYN: Entry = "identify-dim"
+# fmt: off
+_KINDS = (
+    Kind("filter-noise", "the filter's noise", _UKF, "rad/s^4", (1e1, 1e2, 1e3, 1e4), *_SNAP,
+         targets=_THESIS_SD, free=True, worse="either", change=filter_noise),
+    Kind("angle-bias", "angle bias", _DYN, "rad", (0.01, 0.03, 0.1), *_ANGLE, targets=JOINTS, change=angle_bias),
+    Kind("angle-noise", "angle noise", _UKF, "rad", (0.001, 0.003, 0.01), *_SIZE,
+         targets=JOINTS, usual=(ALL,), random=True, change=angle_noise),
+    Kind("clock-offset", "clock offset, estimated", _DYN, "s", _both_signs(0.001, 0.01, 0.1), *_CLOCK,
+         change=clock_offset),
+    Kind("clock-offset-ignored", "clock offset, not estimated", _DYN, "s", _IGNORED, *_CLOCK,
+         change=clock_offset_ignored),
+    Kind("wrench-bias", "wrench bias", _DYN, "N or N*m", (0.1, 1.0, 10.0), *_NUMBER, targets=COMPONENTS,
+         change=wrench_bias),
+    Kind("wrench-noise", "wrench noise", _DYN, "N or N*m", (0.01, 0.1, 1.0), *_SIZE,
+         targets=COMPONENTS, random=True, change=wrench_noise),
+    Kind("board-steps", "steps of a balance board's cells", _DYN, "kg", (0.1, 0.5, 2.0), *_SIZE, random=True,
+         change=board_steps),
+    Kind("stamp-jitter", "jitter of the force's time stamps", _DYN, "s", (0.003, 0.01, 0.03), *_SIZE, random=True,
+         change=stamp_jitter),
+    Kind("camera-noise", "camera noise", _FIT, "m", (0.001, 0.003, 0.01), *_SIZE, random=True, change=camera_noise),
+    Kind("marker-count", "markers per segment", _FIT, "", (4, 3, 2), *_MARKERS, worse="less", random=True,
+         change=marker_count),
+    Kind("drop-outs", "drop-outs", _FIT, "of samples", (0.05, 0.2, 0.5), *_SHARE, random=True, change=drop_outs),
+    Kind("soft-tissue", "soft tissue", _FIT, "m", (0.001, 0.003, 0.01), *_SIZE, random=True, change=soft_tissue),
+    Kind("frame-rate", "frame rate", _FIT, "", (2, 4, 8), *_DIVISOR, change=frame_rate),
+    Kind("imu-clock", "wander of the inertial sensors' clocks", _UKF, "s", (0.002, 0.01, 0.05), *_SIZE,
+         random=True, change_log=_wander_clock),
+    Kind("imu-bias", "drift of the gyroscopes' biases", _UKF, "rad/s", (0.003, 0.01, 0.03), *_SIZE,
+         random=True, change_log=_drift_bias),
+    Kind("imu-mounting", "rotation of the inertial sensors on the skin", _UKF, "rad", (0.03, 0.1, 0.3), *_ANGLE,
+         random=True, change_log=_rotate_sensor),
+)
+# fmt: on
+KINDS: Mapping[str, Kind] = {kind.name: kind for kind in _KINDS}
+"""Each kind by name, in the order of the tables."""

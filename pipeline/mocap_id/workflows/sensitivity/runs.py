@@ -22,13 +22,13 @@ from mocap_id.store import Artefact, Table, Tree
 from mocap_id.store.views import joint_columns
 from mocap_id.verdict import Level, overall
 from mocap_id.workflows.parallel import LocalBackend
-from mocap_id.workflows.sensitivity import perturbations
 from mocap_id.workflows.sensitivity.perturbations import (
     COMPONENTS,
     FIRST,
     Perturbation,
     TrialInputs,
     TrialSource,
+    perturb_logs,
     read_inputs,
     repeated_stages,
 )
@@ -188,25 +188,6 @@ def largest_ratio(
     return max(known, key=lambda pair: pair[0]) if known else (math.nan, "")
 
 
-CHANGES: Mapping[str, Callable[[TrialInputs, Perturbation], TrialInputs]] = {
-    "filter-noise": perturbations.filter_noise,
-    "angle-bias": perturbations.angle_bias,
-    "angle-noise": perturbations.angle_noise,
-    "clock-offset": perturbations.clock_offset,
-    "clock-offset-ignored": perturbations.clock_offset_ignored,
-    "wrench-bias": perturbations.wrench_bias,
-    "wrench-noise": perturbations.wrench_noise,
-    "board-steps": perturbations.board_steps,
-    "stamp-jitter": perturbations.stamp_jitter,
-    "camera-noise": perturbations.camera_noise,
-    "marker-count": perturbations.marker_count,
-    "drop-outs": perturbations.drop_outs,
-    "soft-tissue": perturbations.soft_tissue,
-    "frame-rate": perturbations.frame_rate,
-}
-"""The function that changes the inputs, by kind; the kinds for inertial sensors change logs instead."""
-
-
 @dataclass(frozen=True)
 class PerturbationRun:
     """The result of one perturbation."""
@@ -230,11 +211,11 @@ def perturb(trial: TrialInputs, perturbation: Perturbation) -> TrialInputs:
     Refused, RecordingError, NumericalError, ConfigError
         A stage refuses the perturbed trial or fails.
     """
-    entry = perturbation.definition.entry
-    if perturbation.definition.needs_imus:
-        with tempfile.TemporaryDirectory(prefix="mocap-id-") as folder:
-            return run_from(entry, perturbations.perturb_logs(trial, perturbation, Path(folder)))
-    return run_from(entry, CHANGES[perturbation.kind](trial, perturbation))
+    kind = perturbation.definition
+    if kind.change is not None:
+        return run_from(kind.entry, kind.change(trial, perturbation))
+    with tempfile.TemporaryDirectory(prefix="mocap-id-") as folder:
+        return run_from(kind.entry, perturb_logs(trial, perturbation, Path(folder)))
 
 
 def run_from(entry: str, trial: TrialInputs) -> TrialInputs:

@@ -1,6 +1,7 @@
-"""The tolerated levels of each kind of error, and whether the verdict warns of larger errors, also as text.
+"""``mocap-id sensitivity``: perturb a trial and write the levels that its parameters tolerate.
 
-A perturbation is tolerated if no base parameter changes by more than a fraction of its size (5 % by default), or by its
+From top to bottom: the options and the perturbations to run; the tolerated levels; the tables; the study. A
+perturbation is tolerated if no base parameter changes by more than a fraction of its size (5 % by default), or by its
 stated standard deviation if that is larger, because a smaller change is within the uncertainty of the trial. Between
 the tested levels, the level at which the first parameter exceeds this limit is interpolated.
 """
@@ -8,23 +9,27 @@ the tested levels, the level at which the first parameter exceeds this limit is 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from mocap_id import __version__, runner
 from mocap_id.arrays import FloatArray
+from mocap_id.config.parsing import parse, raise_mistakes, suggest_name
+from mocap_id.config.source import Source, read
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.numbers import show
 from mocap_id.reporting.results.columns import ResultColumn as Column
 from mocap_id.reporting.results.columns import ResultTable, number, text, to_finite, whole
 from mocap_id.reporting.results.result import Result
 from mocap_id.reporting.sensitivity import ParameterEntry, SensitivityData
+from mocap_id.stages.base import Settings
 from mocap_id.stages.calibration_trial import has_no_markers
 from mocap_id.store import Folder, TableSchema
 from mocap_id.store.ownership import check_owner, store_owner
@@ -33,13 +38,13 @@ from mocap_id.workflows.run_folder import find_owner_of_files
 from mocap_id.workflows.sensitivity.perturbations import (
     ALL,
     COMPONENTS,
+    JOINTS,
     KINDS,
+    SEED,
     Kind,
-    KindSelection,
-    SensitivityOptions,
+    Perturbation,
     TrialInputs,
     locate_trial,
-    plan,
     read_inputs,
 )
 from mocap_id.workflows.sensitivity.runs import (
@@ -52,6 +57,153 @@ from mocap_id.workflows.sensitivity.runs import (
     run_perturbations,
     tolerance_ratio,
 )
+
+# The perturbations to run, from the user's options: each kind with each of its levels on each of its targets.
+
+
+@dataclass(frozen=True)
+class KindSelection:
+    """A kind of perturbation with levels and targets; an empty tuple means the default levels or targets."""
+
+    kind: str  # one of :data:`KINDS`
+    levels: tuple[float, ...] = ()
+    targets: tuple[str, ...] = ()
+
+
+ALL_KINDS = tuple(KindSelection(kind) for kind in KINDS)
+"""All kinds with their default levels and targets."""
+
+
+@dataclass(frozen=True)
+class SensitivityOptions:
+    """The options of a sensitivity study."""
+
+    selections: tuple[KindSelection, ...] = ALL_KINDS
+    seed: int = SEED
+    tolerance: float = 0.05  # tolerated change of a base parameter, as a fraction of its size
+
+    def only(self, kinds: Sequence[str]) -> SensitivityOptions:
+        """Return the options with only the selections of ``kinds``; the same options if ``kinds`` is empty.
+
+        Raises
+        ------
+        ConfigError
+            There is no such kind, or none of the kinds is selected.
+        """
+        for name in kinds:
+            if name not in KINDS:
+                raise ConfigError(
+                    f"--only {name}: there is no perturbation of this kind: {suggest_name(name, list(KINDS))}"
+                )
+        selections = tuple(one for one in self.selections if not kinds or one.kind in kinds)
+        if not selections:
+            raise ConfigError(f"--only {', '.join(kinds)}: the settings file does not contain these kinds")
+        return replace(self, selections=selections)
+
+
+class _Entry(Settings):
+    kind: str = Field(description="what is perturbed")
+    levels: tuple[float, ...] = Field((), description="levels to try, in the kind's unit; if not given, its defaults")
+    on: tuple[str | float, ...] = Field((), description="joints, components or marker sd; if not given, the defaults")
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        return tuple(name if isinstance(name, str) else f"{name:g}" for name in self.on)
+
+
+class _File(Settings):
+    seed: int = Field(SEED, ge=0, description="seed of the random numbers")
+    tolerance: float = Field(5.0, gt=0, description="tolerated change of a base parameter, % of its size")
+    perturbations: tuple[_Entry, ...] = Field((), description="perturbations to try; all kinds if not given")
+
+
+def read_options(file: Path) -> SensitivityOptions:
+    """Read and check a settings file.
+
+    Raises
+    ------
+    ConfigError
+        The file has mistakes; the message has a line for each mistake: file, line, key, and the expected value.
+    """
+    source = read(file.absolute())
+    if isinstance(source.data, list):
+        moved = {("perturbations", *key): line for key, line in source.lines.items()}
+        source = Source(source.file, {"perturbations": source.data}, {(): 1, **moved})
+    parsed = parse(source, _File, "a list of perturbations, each with a `kind:`")
+    raise_mistakes(
+        line for number, entry in enumerate(parsed.perturbations) for line in _find_mistakes(entry, number, source)
+    )
+    selections = tuple(KindSelection(entry.kind, entry.levels, entry.targets) for entry in parsed.perturbations)
+    return SensitivityOptions(selections or ALL_KINDS, parsed.seed, parsed.tolerance / 100)
+
+
+def _find_mistakes(entry: _Entry, number: int, source: Source) -> Iterator[str]:
+    """Yield a message for each mistake in an entry that the types of the settings do not exclude."""
+    key = ("perturbations", number)
+    kind = KINDS.get(entry.kind)
+    if kind is None:
+        where = source.where((*key, "kind"))
+        yield f"{where}: there is no perturbation `{entry.kind}`: {suggest_name(entry.kind, list(KINDS))}"
+        return
+    for k, level in enumerate(entry.levels):
+        if not kind.allowed(level):
+            yield f"{source.where((*key, 'levels', k))}: {kind.name}: the level {level:g} is not {kind.expected}"
+    for k, name in enumerate(entry.targets):
+        where = source.where((*key, "on", k))
+        if kind.free:
+            try:
+                is_positive = float(name) > 0
+            except ValueError:
+                is_positive = False
+            if not is_positive:
+                yield f"{where}: {kind.name}: `on` is {name!r}; expected a marker's standard deviation above 0, m"
+        elif not kind.targets:
+            yield f"{where}: {kind.name} acts on everything: leave out `on`"
+        elif kind.targets != JOINTS and name not in kind.targets:
+            yield f"{where}: {kind.name}: there is no {name!r}: {suggest_name(name, list(kind.targets))}"
+
+
+def plan(selections: Sequence[KindSelection], joints: Sequence[str], seed: int = SEED) -> tuple[Perturbation, ...]:
+    """Return the perturbations of a trial that the selections describe, without duplicates.
+
+    Parameters
+    ----------
+    selections : sequence of KindSelection
+    joints : sequence of str
+        Names of the trial's joints.
+    seed : int
+
+    Raises
+    ------
+    ConfigError
+        The trial does not have one of the targets.
+    """
+    perturbations = (
+        Perturbation(one.kind, target, float(level), seed)
+        for one in selections
+        for target in _choose_targets(one, joints)
+        for level in one.levels or KINDS[one.kind].levels
+    )
+    return tuple(dict.fromkeys(perturbations))
+
+
+def _choose_targets(selection: KindSelection, joints: Sequence[str]) -> Sequence[str]:
+    kind = KINDS[selection.kind]
+    if kind.free:
+        return selection.targets or kind.targets
+    possible = (*joints, ALL) if kind.targets == JOINTS else kind.targets
+    wrong = [target for target in selection.targets if target not in possible]
+    if wrong:
+        expected = f"expected one of {', '.join(possible)}" if possible else "this kind has no target: leave out `on`"
+        raise ConfigError(f"{kind.name}: there is no {wrong[0]!r} to perturb in this trial; {expected}")
+    if selection.targets:
+        return selection.targets
+    if len(joints) == 1 and kind.targets == JOINTS:
+        return joints  # with a single joint, "all" would be the same target
+    return kind.usual or possible or ("",)
+
+
+# The tolerated levels of each kind of error, and whether the verdict warns of larger errors, also as text.
 
 _UNITS = {"s": ("ms", 1e3), "m": ("mm", 1e3), "of samples": ("% of the samples", 1e2), "rad/s^4": ("rad/s⁴", 1.0)}
 _COMPONENT_UNITS = {"Fx": "N", "Fy": "N", "tauz": "N·m"}
@@ -122,30 +274,27 @@ def find_tolerances(
     series: dict[tuple[str, str], dict[float, Point]] = {}
     for run in runs:
         points = series.setdefault((run.perturbation.kind, run.perturbation.target), {})
-        point = _make_point(own, run, names, share)
-        if math.isnan(point.ratio):
+        ratio, name = largest_ratio(own, run.estimates, names, share)
+        if math.isnan(ratio):
             continue
+        before, percent = own.parameters[name], math.nan
+        after = run.estimates.parameters.get(name) if run.estimates is not None else None
+        if after is not None and before.size > 0:
+            percent = 100 * abs(after.value - before.value) / before.size
+        noticed = run.estimates is None or bool(run.estimates.codes - own.codes)
+        torque = 100 * run.changes.torque_share
+        point = Point(abs(run.perturbation.level), ratio, name, percent, noticed, torque)
         other = points.get(point.level)
         points[point.level] = point if other is None or point.ratio > other.ratio else other
-    kinds = {run.perturbation.kind: run.perturbation.definition for run in runs}
-    return tuple(_find_tolerance(kinds[kind], target, points.values()) for (kind, target), points in series.items())
-
-
-def _make_point(own: Estimates, run: PerturbationRun, names: Sequence[str], share: float) -> Point:
-    ratio, name = largest_ratio(own, run.estimates, names, share)
-    before = own.parameters.get(name)
-    after = run.estimates.parameters.get(name) if run.estimates is not None else None
-    percent = math.nan
-    if before is not None and after is not None and before.size > 0:
-        percent = 100 * abs(after.value - before.value) / before.size
-    noticed = run.estimates is None or bool(run.estimates.codes - own.codes)
-    return Point(abs(run.perturbation.level), ratio, name, percent, noticed, 100 * run.changes.torque_share)
-
-
-def _find_tolerance(kind: Kind, target: str, points: Iterable[Point]) -> Tolerance:
-    ordered = tuple(sorted(points, key=lambda point: -point.level if kind.worse == "less" else point.level))
-    low, high = _find_range(ordered) if kind.worse == "either" else (0.0, _find_limit(kind, ordered))
-    return Tolerance(kind, target, ordered, low, high)
+    found = []
+    for (name, target), by_level in series.items():
+        kind = KINDS[name]
+        ordered = tuple(
+            sorted(by_level.values(), key=lambda point: -point.level if kind.worse == "less" else point.level)
+        )
+        low, high = _find_range(ordered) if kind.worse == "either" else (0.0, _find_limit(kind, ordered))
+        found.append(Tolerance(kind, target, ordered, low, high))
+    return tuple(found)
 
 
 def _find_limit(kind: Kind, points: Sequence[Point]) -> float:
@@ -198,19 +347,37 @@ def describe_tolerance(one: Tolerance) -> str:
         about = f"{kind.title}, {'all joints' if target == ALL else target}" if target else kind.title
     if not one.points:
         return f"{about}: there is nothing to compare."
-    text = f"{about}: {_describe_range(one)}"
+    # The range of the tolerated levels.
+    few = kind.name == "marker-count"
+    if math.isnan(one.low) or math.isnan(one.high):
+        levels = "no level that was tried is tolerated"
+    else:
+        low, high = (_format_level(one, level) for level in (one.low, one.high))
+        levels = f"down to {high}" if few else f"up to {high}"
+        if kind.worse == "either":
+            levels = f"from {low} to {high}" if low != high else f"at {low} alone"
+    # Noise changes torques more than parameters, so a large change of a torque at a tolerated level is mentioned.
+    points = [point for point in one.points if point.is_tolerated and point.torque > _MUCH]
+    torques = ""
+    if points:
+        most = max(points, key=lambda point: point.torque)
+        torques = f"; torques, however, change by {show(most.torque, 2, '%')} (rms) at {_format_level(one, most.level)}"
     broken = one.broken
     if broken is None:
         most = max(one.points, key=lambda point: point.ratio)
         change = f"{most.parameter} changes most, by {_format_percent(most)}"
-        return f"{text}, all levels that were tried ({change}){_describe_torques(one)}."
-    return f"{text}; {_describe_break(one, broken)}, and {_describe_warning(one)}{_describe_torques(one)}."
-
-
-def describe_failures(runs: Sequence[PerturbationRun]) -> str:
-    """Return a note about perturbations that failed without a refusal; empty if no perturbation failed."""
-    whys = [run.why for run in runs if run.estimates is None and not run.refused]
-    return f"{len(whys)} of {len(runs)} perturbations failed and count as not tolerated ({whys[0]})" if whys else ""
+        return f"{about}: {levels}, all levels that were tried ({change}){torques}."
+    # The mildest level that is not tolerated, and whether the verdict warns of it.
+    at = _format_level(one, broken.level)
+    verb = "change" if few else "changes"
+    change = f"{at} {verb} {broken.parameter} by {_format_percent(broken)}"
+    if math.isnan(broken.percent):
+        change = f"at {at} nothing is identified any more"
+    silent = ", ".join(_format_level(one, level) for level in one.silent)
+    warning = f"at {silent} the verdict does not warn of it" if silent else "the verdict warns of it"
+    if silent and len(one.silent) == sum(not point.is_tolerated for point in one.points):
+        warning = "the verdict does not warn of it"
+    return f"{about}: {levels}; {change}, and {warning}{torques}."
 
 
 def _format_level(one: Tolerance, level: float) -> str:
@@ -227,44 +394,13 @@ def _format_percent(point: Point) -> str:
     return "less than 0.001 %" if point.percent < 1e-3 else show(point.percent, 2, "%")
 
 
-def _describe_range(one: Tolerance) -> str:
-    if math.isnan(one.low) or math.isnan(one.high):
-        return "no level that was tried is tolerated"
-    low, high = (_format_level(one, level) for level in (one.low, one.high))
-    if one.kind.worse == "either":
-        return f"from {low} to {high}" if low != high else f"at {low} alone"
-    return f"down to {high}" if one.kind.name == "marker-count" else f"up to {high}"
+def describe_failures(runs: Sequence[PerturbationRun]) -> str:
+    """Return a note about perturbations that failed without a refusal; empty if no perturbation failed."""
+    whys = [run.why for run in runs if run.estimates is None and not run.refused]
+    return f"{len(whys)} of {len(runs)} perturbations failed and count as not tolerated ({whys[0]})" if whys else ""
 
 
-def _describe_break(one: Tolerance, point: Point) -> str:
-    at = _format_level(one, point.level)
-    if math.isnan(point.percent):
-        return f"at {at} nothing is identified any more"
-    verb = "change" if one.kind.name == "marker-count" else "changes"
-    return f"{at} {verb} {point.parameter} by {_format_percent(point)}"
-
-
-def _describe_warning(one: Tolerance) -> str:
-    silent = one.silent
-    if not silent:
-        return "the verdict warns of it"
-    levels = ", ".join(_format_level(one, level) for level in silent)
-    beyond = sum(not point.is_tolerated for point in one.points)
-    return (
-        "the verdict does not warn of it" if len(silent) == beyond else f"at {levels} the verdict does not warn of it"
-    )
-
-
-def _describe_torques(one: Tolerance) -> str:
-    """Return text about the largest change of a torque at a tolerated level; empty if it is small.
-
-    Noise changes torques more than parameters.
-    """
-    points = [point for point in one.points if point.is_tolerated and point.torque > _MUCH]
-    if not points:
-        return ""
-    most = max(points, key=lambda point: point.torque)
-    return f"; torques, however, change by {show(most.torque, 2, '%')} (rms) at {_format_level(one, most.level)}"
+# The tables.
 
 
 @dataclass(frozen=True)
