@@ -1,4 +1,4 @@
-"""The data for the page of a sensitivity study."""
+"""``sensitivity.html``: the page of a sensitivity study, with its tornado diagram."""
 
 from __future__ import annotations
 
@@ -11,24 +11,25 @@ import pandas as pd
 
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Bars, Drawing, Drawings, Figure, Key, Panel, Rule, Spans, arrange_in_lines
-from mocap_id.reporting.grids import Grid, GridColumn, number, text, to_grid
+from mocap_id.reporting.grids import Grid, GridColumn, text, to_grid
 from mocap_id.reporting.numbers import show, show_fixed, show_with_sd
 from mocap_id.reporting.page import KeyNumber, Page, Section
 from mocap_id.verdict import Level
 
 if TYPE_CHECKING:
-    import pandas as pd
+    from mocap_id.reporting.results.columns import ResultTable
 
 
 @dataclass(frozen=True)
-class ParameterEntry:
-    """A parameter of the unperturbed trial: value, standard deviation and size in its unit; NaN where unknown."""
+class Parameter:
+    """A base parameter, or the length of a segment; NaN where unknown."""
 
     name: str
     unit: str
     value: float
-    sd: float
-    size: float
+    sd: float  # standard deviation
+    size: float  # value by which changes are divided; the verdict on the standard deviation uses the same value
+    verdict: str = ""  # ``known``, ``weak`` or ``not identifiable``; empty for a length
 
     def tolerated(self, share: float) -> float:
         """Return the tolerated change as a fraction of the size: ``share``, or sd / size if this is larger."""
@@ -44,9 +45,9 @@ class SensitivityData:
     note: str  # perturbations that could not be studied; empty if there are none
     tolerance: float  # tolerated change of a parameter as a fraction of its size
     seed: int  # seed of the random numbers
-    parameters: tuple[ParameterEntry, ...]  # parameters whose changes are compared
+    parameters: tuple[Parameter, ...]  # parameters whose changes are compared
     titles: Mapping[str, str]  # titles of the kinds of perturbation, by kind
-    tables: Mapping[str, pd.DataFrame]  # the tables `responses`, `perturbations` and `tolerates`
+    tables: Mapping[str, ResultTable]  # the tables `responses`, `perturbations` and `tolerates`
 
 
 CAPTION = (
@@ -68,12 +69,7 @@ _LEGEND = (
 )
 
 
-def make_drawing(data: SensitivityData) -> Drawing:
-    """Return the tornado diagram with its title and caption."""
-    return Drawing("tornado", "How much each kind of error changes each parameter", CAPTION, draw(data))
-
-
-def draw(data: SensitivityData) -> Figure | str:
+def draw_tornado(data: SensitivityData) -> Figure | str:
     """Return a panel for each parameter, or a sentence that says why there is no figure."""
     kinds = _order_kinds(data)
     if not data.parameters or not kinds:
@@ -91,13 +87,13 @@ def place(percent: float) -> float:
 def _order_kinds(data: SensitivityData) -> list[str]:
     """Return the kinds of error, sorted by their largest change of any parameter, largest first."""
     counted = {parameter.name for parameter in data.parameters}
-    responses = data.tables["responses"]
+    responses = data.tables["responses"].frame
     worst = responses[responses["parameter"].isin(counted)].groupby("kind", sort=False)["ratio"].max()
     return [str(kind) for kind in worst.dropna().sort_values(ascending=False, kind="stable").index]
 
 
-def _draw_panel(data: SensitivityData, parameter: ParameterEntry, kinds: Sequence[str]) -> Panel:
-    responses, perturbations = data.tables["responses"], data.tables["perturbations"]
+def _draw_panel(data: SensitivityData, parameter: Parameter, kinds: Sequence[str]) -> Panel:
+    responses, perturbations = data.tables["responses"].frame, data.tables["perturbations"].frame
     own = responses[responses["parameter"] == parameter.name]
     raised = perturbations.set_index("perturbation")["raised"] != ""
     own = own.assign(noticed=own["perturbation"].map(raised).to_numpy() | own["value"].isna().to_numpy())
@@ -157,8 +153,8 @@ _FOOTER = (
 
 def render_sensitivity_page(data: SensitivityData) -> bytes:
     """Return the HTML page in UTF-8."""
-    drawing = make_drawing(data)
-    sentences = tuple(style.clean(sentence) for sentence in data.tables["tolerates"]["sentence"])
+    drawing = Drawing("tornado", "How much each kind of error changes each parameter", CAPTION, draw_tornado(data))
+    sentences = tuple(style.clean(sentence) for sentence in data.tables["tolerates"].frame["sentence"])
     return Page(
         name=data.trial,
         headline="what this trial tolerates",
@@ -185,7 +181,7 @@ def describe_criterion(share: float) -> str:
 
 
 def _make_key_numbers(data: SensitivityData) -> tuple[KeyNumber, ...]:
-    tried = data.tables["perturbations"]
+    tried = data.tables["perturbations"].frame
     beyond = tried[~tried["tolerated"]]
     silent = beyond[(beyond["raised"] == "") & ~beyond["verdict"].isin(_FAILED)]
     return (
@@ -207,7 +203,7 @@ def _list_parameters(data: SensitivityData) -> Grid:
 
 
 def _list_perturbations(data: SensitivityData) -> Grid:
-    tried = data.tables["perturbations"]
+    tried = data.tables["perturbations"].frame
     torques = [name for name in tried.columns if name.startswith("tau_")]
 
     def ratio(row: Mapping[str, Any]) -> str:
@@ -216,18 +212,18 @@ def _list_perturbations(data: SensitivityData) -> Grid:
     def largest_torque(row: Mapping[str, Any]) -> str:
         return show(max((row[name] for name in torques if np.isfinite(row[name])), default=np.nan), 2, "N·m")
 
-    columns = (
-        text("perturbation", "perturbation"),
+    return data.tables["perturbations"].grid(
+        "Every perturbation",
+        "perturbation",
         GridColumn("change divided by the tolerated change", ratio),
-        text("parameter", "parameter"),
+        "parameter",
         text("new cautions", lambda row: row["raised"] or (row["verdict"] if row["verdict"] in _FAILED else "")),
-        number("condition", "condition_number"),
+        "condition_number",
         GridColumn(
             "r² Fx, Fy, tauz", lambda row: ", ".join(show_fixed(row[f"{name}_r2"], 4) for name in ("Fx", "Fy", "tauz"))
         ),
         GridColumn("CoP rms", lambda row: show_fixed(1e3 * row["cop_rms"], 1, "mm")),
         GridColumn("worst torque", largest_torque),
-        number("acceleration r²", "ddtheta_r2", 4),
+        "ddtheta_r2",
         GridColumn("offset found", lambda row: show_fixed(1e3 * row["clock_offset"], 2, "ms")),
     )
-    return to_grid("Every perturbation", tried, columns)

@@ -1,4 +1,8 @@
-"""The response to a perturbation: changes of the parameters, of the other results, and of the time series."""
+"""Runs of perturbed trials in parallel processes, and the response: changes of parameters, results and time series.
+
+Perturbed trials are computed in memory; only the perturbed logs of inertial sensors are files, in a temporary folder.
+The results do not depend on the number of processes.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +18,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import FloatArray
 from mocap_id.errors import MocapIdError, NumericalError, Refused
 from mocap_id.geometry.planar import rotate
+from mocap_id.reporting.sensitivity import Parameter
 from mocap_id.stages.base import Context
 from mocap_id.store import Artefact, Table, Tree
 from mocap_id.store.views import joint_columns
@@ -36,18 +41,6 @@ from mocap_id.workflows.trial_outcome import number_or_nan
 
 STATE_NAMES = ("theta", "dtheta", "ddtheta")
 _SAME_TIME = 1e-5  # s: frames with a smaller difference have the same time
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A base parameter, or the length of a segment."""
-
-    name: str
-    unit: str
-    value: float  # NaN if unknown
-    sd: float  # standard deviation; NaN if unknown
-    size: float  # value by which changes are divided; the verdict on the standard deviation uses the same value
-    verdict: str = ""  # ``known``, ``weak`` or ``not identifiable``; empty for a length
 
 
 @dataclass(frozen=True)
@@ -83,11 +76,22 @@ class SeriesChanges:
 
 def read_estimates(trial: TrialInputs) -> Estimates:
     """Return the estimates in a trial's artefacts."""
-    facts = trial.tree("dynamics.h5").facts
+    dynamics, chain = trial.tree("dynamics.h5"), trial.tree("chain.h5")
+    parameters = []
+    names = ("name", "unit", "value", "sd", "relative_sd", "verdict")
+    for name, unit, value, sd, share, verdict in zip(*(dynamics.array(f"base/{one}") for one in names), strict=True):
+        # The verdict divides sd by the same size.
+        size = float(sd / share) if float(share) > 0 and math.isfinite(sd) else abs(float(value))
+        parameters.append(Parameter(str(name), str(unit), float(value), float(sd), size, str(verdict)))
+    segments, lengths, sds = (chain.array(f"segments/{one}") for one in ("name", "length", "length_sd"))
+    for name, value, sd in zip(segments[1:], lengths, sds, strict=False):  # the last segment has no length
+        if math.isfinite(value):
+            parameters.append(Parameter(f"length of {name}", "m", float(value), float(sd), float(value)))
+    facts = dynamics.facts
     wrench: Mapping[str, Any] = facts["wrench"] or {}
     reasons = [reason for artefact in trial.artefacts.values() for reason in artefact.reasons]
     return Estimates(
-        parameters={one.name: one for one in (*_read_base(trial), *_read_lengths(trial))},
+        parameters={one.name: one for one in parameters},
         condition=number_or_nan(facts["condition_number"]),
         offset=number_or_nan(facts["clock_offset_s"]),
         cop_rms=number_or_nan(facts["cop_rms_m"]),
@@ -98,34 +102,12 @@ def read_estimates(trial: TrialInputs) -> Estimates:
     )
 
 
-def _read_base(trial: TrialInputs) -> list[Parameter]:
-    tree = trial.tree("dynamics.h5")
-    names = ("name", "unit", "value", "sd", "relative_sd", "verdict")
-    rows = zip(*(tree.array(f"base/{name}") for name in names), strict=True)
-    return [
-        Parameter(str(name), str(unit), float(value), float(sd), _find_size(value, sd, float(share)), str(verdict))
-        for name, unit, value, sd, share, verdict in rows
-    ]
-
-
-def _find_size(value: float, sd: float, relative: float) -> float:
-    """Return the size of a parameter: its ``sd`` divided by its ``relative`` sd, or else its absolute value."""
-    return float(sd / relative) if relative > 0 and math.isfinite(sd) else abs(float(value))
-
-
-def _read_lengths(trial: TrialInputs) -> list[Parameter]:
-    """Return the known segment lengths."""
-    names, length, sd = (trial.tree("chain.h5").array(f"segments/{name}") for name in ("name", "length", "length_sd"))
-    return [
-        Parameter(f"length of {name}", "m", float(value), float(spread), float(value))
-        for name, value, spread in zip(names[1:], length, sd, strict=False)  # the last segment has no length
-        if math.isfinite(value)
-    ]
-
-
 def compare_series(own: TrialInputs, changed: TrialInputs) -> SeriesChanges:
     """Return the changes of the perturbed series relative to the unperturbed series."""
-    before, now = _find_common_rows(own.time, changed.time)
+    # Rows of both trials at their common times; the times increase.
+    nearest = np.clip(np.searchsorted(own.time, changed.time - _SAME_TIME), 0, len(own.time) - 1)
+    same = np.abs(own.time[nearest] - changed.time) <= _SAME_TIME
+    before, now = nearest[same], np.flatnonzero(same)
     states = [(own.states(name)[before], changed.states(name)[now]) for name in STATE_NAMES]
     torques = [
         joint_columns(trial.table("dynamics.parquet"), "tau", len(own.joints))[rows]
@@ -137,13 +119,6 @@ def compare_series(own: TrialInputs, changed: TrialInputs) -> SeriesChanges:
         torque_rms=_rms(torques[1] - torques[0]),
         torque_size=_rms(torques[0]),
     )
-
-
-def _find_common_rows(own: FloatArray, changed: FloatArray) -> tuple[IntArray, IntArray]:
-    """Return the rows (m,) of two increasing time columns, s, at which their m common times occur."""
-    nearest = np.clip(np.searchsorted(own, changed - _SAME_TIME), 0, len(own) - 1)
-    same = np.abs(own[nearest] - changed) <= _SAME_TIME
-    return nearest[same], np.flatnonzero(same)
 
 
 def _r2(own: FloatArray, changed: FloatArray) -> FloatArray:

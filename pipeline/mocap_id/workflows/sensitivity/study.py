@@ -28,7 +28,7 @@ from mocap_id.reporting.numbers import show
 from mocap_id.reporting.results.columns import ResultColumn as Column
 from mocap_id.reporting.results.columns import ResultTable, number, text, to_finite, whole
 from mocap_id.reporting.results.result import Result
-from mocap_id.reporting.sensitivity import ParameterEntry, SensitivityData
+from mocap_id.reporting.sensitivity import Parameter, SensitivityData, render_sensitivity_page
 from mocap_id.stages.base import Settings
 from mocap_id.stages.calibration_trial import has_no_markers
 from mocap_id.store import Folder, TableSchema
@@ -50,7 +50,6 @@ from mocap_id.workflows.sensitivity.perturbations import (
 from mocap_id.workflows.sensitivity.runs import (
     STATE_NAMES,
     Estimates,
-    Parameter,
     PerturbationRun,
     largest_ratio,
     read_estimates,
@@ -429,7 +428,7 @@ def _broken(name: str, missing: Any) -> Callable[[Tolerance], Any]:
 
 _KIND = "kind of the perturbation"
 _PERTURBATION = (
-    text("perturbation", "kind, target and level", lambda row: row.run.perturbation.name),
+    text("perturbation", "kind, target and level", lambda row: row.run.perturbation.name, "perturbation"),
     text("kind", _KIND, lambda row: row.run.perturbation.kind),
     text(
         "target",
@@ -489,16 +488,22 @@ TABLES: Mapping[str, TableSchema] = {
             text("raised", "codes that are new in the perturbed verdict"),
             text("fallen", "codes of the unperturbed verdict that no longer occur"),
             number("ratio", "1", "largest change of a parameter divided by the tolerated change"),
-            text("parameter", "the parameter with the largest change"),
+            text("parameter", "the parameter with the largest change", head="parameter"),
             Column("tolerated", "bool", "", "whether the ratio is at most 1"),
             whole("samples", "number of samples of the fit"),
-            number("condition_number", "1", "condition number of the regressor"),
+            number("condition_number", "1", "condition number of the regressor", head="condition"),
             number("clock_offset", "s", "clock offset that the program estimated"),
             *(number(f"{name}_r2", "1", "r² of the model relative to the measurement") for name in COMPONENTS),
             number("cop_rms", "m", "rms error of the model's centre of pressure"),
             number("theta_r2", "1", "r² of the worst joint's angle relative to the unperturbed angle"),
             number("dtheta_r2", "1", "r² of the worst joint's velocity relative to the unperturbed velocity"),
-            number("ddtheta_r2", "1", "r² of the worst joint's acceleration relative to the unperturbed one"),
+            number(
+                "ddtheta_r2",
+                "1",
+                "r² of the worst joint's acceleration relative to the unperturbed one",
+                head="acceleration r²",
+                decimals=4,
+            ),
             number("theta_rms", "rad", "change of the worst joint's angle, rms"),
         ),
         (number("tau_{k}_rms", "N*m", "change of the joint's torque, rms"),),
@@ -710,8 +715,6 @@ def _make_output(result: SensitivityResult) -> Result:
     tables, own = make_tables(result), result.own
 
     def make_page() -> dict[str, bytes]:
-        from mocap_id.reporting.sensitivity import render_sensitivity_page  # noqa: PLC0415  it loads the page's templates
-
         return {PAGE: render_sensitivity_page(_collect_page_data(result, tables))}
 
     content = {
@@ -742,11 +745,7 @@ def _collect_page_data(result: SensitivityResult, tables: Mapping[str, ResultTab
         note=result.note,
         tolerance=result.options.tolerance,
         seed=result.options.seed,
-        parameters=tuple(
-            ParameterEntry(name, one.unit, one.value, one.sd, one.size)
-            for name, one in result.own.parameters.items()
-            if name in result.judged_parameters
-        ),
+        parameters=tuple(one for name, one in result.own.parameters.items() if name in result.judged_parameters),
         titles={run.perturbation.kind: run.perturbation.definition.title for run in result.runs},
-        tables={name: table.frame for name, table in tables.items()},
+        tables=tables,
     )
