@@ -9,7 +9,7 @@ import os
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -180,7 +180,7 @@ _SESSION = re.compile(r"(?<![^\W_])(session|ses|visit|day)[\W_]*(\d+)", re.IGNOR
 
 
 @dataclass(frozen=True)
-class Reach:
+class RecordedArms:
     """The arms in a recording of reaches."""
 
     skeleton: bool  # whether the recording contains joint positions instead of markers
@@ -193,13 +193,13 @@ class Reach:
         return named if len(named) == 1 else self.sides or ("right",)
 
 
-def read_reach(path: Path, forces: Path | None) -> Reach | None:
+def read_reach(path: Path, forces: Path | None) -> RecordedArms | None:
     """Return the arms in a recording of reaches; None if the recording is not a reach, or cannot be read."""
     if forces is not None:
         return None
     skeleton = read_joints(path)
     if skeleton is not None:
-        return Reach(skeleton=True, sides=_find_arms(skeleton.labels))
+        return RecordedArms(skeleton=True, sides=_find_arms(skeleton.labels))
     try:
         content = recording.read(path)
     except (RecordingError, ConfigError):
@@ -210,7 +210,7 @@ def read_reach(path: Path, forces: Path | None) -> Reach | None:
     seen = recording.ThinnedFrames.of(content.positions, content.time, content.rate)
     if recognise_movement(content.labels, seen.positions, seen.rate).kind in _OF_THE_BODY:
         return None
-    return Reach(skeleton=False, sides=() if landmarks.side is None else (landmarks.side,))
+    return RecordedArms(skeleton=False, sides=() if landmarks.side is None else (landmarks.side,))
 
 
 def read_joints(path: Path) -> Recording | None:
@@ -311,11 +311,21 @@ def discover(
         raise ConfigError(
             f"{folder}: no such folder; expected a folder with the recordings of a study{suggest(folder)}"
         )
-    files = sorted(
-        (path for path in folder.rglob("*") if path.is_file() and not _is_hidden(path, folder)), key=_sort_key
-    )
+    # Hidden files are no recordings; 2 comes before 10.
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    files = [path for path in files if not any(part.startswith(".") for part in path.relative_to(folder).parts)]
+    files.sort(key=_sort_key)
     recordings, left_out = _find_recordings(files)
-    reaches = _find_reaches(recordings, files, left_out)
+    # Recordings of reaches and others need separate studies: the majority decides.
+    found = {path: read_reach(path, find_forces(path, files)) for path in recordings}
+    reaches = {path: reach for path, reach in found.items() if reach is not None}
+    if 2 * len(reaches) > len(recordings):
+        left_out |= dict.fromkeys(found.keys() - reaches.keys(), "not a reach: no markers of an arm and no skeleton")
+    else:
+        left_out |= dict.fromkeys(
+            reaches, "a reach, which needs a separate study: an arm or a skeleton, no force plate"
+        )
+        reaches = {}
     paths = {
         path: PurePosixPath(path.relative_to(folder).as_posix()) for path in recordings if path not in left_out
     }  # relative to the folder
@@ -324,36 +334,69 @@ def discover(
             f"{folder}: the folder contains no recording; expected C3D files, TRC files with their MOT, exports of "
             "QTM, Motive or Nexus, or skeletons of a depth camera or of markerless software (CSV, TRC)"
         )
+    # Person and strategy of each recording that fits the pattern.
     chosen = Pattern(pattern) if pattern is not None else choose_pattern(list(paths.values()))
-    labels = _read_labels(folder, paths, chosen, left_out, given=pattern is not None)
+    matches = {path: chosen.match(relative) for path, relative in paths.items()}
+    left_out |= {path: f"does not fit the pattern {chosen.text}" for path, match in matches.items() if match is None}
+    if all(match is None for match in matches.values()):
+        common = f"one of the patterns {', '.join(COMMON_PATTERNS)}"
+        tried = common if pattern is None else f"the pattern {chosen.text}"
+        raise ConfigError(
+            f"{folder}: none of the {len(paths)} recordings fits {tried}; an example is {next(iter(paths.values()))}. "
+            "Give the position of the names: --pattern '{subject}/{strategy}*', or '{strategy}*' for one person"
+        )
+    person = folder.resolve().name or "person"  # used if the pattern has no {subject}
+    labels = {
+        path: match if match.subject else PathLabels(person, match.strategy)
+        for path, match in matches.items()
+        if match is not None
+    }
     ids = _make_ids([label.subject for label in labels.values()], keep_names, known or {})
-    trials = _make_trials(labels, {path: reaches[path] for path in labels if path in reaches}, paths, ids, files)
+    # A reach with both arms becomes one trial for each arm.
+    trials: list[FoundRecording] = []
+    counts: Counter[str] = Counter()
+    for path, label in labels.items():
+        name, subject, reach = label.subject, ids[label.subject], reaches.get(path)
+        session = "" if reach is None else find_session(paths[path])
+        for side in ("",) if reach is None else reach.choose_sides(paths[path]):
+            stem = "-".join(filter(None, (subject, label.strategy) if reach is None else (subject, session, side)))
+            counts[stem] += 1
+            trial = f"{stem}-{counts[stem]}"
+            if reach is None:
+                trials.append(FoundRecording(trial, subject, name, label.strategy, path, find_forces(path, files)))
+            else:
+                trials.append(FoundRecording(trial, subject, name, "", path, None, side, session, reach.skeleton))
     trials.sort(key=lambda trial: (_sort_key(trial.subject), trial.subject))
-    named = {paths[path]: label for path, label in labels.items()}
-    doubts = tuple(f"{ids[subject]} may stand for several people: {why}" for subject, why in _doubt_people(named))
-    return Discovery(chosen.text, tuple(trials), left_out, doubts, () if pattern is not None else COMMON_PATTERNS)
-
-
-def _doubt_people(labels: Mapping[PurePosixPath, PathLabels]) -> Iterator[tuple[str, str]]:
-    """Yield the names of people whose recordings may be of several people, each with the reason."""
+    # Ids that may stand for several people.
     advice = "If so, give the position of the names with --pattern, or correct the ids in the file"
-    for subject, people in find_mixed_people(labels).items():
-        yield subject, f"the paths of its recordings contain {', '.join(people)}. {advice}"
+    doubts = [
+        (subject, f"the paths of its recordings contain {', '.join(people)}")
+        for subject, people in find_mixed_people({paths[path]: label for path, label in labels.items()}).items()
+    ]
     above: dict[str, dict[str, None]] = {}
     for label in labels.values():
         above.setdefault(label.subject, {})[label.above] = None
-    for subject, folders in above.items():
-        if len(folders) > 1:
-            yield subject, f"{subject} is a name in the folders {', '.join(folders)}. {advice}"
+    doubts += [
+        (subject, f"{subject} is a name in the folders {', '.join(folders)}")
+        for subject, folders in above.items()
+        if len(folders) > 1
+    ]
+    sentences = tuple(f"{ids[subject]} may stand for several people: {why}. {advice}" for subject, why in doubts)
+    return Discovery(chosen.text, tuple(trials), left_out, sentences, () if pattern is not None else COMMON_PATTERNS)
 
 
 def _find_recordings(files: Sequence[Path]) -> tuple[list[Path], dict[Path, str]]:
     """Return the recordings that may be trials, and the reasons why other recordings are certainly not, by file."""
     recordings, left_out = [], {}
     c3d = {path.with_suffix("") for path in files if path.suffix.lower() == ".c3d"}
+
+    def is_skeleton(path: Path) -> bool:
+        reach = read_reach(path, None)
+        return reach is not None and reach.skeleton
+
     for path in files:
         ending = path.suffix.lower()
-        if ending not in _RECORDINGS and not (ending in _EXPORTS and (is_marker_text(path) or _is_skeleton(path))):
+        if ending not in _RECORDINGS and not (ending in _EXPORTS and (is_marker_text(path) or is_skeleton(path))):
             continue
         if _NO_TRIAL.search(path.stem):
             left_out[path] = "the name is that of a static or calibration trial"
@@ -364,72 +407,6 @@ def _find_recordings(files: Sequence[Path]) -> tuple[list[Path], dict[Path, str]
     return recordings, left_out
 
 
-def _is_skeleton(path: Path) -> bool:
-    reach = read_reach(path, None)
-    return reach is not None and reach.skeleton
-
-
-def _find_reaches(recordings: Sequence[Path], files: Sequence[Path], left_out: dict[Path, str]) -> Mapping[Path, Reach]:
-    """Return the recordings of reaches by file if they are the majority, or else an empty mapping.
-
-    The recordings of the minority are added to ``left_out``.
-    """
-    found = {path: read_reach(path, find_forces(path, files)) for path in recordings}
-    reaches = {path: reach for path, reach in found.items() if reach is not None}
-    if 2 * len(reaches) > len(recordings):
-        left_out |= dict.fromkeys(found.keys() - reaches.keys(), "not a reach: no markers of an arm and no skeleton")
-        return reaches
-    left_out |= dict.fromkeys(reaches, "a reach, which needs a separate study: an arm or a skeleton, no force plate")
-    return {}
-
-
-def _read_labels(
-    folder: Path, paths: Mapping[Path, PurePosixPath], pattern: Pattern, left_out: dict[Path, str], *, given: bool
-) -> dict[Path, PathLabels]:
-    """Return person and strategy of each recording that fits the pattern; add the other recordings to ``left_out``."""
-    matches = {path: pattern.match(relative) for path, relative in paths.items()}
-    left_out |= {path: f"does not fit the pattern {pattern.text}" for path, match in matches.items() if match is None}
-    labels = {path: match for path, match in matches.items() if match is not None}
-    if not labels:
-        expected = f"the pattern {pattern.text}" if given else f"one of the patterns {', '.join(COMMON_PATTERNS)}"
-        raise ConfigError(
-            f"{folder}: none of the {len(paths)} recordings fits {expected}; an example is "
-            f"{next(iter(paths.values()))}. Give the position of the names: --pattern '{{subject}}/{{strategy}}*', or "
-            "'{strategy}*' for one person"
-        )
-    person = folder.resolve().name or "person"  # used if the pattern has no {subject}
-    return {path: label if label.subject else PathLabels(person, label.strategy) for path, label in labels.items()}
-
-
-def _make_trials(
-    labels: Mapping[Path, PathLabels],
-    reaches: Mapping[Path, Reach],
-    paths: Mapping[Path, PurePosixPath],
-    ids: Mapping[str, str],
-    files: Sequence[Path],
-) -> list[FoundRecording]:
-    """Return the trials of the recordings; a reach with both arms becomes one trial for each arm."""
-    counts: Counter[str] = Counter()
-
-    def name_trial(*words: str) -> str:
-        stem = "-".join(filter(None, words))
-        counts[stem] += 1
-        return f"{stem}-{counts[stem]}"
-
-    trials = []
-    for path, label in labels.items():
-        name, subject, reach = label.subject, ids[label.subject], reaches.get(path)
-        if reach is None:
-            trial, forces = name_trial(subject, label.strategy), find_forces(path, files)
-            trials.append(FoundRecording(trial, subject, name, label.strategy, path, forces))
-            continue
-        session = find_session(paths[path])
-        for side in reach.choose_sides(paths[path]):
-            trial = name_trial(subject, session, side)
-            trials.append(FoundRecording(trial, subject, name, "", path, None, side, session, reach.skeleton))
-    return trials
-
-
 def find_forces(markers: Path, files: Iterable[Path]) -> Path | None:
     """Return the MOT file that belongs to a text file with markers; None if there is no such MOT file."""
     if markers.suffix.lower() == ".c3d":
@@ -438,20 +415,19 @@ def find_forces(markers: Path, files: Iterable[Path]) -> Path | None:
     beside = [path for path in files if path.parent == markers.parent and path.suffix.lower() == ".mot"]
     fitting = sorted(path for path in beside if _fold(path.stem) in stems)
     fitting.sort(key=lambda path: stems.index(_fold(path.stem)))
+
+    def has_forces(path: Path) -> bool:
+        try:
+            table = read_table(path)
+        except RecordingError:  # its reader reports the error
+            return True
+        try:
+            return bool(find_force_columns(path, table))
+        except RecordingError:
+            return False
+
     # A MOT file with the same name may also contain joint angles.
-    return next((path for path in fitting if _fold(path.stem) != stems[0] or _has_forces(path)), None)
-
-
-def _has_forces(path: Path) -> bool:
-    """Return whether a table has ground forces; also True for an unreadable file, whose reader reports the error."""
-    try:
-        table = read_table(path)
-    except RecordingError:
-        return True
-    try:
-        return bool(find_force_columns(path, table))
-    except RecordingError:
-        return False
+    return next((path for path in fitting if _fold(path.stem) != stems[0] or has_forces(path)), None)
 
 
 def _fold(name: str) -> str:
@@ -479,10 +455,6 @@ def _make_ids(names: Iterable[str], keep_names: bool, known: Mapping[str, str]) 
             if candidate not in taken:
                 ids[name] = candidate
     return ids
-
-
-def _is_hidden(path: Path, folder: Path) -> bool:
-    return any(part.startswith(".") for part in path.relative_to(folder).parts)
 
 
 def _sort_key(path: Path | str) -> tuple[tuple[int, int | str], ...]:
