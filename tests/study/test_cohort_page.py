@@ -11,7 +11,7 @@ from study_cases import Made, body, landmarks
 
 from mocap_id.reporting.study.cohort import CohortData
 from mocap_id.reporting.study.sit_to_stand import render_cohort_page
-from mocap_id.workflows.study.sit_to_stand import TrialResult, make_tables
+from mocap_id.workflows.study.sit_to_stand import STUDY, TrialResult
 
 HOSTILE = '"><script>alert(1)</script>$\\frac{'
 
@@ -69,7 +69,7 @@ def page(trials: list[TrialResult]) -> bytes:
         trial.entry(trial.name, f"{trial.subject}, {trial.strategy}", f"../{trial.name}/report.html")
         for trial in trials
     )
-    return render_cohort_page(CohortData("a study", entries, make_tables(trials)))
+    return render_cohort_page(CohortData("a study", entries, STUDY.make_tables(trials)))
 
 
 def test_the_page_of_a_study_that_ran(ran: Ran) -> None:

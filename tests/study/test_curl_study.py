@@ -38,7 +38,7 @@ trials:
 
 
 def frames(trials: Sequence[CurlResult]) -> dict[str, pd.DataFrame]:
-    return {name: table.frame for name, table in curl_study.make_tables(trials).items()}
+    return {name: table.frame for name, table in curl_study.STUDY.make_tables(trials).items()}
 
 
 def row(frame: pd.DataFrame, **chosen: str) -> pd.Series:
@@ -95,7 +95,7 @@ def test_the_interval_and_p_value_are_honest_without_an_effect() -> None:
 def test_the_page_shows_boxes_and_effects() -> None:
     trials = cohort(COUNTS)
     entries = tuple(one.entry(one.name, one.subject, f"../{one.name}/report.html") for one in trials)
-    text = render_curl_page(CohortData("curls", entries, curl_study.make_tables(trials)), "AC").decode()
+    text = render_curl_page(CohortData("curls", entries, curl_study.STUDY.make_tables(trials)), "AC").decode()
     for words in ("thesis figure 8.5", "Differences from AC", "5 - AC", "Compensation by condition", "23 of 24 trials"):
         assert words in text
 
@@ -103,7 +103,8 @@ def test_the_page_shows_boxes_and_effects() -> None:
 def test_a_study_of_failed_trials_still_has_a_page() -> None:
     trials = cohort({"AC": [[None]], "5": [[None]]})
     entries = tuple(one.entry(one.name, one.subject, f"../{one.name}/report.html") for one in trials)
-    assert b"No repetitions" in render_curl_page(CohortData("curls", entries, curl_study.make_tables(trials)), "AC")
+    data = CohortData("curls", entries, curl_study.STUDY.make_tables(trials))
+    assert b"No repetitions" in render_curl_page(data, "AC")
 
 
 @pytest.mark.parametrize(

@@ -16,9 +16,9 @@ from mocap_id.reporting.results.columns import ResultTable
 from mocap_id.workflows.study import sit_to_stand
 from mocap_id.workflows.study.pooling import mean_sd, pool_errors
 from mocap_id.workflows.study.sit_to_stand import (
+    STUDY,
     TABLES,
     length_rows,
-    make_tables,
     model_rows,
     parameter_rows,
     strategy_rows,
@@ -224,7 +224,7 @@ def test_every_parameter_stands_with_its_deviation() -> None:
 
 
 def test_a_study_without_any_success_has_whole_if_empty_tables() -> None:
-    made = make_tables([Made("a", failed="broken").case()])
+    made = STUDY.make_tables([Made("a", failed="broken").case()])
     assert list(made) == list(TABLES)
     assert len(made["trials"].frame) == 1
     assert made["models"].frame.empty

@@ -10,18 +10,17 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from mocap_id.errors import Refused
 from mocap_id.reporting.contents import ENDINGS, SUMMARY_FILE
 from mocap_id.reporting.numbers import to_number
-from mocap_id.reporting.results.columns import ResultColumn, ResultTable, count, number, text, whole
+from mocap_id.reporting.results.columns import ResultColumn, count, number, text, whole
 from mocap_id.reporting.summary_schema import ReasonEntry
 from mocap_id.store import Folder
 from mocap_id.workflows.parallel import NOT_RUN, TrialRun
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from mocap_id.config.study import StudyTrial
     from mocap_id.reporting.study.cohort import TrialEntry
-    from mocap_id.store import TableSchema
 
 Trial = TypeVar("Trial")
 Value = TypeVar("Value")
@@ -117,17 +116,6 @@ def number_or_nan(value: object) -> float:
 def read_entry(*keys: str) -> Callable[[TrialOutcome], Any]:
     """Return a function that reads an entry of a trial's summary, for a column of a table."""
     return lambda trial: trial.value(*keys)
-
-
-def fill_tables(
-    schemas: Mapping[str, TableSchema],
-    rows: Mapping[str, Callable[[Sequence[Any]], Iterable[Any]]],
-    trials: Sequence[Any],
-) -> dict[str, ResultTable]:
-    """Return the tables of a study by name; a table without a function in ``rows`` has a row for each trial."""
-    return {
-        name: ResultTable.of(schema, rows[name](trials) if name in rows else trials) for name, schema in schemas.items()
-    }
 
 
 SUMMARY_COLUMNS: Mapping[str, ResultColumn] = {

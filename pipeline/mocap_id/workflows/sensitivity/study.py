@@ -535,7 +535,7 @@ TABLES: Mapping[str, TableSchema] = {
 """Schemas of the tables by name."""
 
 
-def make_tables(result: SensitivityResult) -> dict[str, ResultTable]:
+def make_sensitivity_tables(result: SensitivityResult) -> dict[str, ResultTable]:
     """Return the tables of a sensitivity study by name."""
     rows = {
         "responses": _list_responses(result),
@@ -712,7 +712,7 @@ def _select_possible(selections: Sequence[KindSelection], trial: TrialInputs) ->
 
 
 def _make_output(result: SensitivityResult) -> Result:
-    tables, own = make_tables(result), result.own
+    tables, own = make_sensitivity_tables(result), result.own
 
     def make_page() -> dict[str, bytes]:
         return {PAGE: render_sensitivity_page(_collect_page_data(result, tables))}

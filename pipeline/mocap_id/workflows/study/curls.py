@@ -19,7 +19,6 @@ from mocap_id.reporting.contents import COHORT
 from mocap_id.reporting.numbers import show_fixed
 from mocap_id.reporting.results.columns import (
     ResultColumn,
-    ResultTable,
     count,
     declare_tables,
     estimate_columns,
@@ -37,7 +36,6 @@ from mocap_id.workflows.trial_outcome import (
     VERDICT_COLUMNS,
     Measure,
     StudyOutcome,
-    fill_tables,
     number_or_nan,
     read_event_facts,
     read_summary,
@@ -307,11 +305,11 @@ TABLES = declare_tables(
 """Schemas of the tables by name."""
 
 
-def make_tables(trials: Sequence[CurlResult]) -> dict[str, ResultTable]:
-    """Return the tables of a study of curls by name."""
-    return fill_tables(TABLES, {"conditions": condition_rows, "comparisons": comparison_rows}, normalise(trials))
-
-
 STUDY = StudyKind(
-    ("condition",), read_curl_result, make_tables, lambda data, trials: render_curl_page(data, trials[0].reference)
+    labels=("condition",),
+    read=read_curl_result,
+    tables=TABLES,
+    rows={"conditions": condition_rows, "comparisons": comparison_rows},
+    page=lambda data, trials: render_curl_page(data, trials[0].reference),
+    prepare=normalise,
 )

@@ -20,7 +20,6 @@ from mocap_id.reporting.contents import COHORT
 from mocap_id.reporting.numbers import UNKNOWN, to_numbers
 from mocap_id.reporting.results.columns import (
     ResultColumn,
-    ResultTable,
     count,
     declare_tables,
     estimate_columns,
@@ -40,7 +39,6 @@ from mocap_id.workflows.trial_outcome import (
     VERDICT_COLUMNS,
     Measure,
     StudyOutcome,
-    fill_tables,
     number_or_nan,
     read_event_facts,
     read_summary,
@@ -310,10 +308,10 @@ TABLES = declare_tables(
 """Schemas of the tables by name."""
 
 
-def make_tables(trials: Sequence[ReachResult]) -> dict[str, ResultTable]:
-    """Return the tables of a reach study by name."""
-    rows = {"people": person_rows, "correlation": correlation_rows, "differences": difference_rows}
-    return fill_tables(TABLES, rows, trials)
-
-
-STUDY = StudyKind(("side", "session"), read_reach_result, make_tables, make_page)
+STUDY = StudyKind(
+    labels=("side", "session"),
+    read=read_reach_result,
+    tables=TABLES,
+    rows={"people": person_rows, "correlation": correlation_rows, "differences": difference_rows},
+    page=make_page,
+)

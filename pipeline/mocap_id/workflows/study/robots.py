@@ -680,12 +680,6 @@ TABLES = (
 )
 
 
-def make_tables(trials: Sequence[RobotTrialResult]) -> dict[str, ResultTable]:
-    """Return the table `trials` and the tables of the thesis by name."""
-    table = ResultTable.of(TRIALS, trial_rows(trials))
-    return {"trials": table} | {one.name: ResultTable.of(one.schema, _cell_rows(one, table.frame)) for one in TABLES}
-
-
 def _cell_rows(table: ThesisTable, trials: pd.DataFrame) -> list[dict[str, Any]]:
     """Return the rows of a table: a row for each cell with trials, followed by the thesis's row for this cell."""
     in_thesis = read_published(table)
@@ -933,7 +927,9 @@ def validate_robot(
         check_owner(out, owner, DOCUMENT)
         runs = run_trials([one.trial for one in configs], LocalBackend(jobs), tell, run=run_all_methods)
         trials = tuple(read_robot_result(one, run, study.reference) for one, run in zip(configs, runs, strict=True))
-        tables = make_tables(trials)
+        overview = ResultTable.of(TRIALS, trial_rows(trials))
+        tables = {"trials": overview}
+        tables |= {one.name: ResultTable.of(one.schema, _cell_rows(one, overview.frame)) for one in TABLES}
         data = _collect_page_data(study.name, trials, tables)
         content = {
             "study": study.name,

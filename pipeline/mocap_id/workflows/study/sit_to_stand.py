@@ -24,7 +24,6 @@ from mocap_id.reporting.grids import millimetres
 from mocap_id.reporting.numbers import UNKNOWN, scale, show, show_fixed, to_number
 from mocap_id.reporting.results.columns import (
     ResultColumn,
-    ResultTable,
     count,
     declare_tables,
     error_columns,
@@ -54,7 +53,6 @@ from mocap_id.workflows.trial_outcome import (
     TRIAL_COLUMNS,
     VERDICT_COLUMNS,
     StudyOutcome,
-    fill_tables,
     read_entry,
     read_summary,
 )
@@ -680,16 +678,16 @@ TABLES = declare_tables(
 """Schemas of the tables by name."""
 
 
-def make_tables(trials: Sequence[TrialResult]) -> dict[str, ResultTable]:
-    """Return the tables of a study by name."""
-    rows = {
+STUDY = StudyKind(
+    labels=("strategy",),
+    read=read_trial_result,
+    tables=TABLES,
+    rows={
         "lengths": length_rows,
         "strategies": strategy_rows,
         "models": model_rows,
         "parameters": parameter_rows,
         "variation": variation_rows,
-    }
-    return fill_tables(TABLES, rows, trials)
-
-
-STUDY = StudyKind(("strategy",), read_trial_result, make_tables, lambda data, _: render_cohort_page(data))
+    },
+    page=lambda data, _: render_cohort_page(data),
+)

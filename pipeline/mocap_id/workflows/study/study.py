@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,7 @@ from mocap_id.reporting.results.columns import ResultTable
 from mocap_id.reporting.results.result import Result
 from mocap_id.stages import STAGES
 from mocap_id.stages.trial_keys import list_sensors
-from mocap_id.store import Folder, dumps, hash_bytes, hash_file
+from mocap_id.store import Folder, TableSchema, dumps, hash_bytes, hash_file
 from mocap_id.store.ownership import Owner, check_owner, hash_texts, store_owner
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trials
 from mocap_id.workflows.study.segment_numbers import run_with_counts
@@ -43,8 +43,16 @@ class StudyKind:
 
     labels: tuple[str, ...]  # names of the properties that distinguish the trials of a person
     read: Callable[[Study, StudyTrial, TrialRun], Any]  # reads the result of a trial, a `StudyOutcome`
-    tables: Callable[[Sequence[Any]], dict[str, ResultTable]]  # makes the tables from the results of the trials
+    tables: Mapping[str, TableSchema]  # columns of the tables by name
+    # Functions that pool the trials to the rows of a table; a table without a function has a row for each trial.
+    rows: Mapping[str, Callable[[Sequence[Any]], Iterable[Any]]]
     page: Callable[[CohortData, Sequence[Any]], bytes]  # makes the page
+    prepare: Callable[[Sequence[Any]], Sequence[Any]] = list  # completes the results by those of other trials
+
+    def make_tables(self, trials: Sequence[Any]) -> dict[str, ResultTable]:
+        """Return the tables by name."""
+        own = self.prepare(trials)
+        return {name: ResultTable.of(table, self.rows.get(name, list)(own)) for name, table in self.tables.items()}
 
 
 @dataclass(frozen=True)
@@ -191,7 +199,7 @@ def _make_result(
     trials = [kind.read(study, one, run) for one, run in zip(study.trials, runs, strict=True)]
     labels = [{name: getattr(trial, name) for name in kind.labels} for trial in trials]
     remarks = (*notes, *find_remarks(study, trials))
-    tables = kind.tables(trials)
+    tables = kind.make_tables(trials)
 
     def make_page() -> dict[str, bytes]:
         from mocap_id.reporting.study.cohort import CohortData  # noqa: PLC0415  only a page needs it
