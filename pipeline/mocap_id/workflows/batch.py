@@ -1,4 +1,7 @@
-"""The trials that the user names: files of trials or studies, folders that contain them, or patterns of names."""
+"""A batch: trials from files, folders, patterns or a study, run in parallel, and one table of their results.
+
+The table has a row for each trial, also for a trial without results.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Run of one trial among many; a failure is returned as a result, not raised as an exception."""
+"""Many trials in parallel, on this machine or on a cluster.
+
+From top to bottom: the run of one trial, whose failure is a result and not an exception; the backends, which are
+processes of this machine or the workers of a Dask scheduler, and provide an `Executor` of the standard library; the
+distribution of the trials to the workers, with recovery from killed processes.
+"""
 
 from __future__ import annotations
 
@@ -404,6 +409,7 @@ def _set_up_logging(levels: Mapping[str, int]) -> None:
 OnError: TypeAlias = Literal["continue", "stop"]
 TrialCallback: TypeAlias = Callable[[TrialRun], None]
 _Numbered: TypeAlias = tuple[int, Trial]
+_Waiting: TypeAlias = deque[_Numbered]  # trials that have not started
 _Done: TypeAlias = tuple[int, TrialRun]
 _POLLING_INTERVAL = 5.0  # s, after which the number of workers is checked again
 
@@ -430,60 +436,49 @@ def run_trials(
         Runs one trial; :func:`run_trial` by default.
     """
     results: dict[int, TrialRun] = {}
-    queue = _Queue(trials, run, stop=on_error == "stop")
-    for number, done in _run_in_parallel(queue, backend) if backend.parallel and len(trials) > 1 else _run_here(queue):
+    waiting: _Waiting = deque(enumerate(trials))
+    parallel = backend.parallel and len(trials) > 1
+    for number, done in _run_in_parallel(waiting, run, backend) if parallel else _run_here(waiting, run):
         tell(done)
         results[number] = done
-        queue.note(done)
+        if on_error == "stop" and done.exit_code != 0:
+            waiting.clear()
     return tuple(results.get(number) or make_not_run(trial) for number, trial in enumerate(trials))
 
 
-class _Queue:
-    """The trials that have not started, and the function that runs them."""
-
-    def __init__(self, trials: Sequence[Trial], run: RunTrial, *, stop: bool) -> None:
-        self.run = run
-        self._left = deque(enumerate(trials))
-        self._stop = stop
-
-    def __len__(self) -> int:
-        return len(self._left)
-
-    def next(self) -> _Numbered:
-        return self._left.popleft()
-
-    def note(self, done: TrialRun) -> None:
-        if self._stop and done.exit_code != 0:
-            self._left.clear()
+def _run_here(waiting: _Waiting, run: RunTrial) -> Iterator[_Done]:
+    while waiting:
+        number, trial = waiting.popleft()
+        yield number, run(trial)
 
 
-def _run_here(queue: _Queue) -> Iterator[_Done]:
-    while queue:
-        number, trial = queue.next()
-        yield number, queue.run(trial)
-
-
-def _run_in_parallel(queue: _Queue, backend: Backend) -> Iterator[_Done]:
+def _run_in_parallel(waiting: _Waiting, run: RunTrial, backend: Backend) -> Iterator[_Done]:
     """Run all trials in parallel; start new workers whenever a process was killed."""
-    while queue:
+    while waiting:
         lost: list[_Numbered] = []
-        with backend.workers(len(queue)) as workers:
-            yield from _run_until_broken(queue, workers, lost)
-        for number, trial in lost:  # one of these killed the process: run each in its own process
-            yield number, _run_alone(queue.run, trial)
+        with backend.workers(len(waiting)) as workers:
+            yield from _run_until_broken(waiting, run, workers, lost)
+        # One of these killed the process: run each in its own process, so that only this trial fails.
+        for number, trial in lost:
+            with LocalBackend(1).workers(1) as workers:
+                try:
+                    done = workers.executor.submit(run_until_terminated, run, trial).result()
+                except BrokenExecutor:
+                    done = make_killed(trial)
+            yield number, done
 
 
-def _run_until_broken(queue: _Queue, workers: Workers, lost: list[_Numbered]) -> Iterator[_Done]:
+def _run_until_broken(waiting: _Waiting, run: RunTrial, workers: Workers, lost: list[_Numbered]) -> Iterator[_Done]:
     """Submit trials until all trials are done or the pool breaks; append the interrupted trials to ``lost``."""
     submitted: dict[Future[TrialRun], _Numbered] = {}
     # Futures report here when they finish: polling all of them would be expensive on a large cluster.
     finished: SimpleQueue[Future[TrialRun]] = SimpleQueue()
     while True:
         width = workers.width()  # also if nothing is left to submit: this checks the versions of new workers
-        while queue and not lost and len(submitted) < width:
-            numbered = queue.next()
+        while waiting and not lost and len(submitted) < width:
+            numbered = waiting.popleft()
             try:
-                future = workers.executor.submit(run_until_terminated, queue.run, numbered[1])
+                future = workers.executor.submit(run_until_terminated, run, numbered[1])
             except BrokenExecutor:
                 lost.append(numbered)
             else:
@@ -495,26 +490,14 @@ def _run_until_broken(queue: _Queue, workers: Workers, lost: list[_Numbered]) ->
             future = finished.get(timeout=_POLLING_INTERVAL)
         except Empty:  # more workers may have joined
             continue
-        yield from _read_result(future, submitted.pop(future), lost)
-
-
-def _read_result(future: Future[TrialRun], numbered: _Numbered, lost: list[_Numbered]) -> Iterator[_Done]:
-    """Yield the result of a finished future; add its trial to ``lost`` if the pool broke."""
-    number, trial = numbered
-    try:
-        yield number, future.result()
-    except BrokenExecutor:
-        lost.append(numbered)
-    except Exception as error:
-        if type(error).__name__ != "KilledWorker":  # defined by distributed, which may not be installed
-            raise
-        yield number, make_killed(trial)
-
-
-def _run_alone(run: RunTrial, trial: Trial) -> TrialRun:
-    """Run a trial in a new process of its own; if this process is killed, only this trial fails."""
-    with LocalBackend(1).workers(1) as workers:
+        number, trial = submitted.pop(future)
         try:
-            return workers.executor.submit(run_until_terminated, run, trial).result()
+            done = future.result()
         except BrokenExecutor:
-            return make_killed(trial)
+            lost.append((number, trial))
+            continue
+        except Exception as error:
+            if type(error).__name__ != "KilledWorker":  # defined by distributed, which may not be installed
+                raise
+            done = make_killed(trial)
+        yield number, done

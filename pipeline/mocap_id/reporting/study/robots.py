@@ -179,60 +179,51 @@ def render_markdown(data: RobotStudyData, figures: Mapping[str, str]) -> str:
 
 def draw_robot_figures(data: RobotStudyData) -> Drawings:
     """Return all figures of the page."""
-    return Drawings(style.clean(data.study), tuple(_make_drawings(data)))
-
-
-def _make_drawings(data: RobotStudyData) -> Iterator[Drawing]:
+    drawings = []
     for k, one in enumerate(data.recoveries, start=1):
         title = style.clean(f"Kinematic recovery: {one.speed} swing of the {one.joint} ({one.traces.trial})")
-        yield Drawing(f"recovery-{k}", title, _RECOVERY, _draw_recovery(one))
+        drawings.append(Drawing(f"recovery-{k}", title, _RECOVERY, _draw_recovery(one)))
     wrench: Figure | str = "No repetition is complete in any trial that has results."
     errors, cell, averaged = wrench, "", data.averaged
     if averaged is not None:
         cell = f": {averaged.cell}, {averaged.repetitions} swings"
         wrench = _draw_wrench(averaged, {"measured": averaged.measured, **averaged.models})
         errors = _draw_wrench(averaged, averaged.errors)
-    yield Drawing("wrench", f"Measured and recovered contact wrench{cell}", _WRENCH, wrench)
-    yield Drawing("residuals", f"Errors of the recovered contact wrench{cell}", _ERRORS, errors)
-    accelerations = "No trial has results." if data.traces is None else _draw_accelerations(data.traces)
-    yield Drawing("accelerations", "Acceleration by the smoother and by differences", _ACCELERATIONS, accelerations)
+    drawings.append(Drawing("wrench", f"Measured and recovered contact wrench{cell}", _WRENCH, wrench))
+    drawings.append(Drawing("residuals", f"Errors of the recovered contact wrench{cell}", _ERRORS, errors))
+    figure = "No trial has results." if data.traces is None else _draw_accelerations(data.traces)
+    drawings.append(Drawing("accelerations", "Acceleration by the smoother and by differences", _ACCELERATIONS, figure))
+    return Drawings(style.clean(data.study), tuple(drawings))
 
 
 def _draw_recovery(one: Recovery) -> Figure:
     """Return markers in the plane and in the segment side by side, and below them the states (figures 5.2 and 5.3)."""
-    return Figure(((_draw_plane(one), _draw_segment(one)), *((_draw_states(one.traces, order),) for order in range(3))))
-
-
-def _draw_plane(one: Recovery) -> Panel:
     still = [np.nanmean(path, axis=0) for label, path in one.paths.items() if one.segment[label] == 0]
     moving = [path for label, path in one.paths.items() if one.segment[label] > 0]
     x, y = np.array(still).reshape(-1, 2).T
-    items: tuple[Item, ...] = (
+    in_plane: tuple[Item, ...] = (
         Points(x, y, style.FAINT, symbol="x"),
         *(Line(path[:, 0], path[:, 1], style.pick_colour(k), width=1.2) for k, path in enumerate(moving, start=1)),
         Points(one.centre[:1], one.centre[1:], style.GREEN, symbol="ring", size=9.0),
     )
-    return Panel(items, "markers and joint", "x (m)", "y (m)", equal=True, height=3.0)
-
-
-def _draw_segment(one: Recovery) -> Panel:
     own = {label: local for label, local in one.local.items() if one.segment[label] > 0}
     x, y = np.array(list(own.values())).reshape(-1, 2).T
-    items: tuple[Item, ...] = (
+    in_segment: tuple[Item, ...] = (
         Points(x, y, style.INK, symbol="x"),
         *(Text(float(local[0]), float(local[1]), style.clean(label, 8)) for label, local in own.items()),
         Points(np.zeros(1), np.zeros(1), style.GREEN, symbol="ring", size=9.0),
     )
-    return Panel(items, "in the segment", "x (m)", "y (m)", equal=True, height=3.0)
-
-
-def _draw_states(traces: StateTraces, order: int) -> Panel:
-    """Return angle, velocity or acceleration (``order`` 0, 1 or 2) by every method, the smoother in front."""
-    series = {name: curve[:, order] for name, curve in traces.curves.items()}
-    below, height = ("time (s)", 1.5) if order == 2 else ("", 1.2)
-    return Panel(
-        tuple(_draw_lines(traces, series, _STATE_LOOKS, 150)), x=below, y=_QUANTITIES[order], linked=True, height=height
+    markers = (
+        Panel(in_plane, "markers and joint", "x (m)", "y (m)", equal=True, height=3.0),
+        Panel(in_segment, "in the segment", "x (m)", "y (m)", equal=True, height=3.0),
     )
+    rows: list[tuple[Panel, ...]] = [markers]
+    for order, quantity in enumerate(_QUANTITIES):  # by every method, the smoother in front
+        series = {name: curve[:, order] for name, curve in one.traces.curves.items()}
+        lines = tuple(_draw_lines(one.traces, series, _STATE_LOOKS, 150))
+        below, height = ("time (s)", 1.5) if order == 2 else ("", 1.2)
+        rows.append((Panel(lines, x=below, y=quantity, linked=True, height=height),))
+    return Figure(tuple(rows))
 
 
 def _draw_wrench(averaged: AveragedWrench, series: Mapping[str, FloatArray]) -> Figure:

@@ -1,4 +1,10 @@
-"""Patterns such as ``{subject}/{strategy}*.c3d``, which find person and strategy in the path of a recording."""
+"""The recordings of a study, found in a folder and its sub-folders, and a first version of the study's file.
+
+Recordings are C3D files, text files with markers (and their MOT files), and skeletons. Recordings that are not used are
+listed with the reason. From top to bottom: patterns such as ``{subject}/{strategy}*.c3d``, which find person and
+strategy in the path of a recording; recordings of reaches; the search; the file, and a file beside it with the people's
+names and ids.
+"""
 
 from __future__ import annotations
 
