@@ -350,12 +350,12 @@ def main() -> None:
             answers.append((claim, {name: judge(claim, cases) for name, cases in groups.items()}))
             report_progress(f"{claim.letter} {claim.text}")
         studies = {name: sensitivity(file, jobs=2) for name, file in files.items()}
-    counts, runs = {name: len(cases) for name, cases in groups.items()}, studies["sts-normal"].result.runs
+    counts, runs = {name: len(cases) for name, cases in groups.items()}, studies["sts-normal"].runs
     tolerances = []
     for name, study in studies.items():
         sentences = [row["sentence"] for row in study.document["tolerates"]]
         lines = [f"- {sentence[:1].upper()}{sentence[1:]}" for sentence in sentences]
-        tolerances.append(f"**{name}**, {len(study.result.runs)} perturbations:\n\n" + "\n".join(lines))
+        tolerances.append(f"**{name}**, {len(study.runs)} perturbations:\n\n" + "\n".join(lines))
     source = (
         f"{counts['generated robots']} trials of the thesis's robot and {counts['generated sit-to-stands']} "
         f"sit-to-stands, seeds from {arguments.first}, and on the recordings `ur5-elbow-fast` and `sts-normal`"

@@ -120,7 +120,7 @@ def error_columns(
     return [mean if head is None else replace(mean, shown=grids.mean_sd(head, name, factor, decimals)), *others]
 
 
-def declare_tables(**columns: Iterable[ResultColumn]) -> Mapping[str, TableSchema]:
+def declare_tables(**columns: Iterable[ResultColumn]) -> dict[str, TableSchema]:
     """Return the schemas of tables by name; a column with ``{k}`` in its name occurs once for each joint."""
     return {
         name: TableSchema(

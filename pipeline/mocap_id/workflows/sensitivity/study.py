@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from itertools import count
 from pathlib import Path
@@ -26,12 +26,12 @@ from mocap_id.config.source import Source, read
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.numbers import show
 from mocap_id.reporting.results.columns import ResultColumn as Column
-from mocap_id.reporting.results.columns import ResultTable, number, text, to_finite, whole
+from mocap_id.reporting.results.columns import ResultTable, declare_tables, number, text, to_finite, whole
 from mocap_id.reporting.results.result import Result
 from mocap_id.reporting.sensitivity import Parameter, SensitivityData, render_sensitivity_page
 from mocap_id.stages.base import Settings
 from mocap_id.stages.calibration_trial import has_no_markers
-from mocap_id.store import Folder, TableSchema
+from mocap_id.store import Folder
 from mocap_id.store.ownership import check_owner, store_owner
 from mocap_id.store.views import Skeleton
 from mocap_id.workflows.run_folder import find_owner_of_files
@@ -440,98 +440,88 @@ _PERTURBATION = (
 )
 _SD = "its stated standard deviation, in `unit`"
 
-TABLES: Mapping[str, TableSchema] = {
-    "responses": TableSchema(
-        "responses.parquet",
-        1,
-        (
-            *_PERTURBATION,
-            text("parameter", "base parameter, or length of a segment", lambda row: row.before.name),
-            text("unit", "unit of the parameter", lambda row: row.before.unit),
-            number("own_value", "", "unperturbed value, in `unit`", lambda row: row.before.value),
-            number("own_sd", "", _SD, lambda row: row.before.sd),
-            number("value", "", "perturbed value, in `unit`", lambda row: row.after and row.after.value),
-            number("sd", "", _SD, lambda row: row.after and row.after.sd),
-            number("change", "", "perturbed minus unperturbed value, in `unit`", lambda row: row.change),
-            number(
-                "change_percent",
-                "%",
-                "change relative to the parameter's size",
-                lambda row: row.divide_change(row.before.size, 100),
-            ),
-            number(
-                "change_sd",
-                "1",
-                "change in stated standard deviations of the unperturbed parameter",
-                lambda row: row.divide_change(row.before.sd),
-            ),
-            number(
-                "ratio",
-                "1",
-                "absolute change divided by the tolerated change; infinite if there is no perturbed value",
-                lambda row: tolerance_ratio(row.before, row.after, row.tolerance),
-            ),
-            text(
-                "judged",
-                "verdict in the perturbed trial: known, weak or not identifiable",
-                lambda row: row.after and row.after.verdict,
-            ),
+TABLES = declare_tables(
+    responses=(
+        *_PERTURBATION,
+        text("parameter", "base parameter, or length of a segment", lambda row: row.before.name),
+        text("unit", "unit of the parameter", lambda row: row.before.unit),
+        number("own_value", "", "unperturbed value, in `unit`", lambda row: row.before.value),
+        number("own_sd", "", _SD, lambda row: row.before.sd),
+        number("value", "", "perturbed value, in `unit`", lambda row: row.after and row.after.value),
+        number("sd", "", _SD, lambda row: row.after and row.after.sd),
+        number("change", "", "perturbed minus unperturbed value, in `unit`", lambda row: row.change),
+        number(
+            "change_percent",
+            "%",
+            "change relative to the parameter's size",
+            lambda row: row.divide_change(row.before.size, 100),
+        ),
+        number(
+            "change_sd",
+            "1",
+            "change in stated standard deviations of the unperturbed parameter",
+            lambda row: row.divide_change(row.before.sd),
+        ),
+        number(
+            "ratio",
+            "1",
+            "absolute change divided by the tolerated change; infinite if there is no perturbed value",
+            lambda row: tolerance_ratio(row.before, row.after, row.tolerance),
+        ),
+        text(
+            "judged",
+            "verdict in the perturbed trial: known, weak or not identifiable",
+            lambda row: row.after and row.after.verdict,
         ),
     ),
-    "perturbations": TableSchema(
-        "perturbations.parquet",
-        1,
-        (
-            *_PERTURBATION,
-            text("enters", "the first stage that the perturbation affects"),
-            text("verdict", "ok or caution; refused or failed if there is no result"),
-            text("raised", "codes that are new in the perturbed verdict"),
-            text("fallen", "codes of the unperturbed verdict that no longer occur"),
-            number("ratio", "1", "largest change of a parameter divided by the tolerated change"),
-            text("parameter", "the parameter with the largest change", head="parameter"),
-            Column("tolerated", "bool", "", "whether the ratio is at most 1"),
-            whole("samples", "number of samples of the fit"),
-            number("condition_number", "1", "condition number of the regressor", head="condition"),
-            number("clock_offset", "s", "clock offset that the program estimated"),
-            *(number(f"{name}_r2", "1", "r² of the model relative to the measurement") for name in COMPONENTS),
-            number("cop_rms", "m", "rms error of the model's centre of pressure"),
-            number("theta_r2", "1", "r² of the worst joint's angle relative to the unperturbed angle"),
-            number("dtheta_r2", "1", "r² of the worst joint's velocity relative to the unperturbed velocity"),
-            number(
-                "ddtheta_r2",
-                "1",
-                "r² of the worst joint's acceleration relative to the unperturbed one",
-                head="acceleration r²",
-                decimals=4,
-            ),
-            number("theta_rms", "rad", "change of the worst joint's angle, rms"),
+    perturbations=(
+        *_PERTURBATION,
+        text("enters", "the first stage that the perturbation affects"),
+        text("verdict", "ok or caution; refused or failed if there is no result"),
+        text("raised", "codes that are new in the perturbed verdict"),
+        text("fallen", "codes of the unperturbed verdict that no longer occur"),
+        number("ratio", "1", "largest change of a parameter divided by the tolerated change"),
+        text("parameter", "the parameter with the largest change", head="parameter"),
+        Column("tolerated", "bool", "", "whether the ratio is at most 1"),
+        whole("samples", "number of samples of the fit"),
+        number("condition_number", "1", "condition number of the regressor", head="condition"),
+        number("clock_offset", "s", "clock offset that the program estimated"),
+        *(number(f"{name}_r2", "1", "r² of the model relative to the measurement") for name in COMPONENTS),
+        number("cop_rms", "m", "rms error of the model's centre of pressure"),
+        number("theta_r2", "1", "r² of the worst joint's angle relative to the unperturbed angle"),
+        number("dtheta_r2", "1", "r² of the worst joint's velocity relative to the unperturbed velocity"),
+        number(
+            "ddtheta_r2",
+            "1",
+            "r² of the worst joint's acceleration relative to the unperturbed one",
+            head="acceleration r²",
+            decimals=4,
         ),
-        (number("tau_{k}_rms", "N*m", "change of the joint's torque, rms"),),
-        ((text("why", "why there is no result; empty otherwise"),),),
+        number("theta_rms", "rad", "change of the worst joint's angle, rms"),
+        number("tau_{k}_rms", "N*m", "change of the joint's torque, rms"),
     ),
-    "tolerates": TableSchema(
-        "tolerates.parquet",
-        1,
-        (
-            text("kind", _KIND, lambda one: one.kind.name),
-            text("target", "what was perturbed; empty: everything", lambda one: one.target),
-            number("low", "", "lowest tolerated level, in `level_unit`", lambda one: one.low),
-            number("high", "", "highest tolerated level, interpolated, in `level_unit`", lambda one: one.high),
-            text("level_unit", "unit of the levels; empty: a count", lambda one: one.kind.unit),
-            number("least_tried", "", "mildest level tried", lambda one: one.points[0].level if one.points else None),
-            number("most_tried", "", "worst level tried", lambda one: one.points[-1].level if one.points else None),
-            number("breaks_at", "", "mildest level that is not tolerated", _broken("level", None)),
-            text("parameter", "the parameter with the largest change at this level", _broken("parameter", "")),
-            number("change_percent", "%", "its change, relative to its size", _broken("percent", None)),
-            text(
-                "silent",
-                "levels that are not tolerated and give no new caution in the verdict",
-                lambda one: ", ".join(f"{level:g}" for level in one.silent),
-            ),
-            text("sentence", "the content of the row as a sentence", describe_tolerance),
+    tolerates=(
+        text("kind", _KIND, lambda one: one.kind.name),
+        text("target", "what was perturbed; empty: everything", lambda one: one.target),
+        number("low", "", "lowest tolerated level, in `level_unit`", lambda one: one.low),
+        number("high", "", "highest tolerated level, interpolated, in `level_unit`", lambda one: one.high),
+        text("level_unit", "unit of the levels; empty: a count", lambda one: one.kind.unit),
+        number("least_tried", "", "mildest level tried", lambda one: one.points[0].level if one.points else None),
+        number("most_tried", "", "worst level tried", lambda one: one.points[-1].level if one.points else None),
+        number("breaks_at", "", "mildest level that is not tolerated", _broken("level", None)),
+        text("parameter", "the parameter with the largest change at this level", _broken("parameter", "")),
+        number("change_percent", "%", "its change, relative to its size", _broken("percent", None)),
+        text(
+            "silent",
+            "levels that are not tolerated and give no new caution in the verdict",
+            lambda one: ", ".join(f"{level:g}" for level in one.silent),
         ),
+        text("sentence", "the content of the row as a sentence", describe_tolerance),
     ),
-}
+)
+# The reason is the last column, after those of the joints.
+_WHY = text("why", "why there is no result; empty otherwise")
+TABLES["perturbations"] = replace(TABLES["perturbations"], optional=((_WHY,),))
 """Schemas of the tables by name."""
 
 
@@ -607,6 +597,8 @@ class SensitivityResult:
     own: Estimates  # estimates of the unperturbed trial
     runs: tuple[PerturbationRun, ...]
     note: str  # what could not be studied on this trial, and what failed; empty if all was studied
+    folder: Path  # folder of the results
+    document: Mapping[str, Any] = field(default_factory=dict)  # content of sensitivity.json
 
     @property
     def judged_parameters(self) -> tuple[str, ...]:
@@ -620,15 +612,6 @@ class SensitivityResult:
         return find_tolerances(self.own, self.runs, self.judged_parameters, self.options.tolerance)
 
 
-@dataclass(frozen=True)
-class SensitivityOutput:
-    """A sensitivity study with its folder and the content of sensitivity.json."""
-
-    result: SensitivityResult
-    folder: Path
-    document: Mapping[str, Any]
-
-
 def sensitivity(
     path: Path,
     options: SensitivityOptions | None = None,
@@ -637,7 +620,7 @@ def sensitivity(
     out: Path | None = None,
     progress: runner.Progress = lambda step: None,
     tell: PerturbationCallback = lambda run, number, total: None,
-) -> SensitivityOutput:
+) -> SensitivityResult:
     """Perturb a trial, write the results, and return them.
 
     Parameters
@@ -679,11 +662,11 @@ def sensitivity(
         check_owner(folder, owner, DOCUMENT)
         runs = run_perturbations(source, perturbations, jobs, lambda run: tell(run, next(numbers), len(perturbations)))
         notes = "; ".join(filter(None, (note, describe_failures(runs))))
-        result = SensitivityResult(source.name, options, read_estimates(trial), runs, notes)
+        result = SensitivityResult(source.name, options, read_estimates(trial), runs, notes, folder)
         output = _make_output(result)
         output.write(folder)
         store_owner(folder, owner, DOCUMENT)
-    return SensitivityOutput(result, folder, output.document)
+    return replace(result, document=output.document)
 
 
 def _select_possible(selections: Sequence[KindSelection], trial: TrialInputs) -> tuple[tuple[KindSelection, ...], str]:
@@ -715,7 +698,21 @@ def _make_output(result: SensitivityResult) -> Result:
     tables, own = make_sensitivity_tables(result), result.own
 
     def make_page() -> dict[str, bytes]:
-        return {PAGE: render_sensitivity_page(_collect_page_data(result, tables))}
+        data = SensitivityData(
+            trial=result.trial,
+            verdict=own.level,
+            note=result.note,
+            tolerance=result.options.tolerance,
+            seed=result.options.seed,
+            parameters=tuple(own.parameters[name] for name in result.judged_parameters),
+            titles={run.perturbation.kind: run.perturbation.definition.title for run in result.runs},
+            tables=tables,
+        )
+        return {PAGE: render_sensitivity_page(data)}
+
+    def describe(one: Parameter) -> dict[str, Any]:
+        numbers = {name: to_finite(getattr(one, name)) for name in ("value", "sd", "size")}
+        return asdict(one) | numbers | {"verdict": one.verdict or None}
 
     content = {
         "trial": result.trial,
@@ -725,27 +722,9 @@ def _make_output(result: SensitivityResult) -> Result:
         "note": result.note or None,
         "verdict": {"level": own.level, "codes": sorted(own.codes)},
         "condition_number": to_finite(own.condition),
-        "parameters": [_describe_parameter(one) for one in own.parameters.values()],
+        "parameters": [describe(one) for one in own.parameters.values()],
         "tolerates": tables["tolerates"].records,
         "perturbations": tables["perturbations"].records,
         "tables": {name: table.columns for name, table in tables.items()},
     }
     return Result("sensitivity", DOCUMENT, content, tables, make_page, hashed=True)
-
-
-def _describe_parameter(one: Parameter) -> dict[str, Any]:
-    numbers = {name: to_finite(getattr(one, name)) for name in ("value", "sd", "size")}
-    return asdict(one) | numbers | {"verdict": one.verdict or None}
-
-
-def _collect_page_data(result: SensitivityResult, tables: Mapping[str, ResultTable]) -> SensitivityData:
-    return SensitivityData(
-        trial=result.trial,
-        verdict=result.own.level,
-        note=result.note,
-        tolerance=result.options.tolerance,
-        seed=result.options.seed,
-        parameters=tuple(one for name, one in result.own.parameters.items() if name in result.judged_parameters),
-        titles={run.perturbation.kind: run.perturbation.definition.title for run in result.runs},
-        tables=tables,
-    )

@@ -568,7 +568,7 @@ _SYMBOLS = {
 
 
 @dataclass(frozen=True)
-class Quantity:
+class ThesisQuantity:
     """A quantity in a table of the thesis, with a column for its mean and one for its standard deviation."""
 
     name: str
@@ -605,7 +605,7 @@ class ThesisTable:
     name: str
     title: str
     methods: Mapping[str, str]  # label in the thesis of each method
-    quantities: tuple[Quantity, ...]  # quantities in the thesis in its order, then additional ones
+    quantities: tuple[ThesisQuantity, ...]  # quantities in the thesis in its order, then additional ones
     by_orientation: bool = False  # whether each orientation has its own row
 
     @property
@@ -615,16 +615,16 @@ class ThesisTable:
         return declare_tables(**{self.name: columns})[self.name]
 
 
-def _add_r2(name: str, unit: str, meaning: str, symbol: str) -> tuple[Quantity, Quantity]:
+def _add_r2(name: str, unit: str, meaning: str, symbol: str) -> tuple[ThesisQuantity, ThesisQuantity]:
     return (
-        Quantity(name, unit, meaning, symbol, "error"),
-        Quantity(f"{name}_r2", "1", f"{meaning}: r²", f"{symbol} r²", decimals=5),
+        ThesisQuantity(name, unit, meaning, symbol, "error"),
+        ThesisQuantity(f"{name}_r2", "1", f"{meaning}: r²", f"{symbol} r²", decimals=5),
     )
 
 
 _DYNAMICS = (
-    Quantity("condition", "1", "condition number of the stacked regressor", "condition"),
-    *(Quantity(name, unit, f"base parameter {name}", _SYMBOLS[name]) for name, unit in PARAMETERS.items()),
+    ThesisQuantity("condition", "1", "condition number of the stacked regressor", "condition"),
+    *(ThesisQuantity(name, unit, f"base parameter {name}", _SYMBOLS[name]) for name, unit in PARAMETERS.items()),
     *_add_r2("torque", "N*m", "torque of the model minus the encoder's", "ε_τ"),
 )
 _MEASURED = {"encoder": "R", "cameras": "P"}
@@ -637,11 +637,13 @@ TABLES = (
         "Kinematic parameters and errors (thesis table 5.1)",
         {"cameras": "P"},
         (
-            Quantity("base", "m", "distance of the joint from the plane's origin", "l₁", to_si=1e-3),
-            Quantity("marker", "m", "distance of the markers from their prediction", "ε_M", "error", 1e-3),
-            Quantity("theta", "rad", "angle minus the true or the encoder's angle", "ε_θ", "error", _DEG),
-            Quantity("dtheta", "rad/s", "velocity minus the true or the encoder's velocity", "ε_θ̇", "error", _DEG),
-            Quantity("base_error", "m", "distance minus the distance of the reference", "l₁ − reference"),
+            ThesisQuantity("base", "m", "distance of the joint from the plane's origin", "l₁", to_si=1e-3),
+            ThesisQuantity("marker", "m", "distance of the markers from their prediction", "ε_M", "error", 1e-3),
+            ThesisQuantity("theta", "rad", "angle minus the true or the encoder's angle", "ε_θ", "error", _DEG),
+            ThesisQuantity(
+                "dtheta", "rad/s", "velocity minus the true or the encoder's velocity", "ε_θ̇", "error", _DEG
+            ),
+            ThesisQuantity("base_error", "m", "distance minus the distance of the reference", "l₁ − reference"),
         ),
         by_orientation=True,
     ),
@@ -672,7 +674,7 @@ TABLES = (
         {"cameras": "UKF", "differences": "Diff.", "differences-6": "Diff. 6 Hz", "spline": "Spline"},
         (
             *_DYNAMICS,
-            Quantity(
+            ThesisQuantity(
                 "ddtheta_r2", "1", "r² of the acceleration against the truth or the encoder", "ε_θ̈ r²", decimals=5
             ),
         ),
@@ -708,7 +710,7 @@ def _cell_rows(table: ThesisTable, trials: pd.DataFrame) -> list[dict[str, Any]]
     return rows
 
 
-def _average(one: Quantity, own: pd.DataFrame) -> dict[str, float]:
+def _average(one: ThesisQuantity, own: pd.DataFrame) -> dict[str, float]:
     """Return mean and standard deviation of a quantity over the trials of a cell."""
 
     def read_known(column: str) -> FloatArray:
