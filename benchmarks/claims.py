@@ -25,12 +25,23 @@ from harness import (
 )
 
 from mocap_id.store.views import Skeleton
-from mocap_id.workflows.sensitivity.kinds import JOINTS, KINDS
-from mocap_id.workflows.sensitivity.plan import Perturbation
-from mocap_id.workflows.sensitivity.responses import Estimates, SeriesChanges, compare_series, read_estimates
-from mocap_id.workflows.sensitivity.runs import CHANGES, PerturbationRun, run_from
+from mocap_id.workflows.sensitivity.perturbations import (
+    JOINTS,
+    KINDS,
+    Perturbation,
+    TrialInputs,
+    locate_trial,
+    read_inputs,
+)
+from mocap_id.workflows.sensitivity.runs import (
+    Estimates,
+    PerturbationRun,
+    SeriesChanges,
+    compare_series,
+    read_estimates,
+    run_from,
+)
 from mocap_id.workflows.sensitivity.study import sensitivity
-from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs, locate_trial, read_inputs
 from mocap_id_simulation import Options, simulate
 from mocap_id_simulation.options import JointName, Speed
 
@@ -77,7 +88,7 @@ class Case:
     def run(self, kind: str, target: str, level: float, **filtering: float) -> tuple[Estimates, SeriesChanges]:
         """Run one perturbation, with other settings of the filter if given, and return its estimates and changes."""
         change = Perturbation(kind, target, level)
-        changed = CHANGES[kind](self.trial, change)
+        changed = KINDS[kind].change(self.trial, change)
         if filtering:
             changed = changed.with_settings("ukf-smooth", **filtering)
         done = run_from(change.definition.entry, changed)
@@ -339,12 +350,12 @@ def main() -> None:
             answers.append((claim, {name: judge(claim, cases) for name, cases in groups.items()}))
             report_progress(f"{claim.letter} {claim.text}")
         studies = {name: sensitivity(file, jobs=2) for name, file in files.items()}
-    counts, runs = {name: len(cases) for name, cases in groups.items()}, studies["sts-normal"].result.runs
+    counts, runs = {name: len(cases) for name, cases in groups.items()}, studies["sts-normal"].runs
     tolerances = []
     for name, study in studies.items():
         sentences = [row["sentence"] for row in study.document["tolerates"]]
         lines = [f"- {sentence[:1].upper()}{sentence[1:]}" for sentence in sentences]
-        tolerances.append(f"**{name}**, {len(study.result.runs)} perturbations:\n\n" + "\n".join(lines))
+        tolerances.append(f"**{name}**, {len(study.runs)} perturbations:\n\n" + "\n".join(lines))
     source = (
         f"{counts['generated robots']} trials of the thesis's robot and {counts['generated sit-to-stands']} "
         f"sit-to-stands, seeds from {arguments.first}, and on the recordings `ur5-elbow-fast` and `sts-normal`"

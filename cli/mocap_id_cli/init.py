@@ -39,15 +39,15 @@ def init(
     depth camera or markerless software. For markers of an arm without a force plate, and for skeletons, the file is of
     a study of reaches. People get ids. Keep subjects.csv, which is written beside the file: it lists names and ids.
     """
-    from mocap_id.workflows.study import discovery, draft  # noqa: PLC0415  no other command has to wait for it
+    from mocap_id.workflows.study import discovery  # noqa: PLC0415  no other command has to wait for it
 
-    known = {} if keep_names else draft.read_known_ids(out)
+    known = {} if keep_names else discovery.read_known_ids(out)
     found = discovery.discover(folder, pattern, keep_names=keep_names, known=known)
     typer.echo("\n".join(_lines(found, folder)))
     if dry_run:
         typer.echo("nothing written: --dry-run")
         return
-    written = draft.write_draft(found, out, keep_names=keep_names, force=force)
+    written = discovery.write_draft(found, out, keep_names=keep_names, force=force)
     typer.echo("\n".join(f"wrote {path}" for path in written))
 
 

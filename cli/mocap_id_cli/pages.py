@@ -15,9 +15,9 @@ from typer.testing import CliRunner
 from mocap_id.store import Column, TableSchema, TreeSchema
 from mocap_id.store.schemas import SCHEMAS
 from mocap_id.workflows.batch import BATCH
-from mocap_id.workflows.curl_study import tables as curl_study
-from mocap_id.workflows.reach_study import tables as reach_study
-from mocap_id.workflows.study.tables import TABLES
+from mocap_id.workflows.study import curls as curl_study
+from mocap_id.workflows.study import reach as reach_study
+from mocap_id.workflows.study.sit_to_stand import TABLES
 from mocap_id_cli.app import build, load_command
 from mocap_id_cli.commands import COMMANDS
 from mocap_id_cli.settings import format_settings_page, format_settings_yaml

@@ -14,7 +14,7 @@ from mocap_id_cli.console import AsJson, Quiet, TrialPath, Verbose, log_to_stder
 
 if TYPE_CHECKING:
     from mocap_id.workflows.sensitivity.runs import PerturbationRun
-    from mocap_id.workflows.sensitivity.study import SensitivityOutput
+    from mocap_id.workflows.sensitivity.study import SensitivityResult
 
 
 def sensitivity(
@@ -44,16 +44,17 @@ def sensitivity(
     The perturbations are typical laboratory errors (thesis 5.5.2). If TRIAL is a YAML file, missing or outdated
     results are computed first. A given run folder is not changed.
     """
-    from mocap_id.workflows.sensitivity import plan, study  # noqa: PLC0415  no other command has to wait for it
+    from mocap_id.workflows.sensitivity import study  # noqa: PLC0415  no other command has to wait for it
 
     log_to_stderr(quiet, verbose)
-    options = (plan.SensitivityOptions() if settings is None else plan.read_options(settings)).only(only or ())
+    options = study.SensitivityOptions() if settings is None else study.read_options(settings)
+    options = options.only(only or ())
     start = time.perf_counter()
     result = study.sensitivity(
         trial, options, jobs=jobs, out=out, progress=progress.report_stages(quiet), tell=_report_runs(quiet)
     )
     if not quiet:
-        runs, wall = result.result.runs, time.perf_counter() - start
+        runs, wall = result.runs, time.perf_counter() - start
         spent = sum(run.seconds for run in runs)
         typer.echo(f"perturbations: {len(runs)}, {spent:.1f} s of processor time, {wall:.1f} s in all", err=True)
     print_result(as_json, result.document, _lines(result, options.tolerance))
@@ -67,11 +68,11 @@ def _report_runs(quiet: bool) -> Any:
     return (lambda run, number, count: None) if quiet else report
 
 
-def _lines(output: SensitivityOutput, share: float) -> Iterator[str]:
-    from mocap_id.reporting.sensitivity.page import describe_criterion  # noqa: PLC0415  as above
+def _lines(result: SensitivityResult, share: float) -> Iterator[str]:
+    from mocap_id.reporting.sensitivity import describe_criterion  # noqa: PLC0415  as above
 
-    yield f"{output.result.trial}: what this trial tolerates. {describe_criterion(share)}"
-    if output.result.note:
-        yield f"note: {output.result.note}"
-    yield from (f"  {row['sentence']}" for row in output.document["tolerates"])
-    yield f"written: {shorten(output.folder.absolute())}"
+    yield f"{result.trial}: what this trial tolerates. {describe_criterion(share)}"
+    if result.note:
+        yield f"note: {result.note}"
+    yield from (f"  {row['sentence']}" for row in result.document["tolerates"])
+    yield f"written: {shorten(result.folder.absolute())}"

@@ -16,7 +16,7 @@ from mocap_id_simulation import RobotSet
 from mocap_id_simulation.robot_set import reuse_robot_set
 
 if TYPE_CHECKING:
-    from mocap_id.workflows.robot_study import RobotStudyResult
+    from mocap_id.workflows.study.robots import RobotStudyResult
 
 
 def commands() -> typer.Typer:
@@ -53,7 +53,7 @@ def _robot(
     Every method for the joint states is applied to every trial. If a trial fails, the other trials still run, and the
     exit code is 1.
     """
-    from mocap_id.workflows import robot_study as workflow  # noqa: PLC0415  no other command has to wait for it
+    from mocap_id.workflows.study import robots as workflow  # noqa: PLC0415  no other command has to wait for it
 
     log_to_stderr(quiet, verbose)
     simulated = RobotSet(repeats, options=replace(RobotSet().options, seed=seed))

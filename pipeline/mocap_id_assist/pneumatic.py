@@ -249,7 +249,7 @@ def identify_device(config: DeviceConfig, source: Path, joint: int = 1) -> dict[
     ConfigError, RecordingError, StoreError
         The log or the trial cannot be read, or has no torques.
     NumericalError
-        As for :func:`~mocap_id.pneumatics.identification.identify_cylinder`.
+        As for :func:`~mocap_id_assist.devices.identify_cylinder`.
     """
     described = config.keys.cylinder()
     is_csv = source.suffix.lower() == ".csv"

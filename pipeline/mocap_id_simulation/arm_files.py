@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, sobol
 from mocap_id.geometry import so3
-from mocap_id.arrays import sobol
 from mocap_id_simulation.arm import (
     ArmBody,
     ArmMarkers,

@@ -19,8 +19,9 @@ from batch_cases import Deadly, trials
 
 from mocap_id.config import load
 from mocap_id.errors import ConfigError, NumericalError
+from mocap_id.workflows import parallel
 from mocap_id.workflows.batch import Batch, find_trials, run_batch
-from mocap_id.workflows.parallel import NOT_RUN, Backend, DaskBackend, LocalBackend, TrialRun, backends, run_trials
+from mocap_id.workflows.parallel import NOT_RUN, Backend, DaskBackend, LocalBackend, TrialRun, run_trials
 
 distributed = pytest.importorskip("distributed", reason="Dask is not installed: mocap-id[cluster]")
 NAMES = ("a", "b", "c")
@@ -168,7 +169,7 @@ def test_a_lost_scheduler_says_how_to_go_on(cluster: Any) -> None:
 
 
 def test_a_scheduler_without_workers_says_so_once(monkeypatch: pytest.MonkeyPatch, caplog: Any) -> None:
-    monkeypatch.setattr(backends, "_COUNTING_INTERVAL", 0.0)
+    monkeypatch.setattr(parallel, "_COUNTING_INTERVAL", 0.0)
     with (
         distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0", silence_logs=50) as alone,
         DaskBackend(alone.scheduler_address).workers(1) as workers,

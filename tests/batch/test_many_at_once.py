@@ -16,9 +16,9 @@ from batch_cases import trials
 
 from mocap_id.config import Trial
 from mocap_id.config import source as source_module
-from mocap_id.workflows.batch import find_trials, named_trials
-from mocap_id.workflows.parallel import TrialRun, backends, pool, run_trials
-from mocap_id.workflows.parallel.backends import Backend, Workers
+from mocap_id.workflows import batch, parallel
+from mocap_id.workflows.batch import find_trials
+from mocap_id.workflows.parallel import Backend, TrialRun, Workers, run_trials
 
 distributed = pytest.importorskip("distributed", reason="Dask is not installed: mocap-id[cluster]")
 
@@ -129,20 +129,20 @@ def test_operations_a_trial_are_the_same_for_any_number_of_trials_and_workers(co
 
 def test_workers_that_join_later_get_work(monkeypatch: pytest.MonkeyPatch) -> None:
     """As a cluster's queue gives them: the first trials are asked for when nobody is there yet."""
-    monkeypatch.setattr(backends, "_COUNTING_INTERVAL", 0.2)
-    monkeypatch.setattr(backends, "_LEAST_SUBMITTED", 1)
+    monkeypatch.setattr(parallel, "_COUNTING_INTERVAL", 0.2)
+    monkeypatch.setattr(parallel, "_LEAST_SUBMITTED", 1)
     with distributed.LocalCluster(
         n_workers=0, threads_per_worker=4, processes=False, dashboard_address=":0", silence_logs=50
     ) as cluster:
         asked: list[Any] = [Named(k) for k in range(60)]
-        with backends.DaskBackend(cluster.scheduler_address).workers(len(asked)) as workers:
+        with parallel.DaskBackend(cluster.scheduler_address).workers(len(asked)) as workers:
             assert workers.width() == 1
             cluster.scale(1)
             until = time.monotonic() + 30
             while workers.width() == 1 and time.monotonic() < until:
                 time.sleep(0.05)
             assert workers.width() == 8
-        done = run_trials(asked, backends.DaskBackend(cluster.scheduler_address), run=at_once)
+        done = run_trials(asked, parallel.DaskBackend(cluster.scheduler_address), run=at_once)
         assert [one.trial for one in done] == [one.name for one in asked]
 
 
@@ -162,19 +162,19 @@ def test_a_worker_that_joins_with_another_version(monkeypatch: pytest.MonkeyPatc
             asked.append(workers)
             return {name: function() if name == "one" else "0.0.1" for name in workers}
 
-    monkeypatch.setattr(backends, "_COUNTING_INTERVAL", 0.0)
+    monkeypatch.setattr(parallel, "_COUNTING_INTERVAL", 0.0)
     client = Client()
-    joining = backends._WorkerCount(client)
-    assert joining() == backends._LEAST_SUBMITTED
+    joining = parallel._WorkerCount(client)
+    assert joining() == parallel._LEAST_SUBMITTED
     client.threads = {"one": 1, "two": 100}
-    with pytest.raises(backends.ConfigError, match=r"two has mocap-id 0\.0\.1"):
+    with pytest.raises(parallel.ConfigError, match=r"two has mocap-id 0\.0\.1"):
         joining()
     assert asked == [["one"], ["two"]]
 
 
 def test_workers_are_looked_at_while_the_last_trials_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """A worker may join when all trials are submitted."""
-    monkeypatch.setattr(pool, "_POLLING_INTERVAL", 0.1)
+    monkeypatch.setattr(parallel, "_POLLING_INTERVAL", 0.1)
     looks: list[int] = []
     release = threading.Event()
 
@@ -184,7 +184,7 @@ def test_workers_are_looked_at_while_the_last_trials_run(monkeypatch: pytest.Mon
             release.set()
         return 16
 
-    class Slow(backends.Backend):
+    class Slow(parallel.Backend):
         @property
         def parallel(self) -> bool:
             return True
@@ -211,8 +211,8 @@ def test_each_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         read.append(file)
         return source_module.read(file)
 
-    monkeypatch.setattr(named_trials, "read", reading)
-    monkeypatch.setattr(named_trials, "load", None)  # which would read it again
+    monkeypatch.setattr(batch, "read", reading)
+    monkeypatch.setattr(batch, "load", None)  # which would read it again
     found, unreadable = find_trials([str(tmp_path if how == "folder" else tmp_path / "*.yaml")])
     assert len(found) == 20
     assert unreadable == []

@@ -12,7 +12,7 @@ from mocap_id.errors import StoreError
 from mocap_id.reporting.summary import summarise, to_json
 from mocap_id.stages.report.function import report_data
 from mocap_id.store.views import Skeleton
-from mocap_id.workflows.batch.batch import BatchTrial, make_row
+from mocap_id.workflows.batch import BatchTrial, make_row
 from mocap_id.workflows.compare.results import compare_results
 from mocap_id.workflows.compare.series import compare_series
 from mocap_id.workflows.parallel import TrialRun

@@ -16,8 +16,7 @@ import pytest
 from mocap_id.config.robot_study import load_robot_study
 from mocap_id.errors import ConfigError
 from mocap_id.workflows.figures import write_figures
-from mocap_id.workflows.robot_study import RobotStudyResult, validate_robot
-from mocap_id.workflows.robot_study.tables import TABLES, read_published
+from mocap_id.workflows.study.robots import TABLES, RobotStudyResult, read_published, validate_robot
 from mocap_id_simulation import Options, RobotSet, simulate_robot_set
 from mocap_id_simulation.robot_set import reuse_robot_set, robot_set_trials
 

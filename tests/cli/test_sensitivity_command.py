@@ -15,7 +15,7 @@ import pytest
 from mocap_id.config import load
 from mocap_id.runner import run_to
 from mocap_id.workflows.figures import write_figures
-from mocap_id.workflows.sensitivity.tables import TABLES
+from mocap_id.workflows.sensitivity.study import TABLES
 from mocap_id_simulation import Options, simulate
 from swinging_link import pendulum
 

@@ -17,7 +17,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.protocols.kind_of_movement import recognise_movement
 from mocap_id.recording import Recording
 from mocap_id.workflows.recording_trial import make_trial
-from mocap_id.workflows.study.reaches import read_reach
+from mocap_id.workflows.study.discovery import read_reach
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_trials"
 PLANE, REACH, CURL = ("plane", "sit-to-stand"), ("3d", "reach"), ("3d", "curl")

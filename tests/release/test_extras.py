@@ -12,7 +12,7 @@ import pytest
 
 from mocap_id.errors import ConfigError
 from mocap_id.extras import optional
-from mocap_id.workflows.parallel.backends import DaskBackend
+from mocap_id.workflows.parallel import DaskBackend
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
@@ -49,7 +49,14 @@ def imported() -> set[str]:
 def test_every_import_is_a_requirement() -> None:
     """A module of an extra is imported by ``optional``."""
     known = {MODULES.get(name, name) for name in (re.split(r"[><=]", one)[0] for one in PROJECT["dependencies"])}
-    known |= {"mocap_id", "mocap_id_assist", "mocap_id_simulation", "mocap_id_cli", "pydantic_core", *sys.stdlib_module_names}
+    known |= {
+        "mocap_id",
+        "mocap_id_assist",
+        "mocap_id_simulation",
+        "mocap_id_cli",
+        "pydantic_core",
+        *sys.stdlib_module_names,
+    }
     found = imported()
     assert len(found) > len(PROJECT["dependencies"])
     assert found - known == set()

@@ -64,7 +64,12 @@ def source(built: tuple[Path, Path]) -> dict[str, bytes]:
 
 def test_the_wheel_has_the_program_and_nothing_else(wheel: dict[str, bytes]) -> None:
     own = [name for name in wheel if not name.startswith(f"{INFO}/")]
-    assert {name.partition("/")[0] for name in own} == {"mocap_id", "mocap_id_assist", "mocap_id_simulation", "mocap_id_cli"}
+    assert {name.partition("/")[0] for name in own} == {
+        "mocap_id",
+        "mocap_id_assist",
+        "mocap_id_simulation",
+        "mocap_id_cli",
+    }
     assert [name for name in own if Path(name).suffix not in SUFFIXES and Path(name).name != "py.typed"] == []
     assert [name for name in own if re.search(r"(^|/)(test_|conftest|\.)|__pycache__", name)] == []
     assert {

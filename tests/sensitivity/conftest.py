@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from mocap_id.workflows.sensitivity.responses import Estimates, read_estimates
-from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs, locate_trial, read_inputs
+from mocap_id.workflows.sensitivity.perturbations import TrialInputs, locate_trial, read_inputs
+from mocap_id.workflows.sensitivity.runs import Estimates, read_estimates
 from mocap_id_simulation import Options, simulate
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs
+from mocap_id.workflows.sensitivity.perturbations import TrialInputs
 
 ROOT = Path(__file__).resolve().parents[2]
 EXACT = ("turn the other way", "nothing else moves", "mean up to 10 N rejected", "total mass alone", "mx1 + … alone")

@@ -12,12 +12,22 @@ import pytest
 
 from mocap_id.errors import ConfigError
 from mocap_id.recording.imu_log import ImuLog
-from mocap_id.workflows.sensitivity.kinds import COMPONENTS, KINDS
-from mocap_id.workflows.sensitivity.plan import ALL_KINDS, KindSelection, Perturbation, SensitivityOptions
+from mocap_id.workflows.sensitivity.perturbations import (
+    COMPONENTS,
+    KINDS,
+    Perturbation,
+    TrialInputs,
+    locate_trial,
+    read_inputs,
+)
 from mocap_id.workflows.sensitivity.runs import perturb
-from mocap_id.workflows.sensitivity.signal_perturbations import LOG_CHANGES
-from mocap_id.workflows.sensitivity.study import _select_possible, sensitivity
-from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs, locate_trial, read_inputs
+from mocap_id.workflows.sensitivity.study import (
+    ALL_KINDS,
+    KindSelection,
+    SensitivityOptions,
+    _select_possible,
+    sensitivity,
+)
 from worn_sensors import worn_sensors
 
 TIME = np.arange(2000) / 100.0
@@ -32,7 +42,7 @@ def trial(once: Callable[[str, Callable[[Path], Any]], Any]) -> TrialInputs:
 def _changed(kind: str, level: float) -> tuple[ImuLog, ImuLog]:
     rng = np.random.default_rng(2)
     log = ImuLog(TIME, rng.normal(size=(2000, 3)), rng.normal((0.0, 0.0, 9.81), 1.0, (2000, 3)))
-    return log, LOG_CHANGES[kind](log, level, np.random.default_rng(3))
+    return log, KINDS[kind].change_log(log, level, np.random.default_rng(3))
 
 
 def test_a_clock_wanders_by_its_level() -> None:

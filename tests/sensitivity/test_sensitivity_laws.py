@@ -7,13 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from mocap_id.workflows.sensitivity import marker_perturbations
-from mocap_id.workflows.sensitivity.kinds import KINDS
-from mocap_id.workflows.sensitivity.plan import Perturbation
-from mocap_id.workflows.sensitivity.responses import Estimates, compare_series, read_estimates
-from mocap_id.workflows.sensitivity.runs import CHANGES, perturb, run_perturbation
-from mocap_id.workflows.sensitivity.signal_perturbations import LOG_CHANGES
-from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs
+from mocap_id.workflows.sensitivity import perturbations
+from mocap_id.workflows.sensitivity.perturbations import KINDS, Perturbation, TrialInputs
+from mocap_id.workflows.sensitivity.runs import (
+    Estimates,
+    compare_series,
+    perturb,
+    read_estimates,
+    run_perturbation,
+)
 
 GRAVITY = 9.81
 JOINT = "joint"
@@ -47,7 +49,7 @@ def tracks(trial: TrialInputs) -> np.ndarray:
 
 
 def test_every_kind_has_its_change_and_no_other_has() -> None:
-    assert [*CHANGES, *LOG_CHANGES] == list(KINDS)
+    assert all((kind.change is None) != (kind.change_log is None) for kind in KINDS.values())
 
 
 @pytest.mark.parametrize(("kind", "target", "level"), NOTHING)
@@ -105,7 +107,9 @@ def test_an_offset_that_is_ignored_counts_from_the_true_one(robot: TrialInputs, 
 def test_a_higher_level_is_the_same_draw_larger(robot: TrialInputs) -> None:
     before = tracks(robot)
     for kind in ("camera-noise", "soft-tissue"):
-        once, twice = (tracks(CHANGES[kind](robot, Perturbation(kind, "", level))) - before for level in (0.001, 0.002))
+        once, twice = (
+            tracks(KINDS[kind].change(robot, Perturbation(kind, "", level))) - before for level in (0.001, 0.002)
+        )
         known = np.isfinite(before)
         assert np.allclose(2 * once[known], twice[known], atol=1e-12)
         assert not np.allclose(once[known], 0)
@@ -114,8 +118,8 @@ def test_a_higher_level_is_the_same_draw_larger(robot: TrialInputs) -> None:
 def test_angle_noise_turns_a_frames_markers_by_that_noise(robot: TrialInputs) -> None:
     chain = robot.tree("chain.h5").data
     centre = np.asarray(chain["joints"]["centre"])[0]
-    moving = marker_perturbations._find_moving(robot)
-    before, after = tracks(robot), tracks(CHANGES["angle-noise"](robot, Perturbation("angle-noise", JOINT, 0.01)))
+    moving = perturbations._find_moving(robot)
+    before, after = tracks(robot), tracks(KINDS["angle-noise"].change(robot, Perturbation("angle-noise", JOINT, 0.01)))
     theta = robot.states("theta")[:, 0]
     ideal = np.angle([complex(*v) for v in (before - centre)[:, moving[0]]])
     turned = np.angle([complex(*v) for v in (after - centre)[:, moving[0]]]) - ideal
@@ -126,10 +130,10 @@ def test_angle_noise_turns_a_frames_markers_by_that_noise(robot: TrialInputs) ->
 
 
 def test_drop_outs_take_their_share_and_more_takes_the_same_too(robot: TrialInputs) -> None:
-    moving = marker_perturbations._find_moving(robot)
+    moving = perturbations._find_moving(robot)
     before = np.isfinite(tracks(robot)[:, moving, 0])
     few, many = (
-        np.isfinite(tracks(CHANGES["drop-outs"](robot, Perturbation("drop-outs", "", share)))[:, moving, 0])
+        np.isfinite(tracks(KINDS["drop-outs"].change(robot, Perturbation("drop-outs", "", share)))[:, moving, 0])
         for share in (0.1, 0.4)
     )
     assert 0.1 <= 1 - few.mean() <= 0.1 + (1 - before.mean()) + 0.01
@@ -138,7 +142,7 @@ def test_drop_outs_take_their_share_and_more_takes_the_same_too(robot: TrialInpu
 
 
 def test_so_many_markers_are_left_on_every_moving_segment(robot: TrialInputs) -> None:
-    now = CHANGES["marker-count"](robot, Perturbation("marker-count", "", 3))
+    now = KINDS["marker-count"].change(robot, Perturbation("marker-count", "", 3))
     left = now.table("segments.parquet").frame["segment"].value_counts()
     own = robot.table("segments.parquet").frame["segment"].value_counts()
     assert left[1] == 3 < own[1]
@@ -154,13 +158,13 @@ def test_a_frame_of_the_last_segment_that_lies_otherwise_counts_for_nothing(robo
 
 def test_a_frame_rate_divided_averages_as_reading_would(robot: TrialInputs) -> None:
     """A straight line stays; a sine of period P loses sinc(W / P), W the longer interval."""
-    now = CHANGES["frame-rate"](robot, Perturbation("frame-rate", "", 4))
+    now = KINDS["frame-rate"].change(robot, Perturbation("frame-rate", "", 4))
     rate = robot.long("planar.parquet").facts["rate_hz"]
     assert now.long("planar.parquet").facts["rate_hz"] == rate / 4
     wrench = robot.table("wrench.parquet")
     made = wrench.with_columns(Fx=3 * wrench["time"] - 1, Fy=np.sin(2 * np.pi * 2.0 * wrench["time"]))
     for every in (3, 4):
-        averaged = marker_perturbations._average(made, every)
+        averaged = perturbations._average(made, every)
         seen = {name: averaged[name][2:-2] for name in ("time", "Fx", "Fy")}
         assert np.allclose(seen["Fx"], 3 * seen["time"] - 1)
         kept = np.sinc(2.0 * every / rate)
@@ -177,7 +181,7 @@ def test_a_perturbation_knows_nothing_of_those_before_it(robot: TrialInputs) -> 
 
 def test_other_seeds_draw_other_noise(robot: TrialInputs) -> None:
     changes = (Perturbation("camera-noise", "", 0.001, seed) for seed in (1, 2))
-    one, two = (tracks(CHANGES["camera-noise"](robot, change)) for change in changes)
+    one, two = (tracks(KINDS["camera-noise"].change(robot, change)) for change in changes)
     assert not np.array_equal(one, two, equal_nan=True)
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from mocap_id.errors import ConfigError
-from mocap_id.workflows.sensitivity.kinds import KINDS
-from mocap_id.workflows.sensitivity.plan import ALL_KINDS, KindSelection, SensitivityOptions, plan, read_options
+from mocap_id.workflows.sensitivity.perturbations import KINDS
+from mocap_id.workflows.sensitivity.study import ALL_KINDS, KindSelection, SensitivityOptions, plan, read_options
 
 LEG = ("ankle", "knee", "hip")
 MISTAKES = [

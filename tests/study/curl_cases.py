@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.workflows.curl_study.trial_results import ANGLES, CurlResult
 from mocap_id.workflows.parallel import TrialRun
+from mocap_id.workflows.study.curls import ANGLES, CurlResult
 
 
 def curls(subject: str, condition: str, number: int, count: int | None, sway: float = 1.0) -> CurlResult:

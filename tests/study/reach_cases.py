@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.reach_study.trial_results import ReachResult
+from mocap_id.workflows.study.reach import ReachResult
 
 
 @dataclass

@@ -12,7 +12,7 @@ import numpy as np
 from mocap_id.config.study import Landmarks, Person
 from mocap_id.dynamics.comparison import Agreement
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.study.trial_results import BaseParameters, TrialResult, find_length_reference
+from mocap_id.workflows.study.sit_to_stand import BaseParameter, TrialResult, find_length_reference
 from mocap_id.workflows.transfer import BodyErrors
 
 SYMBOLS = ("m1", "mx1", "mx2", "my2", "I2")
@@ -55,7 +55,8 @@ class Made:
             summary=self._summary() if well else None,
             identified=identified if well else None,
             bodies=self.bodies,
-            parameters=self._parameters() if well else None,
+            parameters=self._parameters() if well else (),
+            segments=2,
         )
 
     def _summary(self) -> dict[str, Any]:
@@ -70,19 +71,13 @@ class Made:
             **({} if self.five_times is None else {"five_times": self.five_times}),
         }
 
-    def _parameters(self) -> BaseParameters | None:
+    def _parameters(self) -> tuple[BaseParameter, ...]:
         if self.value is None:
-            return None
-        return BaseParameters(
-            SYMBOLS,
-            ("m1+m2", "mx1+p2x*m2", "mx2", "my2", "I2"),
-            UNITS,
-            ("known",) * 4 + ("weak",),
-            np.array(self.value),
-            np.full(5, 0.1),
-            np.array(self.reference),
-            2,
-        )
+            return ()
+        expressions = ("m1+m2", "mx1+p2x*m2", "mx2", "my2", "I2")
+        verdicts = ("known",) * 4 + ("weak",)
+        columns = (SYMBOLS, expressions, UNITS, self.value, (0.1,) * 5, verdicts, self.reference)
+        return tuple(BaseParameter(*row) for row in zip(*columns, strict=True))
 
 
 def reason(code: str) -> dict[str, Any]:

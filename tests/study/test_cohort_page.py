@@ -9,10 +9,9 @@ import pytest
 from small_study import Ran
 from study_cases import Made, body, landmarks
 
-from mocap_id.reporting.study.page import render_cohort_page
-from mocap_id.reporting.study.page_data import CohortData
-from mocap_id.workflows.study.tables import make_tables
-from mocap_id.workflows.study.trial_results import TrialResult
+from mocap_id.reporting.study.cohort import CohortData
+from mocap_id.reporting.study.sit_to_stand import render_cohort_page
+from mocap_id.workflows.study.sit_to_stand import STUDY, TrialResult
 
 HOSTILE = '"><script>alert(1)</script>$\\frac{'
 
@@ -70,8 +69,7 @@ def page(trials: list[TrialResult]) -> bytes:
         trial.entry(trial.name, f"{trial.subject}, {trial.strategy}", f"../{trial.name}/report.html")
         for trial in trials
     )
-    frames = {name: table.frame for name, table in make_tables(trials).items()}
-    return render_cohort_page(CohortData("a study", entries, frames))
+    return render_cohort_page(CohortData("a study", entries, STUDY.make_tables(trials)))
 
 
 def test_the_page_of_a_study_that_ran(ran: Ran) -> None:

@@ -12,22 +12,21 @@ from reach_cases import THESIS, Reach, results
 from scipy.stats import spearmanr
 
 from mocap_id.reporting.figure import Figure, Line, Panel
-from mocap_id.reporting.reach_study.figures import draw_reach_figures
-from mocap_id.reporting.study.page_data import CohortData
-from mocap_id.workflows import reach_study
-from mocap_id.workflows.reach_study.correlation import correlate_ranks
-from mocap_id.workflows.reach_study.trial_results import make_shape
-from mocap_id.workflows.study.statistics import Estimate
+from mocap_id.reporting.study.cohort import CohortData
+from mocap_id.reporting.study.reach import draw_reach_figures
+from mocap_id.workflows.study import reach as reach_study
+from mocap_id.workflows.study.pooling import Estimate, correlate_ranks
+from mocap_id.workflows.study.reach import make_shape
 
 
 def frames(reaches: Sequence[Reach]) -> dict[str, pd.DataFrame]:
-    return {name: table.frame for name, table in reach_study.make_tables(results(reaches)).items()}
+    return {name: table.frame for name, table in reach_study.STUDY.make_tables(results(reaches)).items()}
 
 
 def page(reaches: Sequence[Reach]) -> str:
     trials = results(reaches)
     entries = tuple(trial.entry(trial.name, trial.subject, f"../{trial.name}/report.html") for trial in trials)
-    return reach_study.make_page(CohortData("a study", entries, frames(reaches)), trials).decode()
+    return reach_study.make_page(CohortData("a study", entries, reach_study.STUDY.make_tables(trials)), trials).decode()
 
 
 def test_the_thesis_table_has_its_order_and_its_correlation() -> None:
@@ -110,7 +109,7 @@ def test_sides_and_sessions_are_drawn_on_one_scale_and_can_be_turned() -> None:
     ]
     reaches.append(Reach("p3", volume=0.2))
     trials = results(reaches)
-    data = CohortData("a study", (), frames(reaches))
+    data = CohortData("a study", (), reach_study.STUDY.make_tables(trials))
     drawn = {one.name: one.figure for one in draw_reach_figures(data, tuple(map(make_shape, trials))).all}
     sides, sessions = drawn["reach-sides"], drawn["reach-sessions"]
     assert isinstance(sides, Figure)
@@ -128,9 +127,9 @@ def test_sides_and_sessions_are_drawn_on_one_scale_and_can_be_turned() -> None:
     assert labels(sides.panels[0]) == ["right", "left"]
     assert labels(sides.panels[2]) == ["right"]
     assert labels(sessions.panels[0]) == ["a", "b"]
-    assert draw_reach_figures(CohortData("s", (), frames(THESIS)), tuple(map(make_shape, results(THESIS)))).all[
-        2
-    ].figure == ("Every trial belongs to the same session.")
+    assert draw_reach_figures(
+        CohortData("s", (), reach_study.STUDY.make_tables(results(THESIS))), tuple(map(make_shape, results(THESIS)))
+    ).all[2].figure == ("Every trial belongs to the same session.")
 
 
 def labels(panel: Panel) -> list[str]:
@@ -141,12 +140,12 @@ def labels(panel: Panel) -> list[str]:
 def test_correlation_is_that_of_scipy(n: int) -> None:
     rng = np.random.default_rng(n)
     x, y = rng.integers(0, 4, n).astype(float), rng.normal(size=n)
-    found = correlate_ranks(x, y)
+    estimate, p, _ = correlate_ranks(x, y)
     reference = spearmanr(x, y).statistic
-    assert found.estimate.value == pytest.approx(reference)
+    assert estimate.value == pytest.approx(reference)
     orders = [spearmanr(x, order).statistic for order in permutations(y)]
-    assert found.p == pytest.approx(np.mean(np.abs(orders) >= abs(reference) - 1e-9))
-    assert found.estimate.low <= reference <= found.estimate.high
+    assert p == pytest.approx(np.mean(np.abs(orders) >= abs(reference) - 1e-9))
+    assert estimate.low <= reference <= estimate.high
 
 
 def test_the_interval_of_a_correlation_holds_the_truth() -> None:
@@ -155,14 +154,14 @@ def test_the_interval_of_a_correlation_holds_the_truth() -> None:
     for _ in range(trials):
         x = rng.normal(size=9)
         y = pearson * x + np.sqrt(1 - pearson**2) * rng.normal(size=9)
-        estimate = correlate_ranks(np.searchsorted([-1.0, 0.0, 1.0], x).astype(float), y).estimate
+        estimate = correlate_ranks(np.searchsorted([-1.0, 0.0, 1.0], x).astype(float), y)[0]
         held += estimate.low <= 6 / np.pi * np.arcsin(pearson / 2) <= estimate.high
     assert held >= 0.88 * trials
 
 
 def test_too_few_people_or_equal_scores_have_no_correlation() -> None:
-    assert np.isnan(correlate_ranks(np.arange(3.0), np.arange(3.0)).estimate.value)
-    assert np.isnan(correlate_ranks(np.ones(9), np.arange(9.0)).estimate.value)
+    assert np.isnan(correlate_ranks(np.arange(3.0), np.arange(3.0))[0].value)
+    assert np.isnan(correlate_ranks(np.ones(9), np.arange(9.0))[0].value)
 
 
 def test_a_difference_combines_the_intervals_on_their_sides() -> None:

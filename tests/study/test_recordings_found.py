@@ -9,9 +9,7 @@ import pytest
 
 from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError, StoreError
-from mocap_id.workflows.study.discovery import discover
-from mocap_id.workflows.study.draft import read_known_ids, write_draft
-from mocap_id.workflows.study.patterns import Pattern, choose_pattern
+from mocap_id.workflows.study.discovery import Pattern, choose_pattern, discover, read_known_ids, write_draft
 
 LAYOUTS = {
     "a folder a person": ["anna/normal1.c3d", "anna/stable_2.c3d", "bob/Normal-1.C3D"],

@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mocap_id.workflows.robot_study.figure_data import average_wrench
-from mocap_id.workflows.robot_study.methods import CAMERAS
+from mocap_id.workflows.study.robots import CAMERAS, average_wrench
 from mocap_id_simulation.motion import smoothstep
 
 PERIODS = 8

@@ -13,12 +13,17 @@ from mocap_id.config.study import Person
 from mocap_id.dynamics.comparison import Agreement
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.results.columns import ResultTable
-from mocap_id.workflows.study import models_table
-from mocap_id.workflows.study.lengths_table import length_rows, strategy_rows
-from mocap_id.workflows.study.models_table import model_rows
-from mocap_id.workflows.study.statistics import mean_sd, pool_errors
-from mocap_id.workflows.study.tables import TABLES, TRIALS, make_tables
-from mocap_id.workflows.study.variation_table import parameter_rows, variation_rows
+from mocap_id.workflows.study import sit_to_stand
+from mocap_id.workflows.study.pooling import mean_sd, pool_errors
+from mocap_id.workflows.study.sit_to_stand import (
+    STUDY,
+    TABLES,
+    length_rows,
+    model_rows,
+    parameter_rows,
+    strategy_rows,
+    variation_rows,
+)
 
 
 def only(rows: list[dict[str, Any]], **wanted: object) -> dict[str, Any]:
@@ -108,7 +113,7 @@ def test_every_model_meets_every_action_of_its_person_and_of_no_other(monkeypatc
         asked.append((source.name, target.name))
         raise ConfigError(f"{target.source}: the reason")
 
-    monkeypatch.setattr(models_table, "apply_model", apply_model)
+    monkeypatch.setattr(sit_to_stand, "apply_model", apply_model)
     own = (body("own", 0.0, 1.0), body("own, held out", 0.1, 1.0), body("winter", 3.0, 4.0, ((1.0, 2.0),)))
     cases = [
         Made("a", bodies=own).case(),
@@ -135,7 +140,7 @@ def test_a_model_without_a_body_is_told(monkeypatch: pytest.MonkeyPatch) -> None
         assert source.name == "a", "the other one has nothing to apply"
         raise ConfigError("there is nothing to compare with")
 
-    monkeypatch.setattr(models_table, "apply_model", apply_model)
+    monkeypatch.setattr(sit_to_stand, "apply_model", apply_model)
     nothing = Made("b", value=None).case()
     assert nothing.identified is not None
     nothing.identified.parameters[:] = np.nan
@@ -197,7 +202,7 @@ def test_what_is_zero_but_for_rounding_has_no_coefficient_of_variation() -> None
 
 def test_trials_tell_failures_and_how_the_models_did() -> None:
     cases = [Made("a", bodies=(body("own", 3.0, 4.0),)).case(), Made("b", failed="it is broken").case()]
-    good, bad = ResultTable.of(TRIALS, cases).records
+    good, bad = ResultTable.of(TABLES["trials"], cases).records
     assert (good["verdict"], good["codes"], good["complete"]) == ("caution", "joint-uncertain, parameters-weak", 1)
     assert (good["cop_x_own_rms"], good["reprojection"]) == (5.0, 0.002)
     assert (bad["verdict"], bad["exit_code"], bad["message"]) == ("failed", 3, "it is broken")
@@ -205,7 +210,7 @@ def test_trials_tell_failures_and_how_the_models_did() -> None:
 
 def test_times_are_taken_where_the_movement_is_timed() -> None:
     times = {"to_fifth_stand_s": 9.5, "to_fifth_seat_contact_s": 10.75, "mean_cycle_s": 2.0, "failed_attempts": 1}
-    timed, other = ResultTable.of(TRIALS, [Made("a", five_times=times).case(), Made("b").case()]).records
+    timed, other = ResultTable.of(TABLES["trials"], [Made("a", five_times=times).case(), Made("b").case()]).records
     assert (timed["five_times"], timed["five_times_seated"]) == (9.5, 10.75)
     assert (timed["cycle"], timed["failed_attempts"]) == (2.0, 1)
     assert other["five_times"] is None
@@ -219,7 +224,7 @@ def test_every_parameter_stands_with_its_deviation() -> None:
 
 
 def test_a_study_without_any_success_has_whole_if_empty_tables() -> None:
-    made = make_tables([Made("a", failed="broken").case()])
+    made = STUDY.make_tables([Made("a", failed="broken").case()])
     assert list(made) == list(TABLES)
     assert len(made["trials"].frame) == 1
     assert made["models"].frame.empty

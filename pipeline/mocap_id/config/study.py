@@ -14,7 +14,7 @@ from mocap_id.config.parsing import build_json_schema, parse, raise_mistakes, su
 from mocap_id.config.source import Location, Source, read
 from mocap_id.config.trial import Trial, build_trial_model, compose, make_absolute
 from mocap_id.errors import ConfigError
-from mocap_id.reporting.study.page_data import COHORT
+from mocap_id.reporting.contents import COHORT
 from mocap_id.stages import STAGES
 from mocap_id.stages.base import Settings
 from mocap_id.stages.curl_keys import ConditionName

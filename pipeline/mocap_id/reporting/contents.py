@@ -1,8 +1,12 @@
-"""Files of a report."""
+"""Files of a report and of a study's page, and words that tables and pages share."""
 
 from __future__ import annotations
 
 from typing import Literal, TypeAlias
+
+Ending: TypeAlias = Literal["ok", "caution", "refused", "failed"]
+ENDINGS: dict[Ending, str] = {"ok": "good", "caution": "usable with care", "refused": "refused", "failed": "failed"}
+"""Words for how a trial can end: with a level of the verdict, or as failed, without a verdict."""
 
 PdfFonts: TypeAlias = Literal["type-3", "truetype"]
 """Font type of the text in a PDF."""
@@ -10,3 +14,5 @@ PdfFonts: TypeAlias = Literal["type-3", "truetype"]
 SUMMARY_FILE, PAGE_FILE, CAPTIONS_FILE = "summary.json", "report.html", "figures/captions.md"
 FILES: tuple[str, ...] = (SUMMARY_FILE, PAGE_FILE)
 """Files of every report; figures for papers are only written on request."""
+COHORT, COHORT_PAGE = "cohort", "cohort.html"
+"""Value of ``subject`` in the rows about all people of a study, which no person may have as id; file of its page."""

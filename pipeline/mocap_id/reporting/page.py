@@ -15,8 +15,6 @@ from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from mocap_id import __version__
 from mocap_id.reporting import style
 from mocap_id.reporting.explanations import EXPLANATIONS
@@ -25,8 +23,10 @@ from mocap_id.reporting.grids import Grid
 from mocap_id.reporting.summary_schema import ReasonEntry
 
 if TYPE_CHECKING:
+    from jinja2 import Environment
+
     from mocap_id.reporting.player import Player
-    from mocap_id.reporting.results.study_page import TrialEntry
+    from mocap_id.reporting.study.cohort import TrialEntry
 
 
 @dataclass(frozen=True)
@@ -83,6 +83,8 @@ class Page:
 
 def make_environment() -> Environment:
     """Return the environment of the templates; it escapes all values for HTML."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415  only a page that is made needs it
+
     return Environment(
         loader=PackageLoader("mocap_id.reporting", "templates"),
         autoescape=True,  # labels, names and messages come from untrusted files

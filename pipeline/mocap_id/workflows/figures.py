@@ -8,15 +8,14 @@ from pathlib import Path
 
 from mocap_id import plain_files
 from mocap_id.errors import ConfigError, StoreError
-from mocap_id.reporting.contents import PAGE_FILE, PdfFonts
+from mocap_id.reporting.contents import COHORT_PAGE, PAGE_FILE, PdfFonts
 from mocap_id.reporting.figure import Drawings
 from mocap_id.reporting.page import read_figures
-from mocap_id.reporting.study.page_data import PAGE_FILE as COHORT
 from mocap_id.store.atomic import write_files
 from mocap_id.store.ownership import check_owner, store_owner
 from mocap_id.workflows.run_folder import find_owner_of_files
 
-_PAGES = (PAGE_FILE, COHORT, "robot.html", "sensitivity.html")
+_PAGES = (PAGE_FILE, COHORT_PAGE, "robot.html", "sensitivity.html")
 """Names of the pages with figures."""
 _UNREADABLE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 

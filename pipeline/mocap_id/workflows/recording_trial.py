@@ -26,8 +26,7 @@ from mocap_id.recording import Recording, ThinnedFrames, read, write_recording, 
 from mocap_id.stages.trial_keys import IN_PLANE, IN_SPACE
 from mocap_id.store.atomic import converting_errors, hash_file, write_files
 from mocap_id.store.ownership import Owner, describe_conflict, is_other, read_owner
-from mocap_id.workflows.study.discovery import find_forces
-from mocap_id.workflows.study.reaches import read_joints, read_reach
+from mocap_id.workflows.study.discovery import find_forces, read_joints, read_reach
 
 FILE = "trial.yaml"
 _ARRAYS, _ARRAYS_AS_TEXT = "recording.c3d", "recording.trc"

@@ -1,24 +1,29 @@
-"""The outcome of a trial's run: exit code and summary."""
+"""The outcome of a trial's run, and the columns and tables that batches and studies make from outcomes."""
 
 from __future__ import annotations
 
 import json
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from mocap_id.errors import Refused
-from mocap_id.reporting.contents import SUMMARY_FILE
+from mocap_id.reporting.contents import ENDINGS, SUMMARY_FILE
 from mocap_id.reporting.numbers import to_number
-from mocap_id.reporting.results.columns import ResultColumn, count, number
+from mocap_id.reporting.results.columns import ResultColumn, count, number, text, whole
 from mocap_id.reporting.summary_schema import ReasonEntry
+from mocap_id.store import Folder
 from mocap_id.workflows.parallel import NOT_RUN, TrialRun
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from mocap_id.reporting.results.study_page import TrialEntry
+    from mocap_id.config.study import StudyTrial
+    from mocap_id.reporting.study.cohort import TrialEntry
+
+Trial = TypeVar("Trial")
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,11 +59,38 @@ class TrialOutcome:
 
     def entry(self, name: str, about: str, report: str) -> TrialEntry:
         """Return the entry of the trial on a page; `report` is the path of its report, unused for a failed trial."""
-        from mocap_id.reporting.results.study_page import TrialEntry  # noqa: PLC0415  it loads the page's templates
+        from mocap_id.reporting.study.cohort import TrialEntry  # noqa: PLC0415  only a page needs it
 
         reasons = [ReasonEntry(**reason) for reason in self.value("verdict", "reasons") or ()]
         link = None if self.summary is None else report
         return TrialEntry(name, about, self.level, reasons, self.run.published, link)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyOutcome(TrialOutcome):
+    """The outcome of a trial of a study."""
+
+    trial: StudyTrial
+
+    @property
+    def name(self) -> str:
+        """Name of the trial."""
+        return self.trial.name
+
+    @property
+    def subject(self) -> str:
+        """Id of the person."""
+        return self.trial.subject
+
+
+@dataclass(frozen=True)
+class Measure(Generic[Trial, Value]):
+    """A quantity that a study compares between people or conditions."""
+
+    label: str | None  # name with unit on a page; None if no page shows it
+    unit: str
+    meaning: str
+    of: Callable[[Trial], Value]  # returns the quantity of a trial
 
 
 def read_summary(folder: Path, run: TrialRun) -> Mapping[str, Any] | None:
@@ -67,6 +99,12 @@ def read_summary(folder: Path, run: TrialRun) -> Mapping[str, Any] | None:
         return None
     summary: Mapping[str, Any] = json.loads((folder / SUMMARY_FILE).read_text("utf-8"))
     return summary
+
+
+def read_event_facts(trial: StudyTrial, run: TrialRun, protocol: str) -> Mapping[str, Any]:
+    """Return the facts of events.parquet about a protocol; empty if missing, or if the trial failed or was refused."""
+    facts = Folder(trial.trial.out).read("events.parquet").facts if run.exit_code == 0 else {}
+    return facts.get(protocol) or {}
 
 
 def number_or_nan(value: object) -> float:
@@ -93,6 +131,10 @@ SUMMARY_COLUMNS: Mapping[str, ResultColumn] = {
             "m",
             "rms distance between measured and predicted markers",
             lambda trial: trial.metres("markers", "reprojection_rms_mm"),
+            "re-projection (mm)",
+            decimals=1,
+            factor=1e3,
+            optional=True,
         ),
         number("mass", "kg", "mass that the plates measure while the person stands", read_entry("dynamics", "mass_kg")),
         number(
@@ -100,8 +142,26 @@ SUMMARY_COLUMNS: Mapping[str, ResultColumn] = {
             "1",
             "condition number of the chain's regressor (base parameters) over the samples of the fit",
             read_entry("dynamics", "condition_number"),
+            "condition number",
+            optional=True,
         ),
         number("clock_offset", "s", "clock offset, plates after cameras", read_entry("dynamics", "clock_offset_s")),
     )
 }
 """Columns that are the same in the tables of batches and studies, by name."""
+TRIAL_COLUMNS: tuple[ResultColumn, ...] = (
+    text("trial", "name of the trial and of its run folder", lambda trial: trial.name, "trial"),
+    text("subject", "id of the person", lambda trial: trial.subject, "person"),
+)
+VERDICT_COLUMNS: tuple[ResultColumn, ...] = (
+    text(
+        "verdict",
+        "ok, caution, refused, or failed without a verdict",
+        lambda trial: trial.level,
+        "verdict",
+        cell=lambda row: ENDINGS[row["verdict"]],
+    ),
+    text("codes", "codes of the verdict's reasons", lambda trial: ", ".join(trial.codes)),
+    whole("exit_code", "exit code of `mocap-id run` for the trial", lambda trial: trial.run.exit_code),
+    text("message", "why the trial failed or was refused, without names of files", lambda trial: trial.run.published),
+)

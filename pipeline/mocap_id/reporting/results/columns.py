@@ -1,11 +1,15 @@
-"""Result tables: declared columns, and rows as data frame, CSV and Parquet."""
+"""Result tables: declared columns, and rows as data frame, CSV, Parquet and table of a page.
+
+A column is declared once: its name, unit and meaning for the files, the source of its values, and, if a page shows it,
+its heading and the form of its cells.
+"""
 
 from __future__ import annotations
 
 import io
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -16,42 +20,117 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from mocap_id import __version__
+from mocap_id.reporting import grids
+from mocap_id.reporting.grids import Grid, GridColumn
 from mocap_id.store import Column, Table, TableSchema
 from mocap_id.store.parquet import expand_columns, to_arrow
 from mocap_id.store.provenance import PREFIX
 
 _MISSING = {"str": "", "float64": math.nan, "Int64": pd.NA}
 
-
 Value: TypeAlias = Callable[[Any], Any] | None
+"""Source of a column's values: a function of the row's object. None if a row is a mapping of names to values."""
 
 
 @dataclass(frozen=True)
 class ResultColumn(Column):
-    """A column of a result table: its name, type, unit and meaning, and the source of its values."""
+    """A column of a result table: its name, type, unit and meaning, the source of its values, and its look."""
 
-    # Function of the row's object that returns the value. None if each row is a mapping of column names to values.
     value: Value = None
+    shown: GridColumn | None = None  # heading and cells on a page; None if no page shows the column
 
 
-def text(name: str, meaning: str, value: Value = None) -> ResultColumn:
-    """Return a column of texts."""
-    return ResultColumn(name, "str", "", meaning, value)
+def text(
+    name: str, meaning: str, value: Value = None, head: str | None = None, *, cell: Value = None, missing: str = ""
+) -> ResultColumn:
+    """Return a column of texts; on a page, with the heading ``head``, and cells by a function of the row."""
+    shown = None if head is None else grids.text(head, cell or name, missing)
+    return ResultColumn(name, "str", "", meaning, value, shown)
 
 
-def number(name: str, unit: str, meaning: str, value: Value = None) -> ResultColumn:
-    """Return a column of numbers, NaN where unknown."""
-    return ResultColumn(name, "float64", unit, meaning, value)
+def number(
+    name: str,
+    unit: str,
+    meaning: str,
+    value: Value = None,
+    head: str | None = None,
+    *,
+    decimals: int | None = None,
+    factor: float = 1.0,
+    optional: bool = False,
+) -> ResultColumn:
+    """Return a column of numbers, NaN where unknown; on a page as by :func:`mocap_id.reporting.grids.number`."""
+    shown = None if head is None else grids.number(head, name, decimals, factor, optional=optional)
+    return ResultColumn(name, "float64", unit, meaning, value, shown)
 
 
-def whole(name: str, meaning: str, value: Value = None) -> ResultColumn:
+def whole(name: str, meaning: str, value: Value = None, head: str | None = None) -> ResultColumn:
     """Return a column of whole numbers in which no value may be missing."""
-    return ResultColumn(name, "int64", "1", meaning, value)
+    return ResultColumn(name, "int64", "1", meaning, value, None if head is None else grids.whole(head, name))
 
 
-def count(name: str, meaning: str, value: Value = None) -> ResultColumn:
+def count(name: str, meaning: str, value: Value = None, head: str | None = None) -> ResultColumn:
     """Return a column of whole numbers in which values may be missing."""
-    return ResultColumn(name, "Int64", "1", meaning, value)
+    return ResultColumn(name, "Int64", "1", meaning, value, None if head is None else grids.whole(head, name))
+
+
+def shown_as(
+    column: ResultColumn, head: str, cell: Callable[[Any], str], *, optional: bool = False, text: bool = False
+) -> ResultColumn:
+    """Return a column that a page shows by a function of the row, which may read other columns too."""
+    return replace(column, shown=GridColumn(head, cell, text, optional))
+
+
+_INTERVAL_ENDS = {"": "", "low": ", lower end of the 95 % interval", "high": ", upper end of the 95 % interval"}
+
+
+def estimate_columns(
+    name: str, unit: str, meaning: str, estimate: Callable[[Any], Any] | None = None, head: str | None = None
+) -> list[ResultColumn]:
+    """Return the columns of an estimate: its value, and both ends of its 95 % interval; a page shows them in one cell.
+
+    ``estimate`` returns the estimate of a trial; by default, the rows contain the values by column name.
+    """
+
+    def read_part(part: str) -> Value:
+        return None if estimate is None else lambda trial: getattr(estimate(trial), part)
+
+    value, *ends = (
+        number(f"{name}_{end}" if end else name, unit, f"{meaning}{words}", read_part(end or "value"))
+        for end, words in _INTERVAL_ENDS.items()
+    )
+    return [value if head is None else replace(value, shown=grids.estimate(head, name)), *ends]
+
+
+_PARTS = {"mean": "mean", "sd": "standard deviation", "rms": "root mean square"}
+
+
+def error_columns(
+    name: str,
+    unit: str,
+    meaning: str,
+    parts: str = "mean sd rms",
+    *,
+    head: str | None = None,
+    factor: float = 1.0,
+    decimals: int = 1,
+) -> list[ResultColumn]:
+    """Return the columns of a mean with the other ``parts``; a page shows mean ± sd, times a factor, in one cell."""
+    mean, *others = (number(f"{name}_{part}", unit, f"{meaning}: {_PARTS[part]}") for part in parts.split())
+    return [mean if head is None else replace(mean, shown=grids.mean_sd(head, name, factor, decimals)), *others]
+
+
+def declare_tables(**columns: Iterable[ResultColumn]) -> dict[str, TableSchema]:
+    """Return the schemas of tables by name; a column with ``{k}`` in its name occurs once for each joint."""
+    return {
+        name: TableSchema(
+            f"{name}.parquet",
+            1,
+            tuple(one for one in own if "{k}" not in one.name),
+            tuple(one for one in own if "{k}" in one.name),
+        )
+        for name, own in ((name, list(own)) for name, own in columns.items())
+    }
 
 
 @dataclass(frozen=True)
@@ -99,6 +178,28 @@ class ResultTable:
     def description(self) -> dict[str, Any]:
         """Number of rows, and name, unit and meaning of every column, for a JSON document."""
         return {"rows": len(self.frame), "columns": self.columns}
+
+    @property
+    def heads(self) -> dict[str, str]:
+        """Headings of the columns that pages show, by name."""
+        return {one.name: one.shown.head for one in self.schema.columns if isinstance(one, ResultColumn) and one.shown}
+
+    def grid(self, caption: str, *columns: str | GridColumn, rows: pd.DataFrame | None = None) -> Grid:
+        """Return a table of a page.
+
+        Parameters
+        ----------
+        caption : str
+        columns : str or GridColumn
+            Names of columns as they are declared, separated by blanks; or columns of this page alone.
+        rows : DataFrame, optional
+            Rows of the table's frame; all rows by default.
+        """
+        shown = {one.name: one.shown for one in self.schema.columns if isinstance(one, ResultColumn) and one.shown}
+        listed: list[GridColumn] = []
+        for one in columns:
+            listed += [shown[name] for name in one.split()] if isinstance(one, str) else [one]
+        return grids.to_grid(caption, self.frame if rows is None else rows, listed)
 
     @property
     def records(self) -> list[dict[str, Any]]:

@@ -1,1 +1,1 @@
-"""The page of a study: figures, the tables of thesis chapter 6, and the verdict of every trial in words."""
+"""The pages of studies: tables and figures in the form of the thesis's."""

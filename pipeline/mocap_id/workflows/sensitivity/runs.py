@@ -1,6 +1,7 @@
-"""Runs of perturbed trials in memory and in parallel processes; the results do not depend on the number of processes.
+"""Runs of perturbed trials in parallel processes, and the response: changes of parameters, results and time series.
 
-Only the perturbed logs of inertial sensors are files, in a temporary folder.
+Perturbed trials are computed in memory; only the perturbed logs of inertial sensors are files, in a temporary folder.
+The results do not depend on the number of processes.
 """
 
 from __future__ import annotations
@@ -11,39 +12,155 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
+from mocap_id.arrays import FloatArray
 from mocap_id.errors import MocapIdError, NumericalError, Refused
 from mocap_id.geometry.planar import rotate
+from mocap_id.reporting.sensitivity import Parameter
 from mocap_id.stages.base import Context
 from mocap_id.store import Artefact, Table, Tree
-from mocap_id.workflows.parallel.backends import LocalBackend
-from mocap_id.workflows.sensitivity import marker_perturbations, signal_perturbations
-from mocap_id.workflows.sensitivity.plan import Perturbation
-from mocap_id.workflows.sensitivity.responses import Estimates, SeriesChanges, compare_series, read_estimates
-from mocap_id.workflows.sensitivity.trial_inputs import FIRST, TrialInputs, TrialSource, read_inputs, repeated_stages
+from mocap_id.store.views import joint_columns
+from mocap_id.verdict import Level, overall
+from mocap_id.workflows.parallel import LocalBackend
+from mocap_id.workflows.sensitivity.perturbations import (
+    COMPONENTS,
+    FIRST,
+    Perturbation,
+    TrialInputs,
+    TrialSource,
+    perturb_logs,
+    read_inputs,
+    repeated_stages,
+)
+from mocap_id.workflows.trial_outcome import number_or_nan
 
-CHANGES: Mapping[str, Callable[[TrialInputs, Perturbation], TrialInputs]] = {
-    "filter-noise": signal_perturbations.filter_noise,
-    "angle-bias": signal_perturbations.angle_bias,
-    "angle-noise": marker_perturbations.angle_noise,
-    "clock-offset": signal_perturbations.clock_offset,
-    "clock-offset-ignored": signal_perturbations.clock_offset_ignored,
-    "wrench-bias": signal_perturbations.wrench_bias,
-    "wrench-noise": signal_perturbations.wrench_noise,
-    "board-steps": signal_perturbations.board_steps,
-    "stamp-jitter": signal_perturbations.stamp_jitter,
-    "camera-noise": marker_perturbations.camera_noise,
-    "marker-count": marker_perturbations.marker_count,
-    "drop-outs": marker_perturbations.drop_outs,
-    "soft-tissue": marker_perturbations.soft_tissue,
-    "frame-rate": marker_perturbations.frame_rate,
-}
-"""The function that changes the inputs, by kind; the kinds for inertial sensors change logs instead."""
+STATE_NAMES = ("theta", "dtheta", "ddtheta")
+_SAME_TIME = 1e-5  # s: frames with a smaller difference have the same time
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """The estimates of a perturbed or unperturbed trial; a number is NaN if unknown."""
+
+    parameters: Mapping[str, Parameter]  # by name
+    condition: float  # condition number
+    offset: float  # clock offset, s
+    cop_rms: float  # rms error of the centre of pressure, m
+    wrench_r2: tuple[float, ...]  # r² of Fx, Fy and tauz
+    samples: int  # number of samples of the fit
+    level: Level  # level of the verdict
+    codes: frozenset[str]  # codes of the verdict's reasons, without notes
+
+
+@dataclass(frozen=True)
+class SeriesChanges:
+    """Changes of the time series of n joints between the unperturbed and the perturbed trial, at common times."""
+
+    # (3, n) r² of angle, velocity and acceleration relative to the unperturbed series; 1 = no change
+    state_r2: FloatArray = field(default_factory=lambda: np.zeros((3, 0)))
+    angle_rms: FloatArray = field(default_factory=lambda: np.zeros(0))  # (n,) rad
+    torque_rms: FloatArray = field(default_factory=lambda: np.zeros(0))  # (n,) N·m
+    torque_size: FloatArray = field(default_factory=lambda: np.zeros(0))  # (n,) rms of the unperturbed torques, N·m
+
+    @property
+    def torque_share(self) -> float:
+        """Largest rms change of a joint torque, divided by the rms of the unperturbed torque; NaN if unknown."""
+        known = np.isfinite(self.torque_rms) & (self.torque_size > 0)
+        return float(np.max(self.torque_rms[known] / self.torque_size[known])) if known.any() else math.nan
+
+
+def read_estimates(trial: TrialInputs) -> Estimates:
+    """Return the estimates in a trial's artefacts."""
+    dynamics, chain = trial.tree("dynamics.h5"), trial.tree("chain.h5")
+    parameters = []
+    names = ("name", "unit", "value", "sd", "relative_sd", "verdict")
+    for name, unit, value, sd, share, verdict in zip(*(dynamics.array(f"base/{one}") for one in names), strict=True):
+        # The verdict divides sd by the same size.
+        size = float(sd / share) if float(share) > 0 and math.isfinite(sd) else abs(float(value))
+        parameters.append(Parameter(str(name), str(unit), float(value), float(sd), size, str(verdict)))
+    segments, lengths, sds = (chain.array(f"segments/{one}") for one in ("name", "length", "length_sd"))
+    for name, value, sd in zip(segments[1:], lengths, sds, strict=False):  # the last segment has no length
+        if math.isfinite(value):
+            parameters.append(Parameter(f"length of {name}", "m", float(value), float(sd), float(value)))
+    facts = dynamics.facts
+    wrench: Mapping[str, Any] = facts["wrench"] or {}
+    reasons = [reason for artefact in trial.artefacts.values() for reason in artefact.reasons]
+    return Estimates(
+        parameters={one.name: one for one in parameters},
+        condition=number_or_nan(facts["condition_number"]),
+        offset=number_or_nan(facts["clock_offset_s"]),
+        cop_rms=number_or_nan(facts["cop_rms_m"]),
+        wrench_r2=tuple(number_or_nan((wrench.get(name) or {}).get("r2")) for name in COMPONENTS),
+        samples=int(facts["samples"] or 0),
+        level=overall(reasons),
+        codes=frozenset(reason.code for reason in reasons if reason.level != "ok"),
+    )
+
+
+def compare_series(own: TrialInputs, changed: TrialInputs) -> SeriesChanges:
+    """Return the changes of the perturbed series relative to the unperturbed series."""
+    # Rows of both trials at their common times; the times increase.
+    nearest = np.clip(np.searchsorted(own.time, changed.time - _SAME_TIME), 0, len(own.time) - 1)
+    same = np.abs(own.time[nearest] - changed.time) <= _SAME_TIME
+    before, now = nearest[same], np.flatnonzero(same)
+    states = [(own.states(name)[before], changed.states(name)[now]) for name in STATE_NAMES]
+    torques = [
+        joint_columns(trial.table("dynamics.parquet"), "tau", len(own.joints))[rows]
+        for trial, rows in ((own, before), (changed, now))
+    ]
+    return SeriesChanges(
+        state_r2=np.array([_r2(*pair) for pair in states]),
+        angle_rms=_rms(states[0][1] - states[0][0]),
+        torque_rms=_rms(torques[1] - torques[0]),
+        torque_size=_rms(torques[0]),
+    )
+
+
+def _r2(own: FloatArray, changed: FloatArray) -> FloatArray:
+    """Return r² of each column; NaN for a column that is constant or has no common samples."""
+    both = np.isfinite(own) & np.isfinite(changed)
+    counted = np.maximum(both.sum(axis=0), 1)
+    mean = np.where(both, own, 0.0).sum(axis=0) / counted
+    total = np.where(both, (own - mean) ** 2, 0.0).sum(axis=0)
+    residual = np.where(both, (changed - own) ** 2, 0.0).sum(axis=0)
+    return np.where(total > 0, 1.0 - residual / np.where(total > 0, total, 1.0), np.nan)
+
+
+def _rms(values: FloatArray) -> FloatArray:
+    """Return the root mean square of the known samples of each column; NaN for a column without known samples."""
+    known = np.isfinite(values)
+    squares = np.where(known, values**2, 0.0).sum(axis=0)
+    return np.where(known.any(axis=0), np.sqrt(squares / np.maximum(known.sum(axis=0), 1)), np.nan)
+
+
+def tolerance_ratio(parameter: Parameter, changed: Parameter | None, tolerance: float) -> float:
+    """Return the change of a parameter divided by the tolerated change.
+
+    The tolerated change is ``tolerance`` times the parameter's size, or the standard deviation if that is larger. The
+    ratio is NaN if the unperturbed parameter is unknown, and infinite if only the perturbed parameter is unknown.
+    """
+    if not math.isfinite(parameter.value):
+        return math.nan
+    if changed is None or not math.isfinite(changed.value):
+        return math.inf
+    allowed = max(tolerance * parameter.size, parameter.sd if math.isfinite(parameter.sd) else 0.0)
+    change = abs(changed.value - parameter.value)
+    return change / allowed if allowed > 0 else (math.inf if change > 0 else 0.0)
+
+
+def largest_ratio(
+    own: Estimates, changed: Estimates | None, names: Sequence[str], tolerance: float
+) -> tuple[float, str]:
+    """Return the largest tolerance ratio of the named parameters, and its parameter; (NaN, "") if none is known."""
+    after = {} if changed is None else changed.parameters
+    ratios = [(tolerance_ratio(own.parameters[name], after.get(name), tolerance), name) for name in names]
+    known = [pair for pair in ratios if not math.isnan(pair[0])]
+    return max(known, key=lambda pair: pair[0]) if known else (math.nan, "")
 
 
 @dataclass(frozen=True)
@@ -69,11 +186,11 @@ def perturb(trial: TrialInputs, perturbation: Perturbation) -> TrialInputs:
     Refused, RecordingError, NumericalError, ConfigError
         A stage refuses the perturbed trial or fails.
     """
-    entry = perturbation.definition.entry
-    if perturbation.definition.needs_imus:
-        with tempfile.TemporaryDirectory(prefix="mocap-id-") as folder:
-            return run_from(entry, signal_perturbations.perturb_logs(trial, perturbation, Path(folder)))
-    return run_from(entry, CHANGES[perturbation.kind](trial, perturbation))
+    kind = perturbation.definition
+    if kind.change is not None:
+        return run_from(kind.entry, kind.change(trial, perturbation))
+    with tempfile.TemporaryDirectory(prefix="mocap-id-") as folder:
+        return run_from(kind.entry, perturb_logs(trial, perturbation, Path(folder)))
 
 
 def run_from(entry: str, trial: TrialInputs) -> TrialInputs:

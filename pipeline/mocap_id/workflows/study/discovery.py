@@ -1,25 +1,255 @@
-"""The recordings of a study, found in a folder and its sub-folders.
+"""The recordings of a study, found in a folder and its sub-folders, and a first version of the study's file.
 
-These are C3D files, text files with markers (and their MOT files), and skeletons. Recordings that are not used are
-listed with the reason.
+Recordings are C3D files, text files with markers (and their MOT files), and skeletons. Recordings that are not used are
+listed with the reason. From top to bottom: patterns such as ``{subject}/{strategy}*.c3d``, which find person and
+strategy in the path of a recording; recordings of reaches; the search; the file, and a file beside it with the people's
+names and ids.
 """
 
 from __future__ import annotations
 
+import csv
+import io
+import json
+import os
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from mocap_id.errors import ConfigError, RecordingError
+from mocap_id import recording
+from mocap_id.anatomy.landmark_names import Side, find_landmarks
+from mocap_id.anatomy.skeleton_joints import ARM, find_roles
+from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.plain_files import suggest
+from mocap_id.protocols.kind_of_movement import recognise_movement
 from mocap_id.recording import is_marker_text
+from mocap_id.recording.model import Recording
 from mocap_id.recording.mot_plates import find_force_columns
+from mocap_id.recording.skeleton_log import read_skeleton
 from mocap_id.recording.text_tables import read_table
-from mocap_id.workflows.study.patterns import COMMON_PATTERNS, PathLabels, Pattern, choose_pattern, find_mixed_people
-from mocap_id.workflows.study.reaches import Reach, find_session, read_reach
+from mocap_id.store.atomic import write_files
+
+UNNAMED = "movement"
+"""The strategy if a pattern has no ``{strategy}``."""
+_STRATEGY_WORDS = re.compile(
+    "normal|natural|comfort|self|select|prefer|usual|dynamic|momentum|fast|quick|stab|slow|forced"
+)
+"""Words for strategies; they distinguish folders named after strategies from folders named after people."""
+_COUNTERS = ("trial", "take", "rep", "repetition", "run", "test", "t", "r", "n")
+"""Words before the number of a trial, which do not belong to the strategy."""
+_NUMBERED = re.compile(rf"[\s_.-]+(?:{'|'.join(_COUNTERS)})?[\s_.-]*\d+$", re.IGNORECASE)
+_LEVEL = re.compile("(session|ses|visit|day|data|raw|recordings?|c3d|trc|mocap|markers|export)(-.*)?")
+"""Folders between a person and the recordings, which are not strategies."""
+_PLAIN = ("{subject}/{strategy}*", "{subject}/{strategy}/*", "{subject}/**/{strategy}*")
+_BY_STRATEGY = ("{strategy}/{subject}*", "{strategy}/{subject}/*")
+_FLAT = ("{subject}_{strategy}*", "{subject}-{strategy}*", "{subject} {strategy}*")
+_ONE_PERSON = "{strategy}*"
+COMMON_PATTERNS = (*_FLAT, *_BY_STRATEGY, *_PLAIN, "{subject}/**/*", _ONE_PERSON, "**/{subject}/{strategy}*")
+"""The common patterns, in the order in which they are tried."""
+_PERSON = re.compile(
+    r"(?<![^\W_])(subject|subj|sub|participant|person|patient|pat|pt|proband|vp|id|p|s)([\s_.-]?)(\d+)(?![^\W_])",
+    re.IGNORECASE,
+)
+"""Words that are a person only together with the number that follows: subject_01, P 2, sub-03."""
+_KEPT = str.maketrans("_-. ", "\ue000\ue001\ue002\ue003")
+_RESTORED = str.maketrans("\ue000\ue001\ue002\ue003", "_-. ")
+"""Signs between such a word and its number, which a pattern must not separate; private characters stand for them."""
+_PIECES = {
+    "{subject}": r"(?P<subject>[^/]+?)",
+    "{strategy}": r"(?P<strategy>[^/]*[^\W\d_][^/]*?)",
+    "**/": r"(?:[^/]+/)*",
+    "*": r"[^/]*",
+}
+
+
+@dataclass(frozen=True)
+class PathLabels:
+    """Person and strategy of a recording, read from its path."""
+
+    subject: str  # name of the person in the path; empty if the pattern has no ``{subject}``
+    strategy: str  # words joined by hyphens
+    above: str = ""  # folders above the person that the pattern does not name
+
+
+class Pattern:
+    """A path pattern, relative to the folder with the recordings.
+
+    ``{subject}``, ``{strategy}`` and ``*`` match a part of one name, and ``**/`` matches any number of folders. A
+    pattern with an ending (``*.c3d``) fits only this ending; a pattern without an ending fits any recording.
+
+    Raises
+    ------
+    ConfigError
+        The text has neither ``{subject}`` nor ``{strategy}``, has one of them twice, or has another name in braces.
+    """
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        unknown = set(re.findall(r"\{[^}]*\}?", text)) - {"{subject}", "{strategy}"}
+        people, strategies = text.count("{subject}"), text.count("{strategy}")
+        if unknown or people > 1 or strategies > 1 or not people + strategies:
+            raise ConfigError(
+                f"--pattern {text}: expected {{subject}}, {{strategy}} or both, each at most once, and no other name "
+                "in braces, such as '{subject}/{strategy}*.c3d', or '{strategy}*' for one person"
+            )
+        pieces = re.split(r"(\{subject\}|\{strategy\}|\*\*/|\*)", text)
+        # A name before * takes as many characters as it can; its number is removed later.
+        source = "".join(_PIECES.get(piece, re.escape(piece)) for piece in pieces)
+        greedy = source.replace("+?)[^/]*", "+)[^/]*").replace("*?)[^/]*", "*)[^/]*")
+        self._regex = re.compile(greedy, re.IGNORECASE)
+        self._numbered = "{subject}*" in text
+        self._has_subject = people > 0
+        self._below_any = text.partition("{subject}")[0].strip("*/") == ""
+        self._has_ending = bool(re.search(r"\.\w+$", text))
+
+    def match(self, path: PurePosixPath) -> PathLabels | None:
+        """Return person and strategy of a path; None if the pattern does not fit."""
+        whole = str(path) if self._has_ending else str(path.with_suffix(""))
+        joined = _PERSON.sub(lambda found: found[1] + found[2].translate(_KEPT) + found[3], whole)
+        match = self._regex.fullmatch(joined)
+        if match is None:
+            return None
+        groups = match.groupdict()
+        subject, text = groups.get("subject", ""), groups.get("strategy")
+        above = joined[: match.start("subject")] if self._has_subject and self._below_any else ""
+        subject = (_NUMBERED.sub("", subject) if self._numbered else subject).strip(" _-.")
+        strategy = UNNAMED if text is None else _clean_strategy(PurePosixPath(text).name, subject)
+        if not self._has_subject and strategy in _COUNTERS:
+            strategy = UNNAMED  # of names such as trial1
+        if bool(subject) != self._has_subject or not strategy:
+            return None
+        return PathLabels(subject.translate(_RESTORED), strategy, above.translate(_RESTORED).strip("/"))
+
+
+def find_mixed_people(labels: Mapping[PurePosixPath, PathLabels]) -> dict[str, tuple[str, ...]]:
+    """Return the names of people under which the paths name several people, with the latter.
+
+    Examples
+    --------
+    >>> find_mixed_people({PurePosixPath(f"a/p{k}/normal.c3d"): PathLabels("a", "normal") for k in (1, 2)})
+    {'a': ('p1', 'p2')}
+    """
+    found: dict[str, dict[str, str]] = {}
+    for path, label in labels.items():
+        person = next(filter(None, map(_PERSON.search, path.with_suffix("").parts)), None)
+        if person is not None:
+            found.setdefault(label.subject, {}).setdefault(f"{person[1]}{int(person[3])}".casefold(), person[0])
+    return {subject: tuple(people.values()) for subject, people in found.items() if len(people) > 1}
+
+
+def choose_pattern(paths: Sequence[PurePosixPath]) -> Pattern:
+    """Return the common pattern with the highest rating for these paths; of equal ratings, the first pattern."""
+    return max(map(Pattern, COMMON_PATTERNS), key=lambda pattern: _rate(pattern, paths))
+
+
+def _rate(pattern: Pattern, paths: Sequence[PurePosixPath]) -> float:
+    """Return the rating of a pattern: the fraction of paths that fit.
+
+    The rating is halved for the two most general patterns, and 0 if the labels are wrong.
+    """
+    matched = {path: label for path in paths if (label := pattern.match(path)) is not None}
+    labels = [*matched.values()]
+    if find_mixed_people(matched):
+        return 0.0
+    if pattern.text in _BY_STRATEGY and any(not _is_strategy(label.strategy) for label in labels):
+        return 0.0
+    if any(_LEVEL.fullmatch(label.strategy) for label in labels):
+        return 0.0
+    if pattern.text in _FLAT and all(_is_strategy(label.subject.casefold()) for label in labels):
+        return 0.0  # names such as slow_trial1, of one person
+    share = len(labels) / max(len(paths), 1)
+    return share if "{strategy}" in pattern.text and pattern.text != _ONE_PERSON else share / 2
+
+
+def _is_strategy(text: str) -> bool:
+    return any(_STRATEGY_WORDS.match(word) for word in text.split("-"))
+
+
+def _clean_strategy(text: str, subject: str) -> str:
+    """Return the words of a strategy joined by hyphens, without the person's name and the trial's number."""
+    if text.casefold().startswith(subject.casefold()) and text.casefold() != subject.casefold():
+        text = text[len(subject) :]
+    words = [word.lower() for word in re.findall(r"[^\W\d_]+|\d+", text)]
+    while words and (words[-1].isdigit() or words[-1] in _COUNTERS) and len(words) > 1:
+        words.pop()
+    return "-".join(words)[:40] if words and not words[-1].isdigit() else ""
+
+
+_LANDMARKS = {"EL", "EM", "US", "RS"}
+_SIDES: dict[Side, tuple[str, ...]] = {"right": ("right", "r"), "left": ("left", "l")}
+_JOINTS = 0.4  # least share of the labels that name joints in a skeleton; MediaPipe adds eyes, ears and fingers
+_OF_THE_BODY = ("sit-to-stand", "walking", "jumping")  # movements that are no reach, though the markers name an arm
+_SESSION = re.compile(r"(?<![^\W_])(session|ses|visit|day)[\W_]*(\d+)", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class RecordedArms:
+    """The arms in a recording of reaches."""
+
+    skeleton: bool  # whether the recording contains joint positions instead of markers
+    sides: tuple[str, ...]  # ``right``, ``left`` or both; empty if the markers' names have no side
+
+    def choose_sides(self, path: PurePosixPath) -> tuple[str, ...]:
+        """Return the sides to analyse: the side that the path names, or else all sides of the recording."""
+        words = re.findall(r"[^\W\d_]+", str(path.with_suffix("")).lower())
+        named = tuple(side for side, names in _SIDES.items() if set(names) & set(words))
+        return named if len(named) == 1 else self.sides or ("right",)
+
+
+def read_reach(path: Path, forces: Path | None) -> RecordedArms | None:
+    """Return the arms in a recording of reaches; None if the recording is not a reach, or cannot be read."""
+    if forces is not None:
+        return None
+    skeleton = read_joints(path)
+    if skeleton is not None:
+        return RecordedArms(skeleton=True, sides=_find_arms(skeleton.labels))
+    try:
+        content = recording.read(path)
+    except (RecordingError, ConfigError):
+        return None
+    landmarks = find_landmarks(content.labels)
+    if content.plates or not set(landmarks.markers) >= _LANDMARKS:
+        return None
+    seen = recording.ThinnedFrames.of(content.positions, content.time, content.rate)
+    if recognise_movement(content.labels, seen.positions, seen.rate).kind in _OF_THE_BODY:
+        return None
+    return RecordedArms(skeleton=False, sides=() if landmarks.side is None else (landmarks.side,))
+
+
+def read_joints(path: Path) -> Recording | None:
+    """Return the joint positions in a recording of a skeleton with an arm; None if it has none, or cannot be read."""
+    if path.suffix.lower() == ".c3d":
+        return None
+    try:
+        content = read_skeleton(path).recording
+    except (RecordingError, ConfigError):
+        return None
+    return content if _find_arms(content.labels) else None
+
+
+def _find_arms(labels: Sequence[str]) -> tuple[Side, ...]:
+    """Return the sides of the arms among the joints of a skeleton; none if most labels are those of markers."""
+    roles = {side: find_roles(labels, side) for side in _SIDES}
+    joints = {number for found in roles.values() for number in found.values()}
+    if len(joints) < _JOINTS * len(labels):
+        return ()
+    return tuple(side for side, found in roles.items() if {"near_shoulder", *ARM[:2]} <= found.keys())
+
+
+def find_session(path: PurePosixPath) -> str:
+    """Return the session that a path names, such as ``session1``; empty if the path names no session.
+
+    Examples
+    --------
+    >>> find_session(PurePosixPath("anna/Visit_02/left.csv"))
+    'visit2'
+    """
+    match = _SESSION.search(str(path))
+    return f"{match[1].lower()}{int(match[2])}" if match else ""
+
 
 _RECORDINGS = (".c3d", ".trc")
 _EXPORTS = (".tsv", ".csv", ".txt")  # many other files have these endings, so the first lines decide
@@ -72,7 +302,7 @@ def discover(
     ----------
     folder : Path
     pattern : str, optional
-        Text of a :class:`mocap_id.workflows.study.patterns.Pattern`; by default, the common pattern that fits best.
+        Text of a :class:`mocap_id.workflows.study.discovery.Pattern`; by default, the common pattern that fits best.
     keep_names : bool
         Use the names in the folder as ids, instead of s01, s02 …
     known : mapping of str to str, optional
@@ -87,11 +317,21 @@ def discover(
         raise ConfigError(
             f"{folder}: no such folder; expected a folder with the recordings of a study{suggest(folder)}"
         )
-    files = sorted(
-        (path for path in folder.rglob("*") if path.is_file() and not _is_hidden(path, folder)), key=_sort_key
-    )
+    # Hidden files are no recordings; 2 comes before 10.
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    files = [path for path in files if not any(part.startswith(".") for part in path.relative_to(folder).parts)]
+    files.sort(key=_sort_key)
     recordings, left_out = _find_recordings(files)
-    reaches = _find_reaches(recordings, files, left_out)
+    # Recordings of reaches and others need separate studies: the majority decides.
+    found = {path: read_reach(path, find_forces(path, files)) for path in recordings}
+    reaches = {path: reach for path, reach in found.items() if reach is not None}
+    if 2 * len(reaches) > len(recordings):
+        left_out |= dict.fromkeys(found.keys() - reaches.keys(), "not a reach: no markers of an arm and no skeleton")
+    else:
+        left_out |= dict.fromkeys(
+            reaches, "a reach, which needs a separate study: an arm or a skeleton, no force plate"
+        )
+        reaches = {}
     paths = {
         path: PurePosixPath(path.relative_to(folder).as_posix()) for path in recordings if path not in left_out
     }  # relative to the folder
@@ -100,36 +340,69 @@ def discover(
             f"{folder}: the folder contains no recording; expected C3D files, TRC files with their MOT, exports of "
             "QTM, Motive or Nexus, or skeletons of a depth camera or of markerless software (CSV, TRC)"
         )
+    # Person and strategy of each recording that fits the pattern.
     chosen = Pattern(pattern) if pattern is not None else choose_pattern(list(paths.values()))
-    labels = _read_labels(folder, paths, chosen, left_out, given=pattern is not None)
+    matches = {path: chosen.match(relative) for path, relative in paths.items()}
+    left_out |= {path: f"does not fit the pattern {chosen.text}" for path, match in matches.items() if match is None}
+    if all(match is None for match in matches.values()):
+        common = f"one of the patterns {', '.join(COMMON_PATTERNS)}"
+        tried = common if pattern is None else f"the pattern {chosen.text}"
+        raise ConfigError(
+            f"{folder}: none of the {len(paths)} recordings fits {tried}; an example is {next(iter(paths.values()))}. "
+            "Give the position of the names: --pattern '{subject}/{strategy}*', or '{strategy}*' for one person"
+        )
+    person = folder.resolve().name or "person"  # used if the pattern has no {subject}
+    labels = {
+        path: match if match.subject else PathLabels(person, match.strategy)
+        for path, match in matches.items()
+        if match is not None
+    }
     ids = _make_ids([label.subject for label in labels.values()], keep_names, known or {})
-    trials = _make_trials(labels, {path: reaches[path] for path in labels if path in reaches}, paths, ids, files)
+    # A reach with both arms becomes one trial for each arm.
+    trials: list[FoundRecording] = []
+    counts: Counter[str] = Counter()
+    for path, label in labels.items():
+        name, subject, reach = label.subject, ids[label.subject], reaches.get(path)
+        session = "" if reach is None else find_session(paths[path])
+        for side in ("",) if reach is None else reach.choose_sides(paths[path]):
+            stem = "-".join(filter(None, (subject, label.strategy) if reach is None else (subject, session, side)))
+            counts[stem] += 1
+            trial = f"{stem}-{counts[stem]}"
+            if reach is None:
+                trials.append(FoundRecording(trial, subject, name, label.strategy, path, find_forces(path, files)))
+            else:
+                trials.append(FoundRecording(trial, subject, name, "", path, None, side, session, reach.skeleton))
     trials.sort(key=lambda trial: (_sort_key(trial.subject), trial.subject))
-    named = {paths[path]: label for path, label in labels.items()}
-    doubts = tuple(f"{ids[subject]} may stand for several people: {why}" for subject, why in _doubt_people(named))
-    return Discovery(chosen.text, tuple(trials), left_out, doubts, () if pattern is not None else COMMON_PATTERNS)
-
-
-def _doubt_people(labels: Mapping[PurePosixPath, PathLabels]) -> Iterator[tuple[str, str]]:
-    """Yield the names of people whose recordings may be of several people, each with the reason."""
+    # Ids that may stand for several people.
     advice = "If so, give the position of the names with --pattern, or correct the ids in the file"
-    for subject, people in find_mixed_people(labels).items():
-        yield subject, f"the paths of its recordings contain {', '.join(people)}. {advice}"
+    doubts = [
+        (subject, f"the paths of its recordings contain {', '.join(people)}")
+        for subject, people in find_mixed_people({paths[path]: label for path, label in labels.items()}).items()
+    ]
     above: dict[str, dict[str, None]] = {}
     for label in labels.values():
         above.setdefault(label.subject, {})[label.above] = None
-    for subject, folders in above.items():
-        if len(folders) > 1:
-            yield subject, f"{subject} is a name in the folders {', '.join(folders)}. {advice}"
+    doubts += [
+        (subject, f"{subject} is a name in the folders {', '.join(folders)}")
+        for subject, folders in above.items()
+        if len(folders) > 1
+    ]
+    sentences = tuple(f"{ids[subject]} may stand for several people: {why}. {advice}" for subject, why in doubts)
+    return Discovery(chosen.text, tuple(trials), left_out, sentences, () if pattern is not None else COMMON_PATTERNS)
 
 
 def _find_recordings(files: Sequence[Path]) -> tuple[list[Path], dict[Path, str]]:
     """Return the recordings that may be trials, and the reasons why other recordings are certainly not, by file."""
     recordings, left_out = [], {}
     c3d = {path.with_suffix("") for path in files if path.suffix.lower() == ".c3d"}
+
+    def is_skeleton(path: Path) -> bool:
+        reach = read_reach(path, None)
+        return reach is not None and reach.skeleton
+
     for path in files:
         ending = path.suffix.lower()
-        if ending not in _RECORDINGS and not (ending in _EXPORTS and (is_marker_text(path) or _is_skeleton(path))):
+        if ending not in _RECORDINGS and not (ending in _EXPORTS and (is_marker_text(path) or is_skeleton(path))):
             continue
         if _NO_TRIAL.search(path.stem):
             left_out[path] = "the name is that of a static or calibration trial"
@@ -140,72 +413,6 @@ def _find_recordings(files: Sequence[Path]) -> tuple[list[Path], dict[Path, str]
     return recordings, left_out
 
 
-def _is_skeleton(path: Path) -> bool:
-    reach = read_reach(path, None)
-    return reach is not None and reach.skeleton
-
-
-def _find_reaches(recordings: Sequence[Path], files: Sequence[Path], left_out: dict[Path, str]) -> Mapping[Path, Reach]:
-    """Return the recordings of reaches by file if they are the majority, or else an empty mapping.
-
-    The recordings of the minority are added to ``left_out``.
-    """
-    found = {path: read_reach(path, find_forces(path, files)) for path in recordings}
-    reaches = {path: reach for path, reach in found.items() if reach is not None}
-    if 2 * len(reaches) > len(recordings):
-        left_out |= dict.fromkeys(found.keys() - reaches.keys(), "not a reach: no markers of an arm and no skeleton")
-        return reaches
-    left_out |= dict.fromkeys(reaches, "a reach, which needs a separate study: an arm or a skeleton, no force plate")
-    return {}
-
-
-def _read_labels(
-    folder: Path, paths: Mapping[Path, PurePosixPath], pattern: Pattern, left_out: dict[Path, str], *, given: bool
-) -> dict[Path, PathLabels]:
-    """Return person and strategy of each recording that fits the pattern; add the other recordings to ``left_out``."""
-    matches = {path: pattern.match(relative) for path, relative in paths.items()}
-    left_out |= {path: f"does not fit the pattern {pattern.text}" for path, match in matches.items() if match is None}
-    labels = {path: match for path, match in matches.items() if match is not None}
-    if not labels:
-        expected = f"the pattern {pattern.text}" if given else f"one of the patterns {', '.join(COMMON_PATTERNS)}"
-        raise ConfigError(
-            f"{folder}: none of the {len(paths)} recordings fits {expected}; an example is "
-            f"{next(iter(paths.values()))}. Give the position of the names: --pattern '{{subject}}/{{strategy}}*', or "
-            "'{strategy}*' for one person"
-        )
-    person = folder.resolve().name or "person"  # used if the pattern has no {subject}
-    return {path: label if label.subject else PathLabels(person, label.strategy) for path, label in labels.items()}
-
-
-def _make_trials(
-    labels: Mapping[Path, PathLabels],
-    reaches: Mapping[Path, Reach],
-    paths: Mapping[Path, PurePosixPath],
-    ids: Mapping[str, str],
-    files: Sequence[Path],
-) -> list[FoundRecording]:
-    """Return the trials of the recordings; a reach with both arms becomes one trial for each arm."""
-    counts: Counter[str] = Counter()
-
-    def name_trial(*words: str) -> str:
-        stem = "-".join(filter(None, words))
-        counts[stem] += 1
-        return f"{stem}-{counts[stem]}"
-
-    trials = []
-    for path, label in labels.items():
-        name, subject, reach = label.subject, ids[label.subject], reaches.get(path)
-        if reach is None:
-            trial, forces = name_trial(subject, label.strategy), find_forces(path, files)
-            trials.append(FoundRecording(trial, subject, name, label.strategy, path, forces))
-            continue
-        session = find_session(paths[path])
-        for side in reach.choose_sides(paths[path]):
-            trial = name_trial(subject, session, side)
-            trials.append(FoundRecording(trial, subject, name, "", path, None, side, session, reach.skeleton))
-    return trials
-
-
 def find_forces(markers: Path, files: Iterable[Path]) -> Path | None:
     """Return the MOT file that belongs to a text file with markers; None if there is no such MOT file."""
     if markers.suffix.lower() == ".c3d":
@@ -214,20 +421,19 @@ def find_forces(markers: Path, files: Iterable[Path]) -> Path | None:
     beside = [path for path in files if path.parent == markers.parent and path.suffix.lower() == ".mot"]
     fitting = sorted(path for path in beside if _fold(path.stem) in stems)
     fitting.sort(key=lambda path: stems.index(_fold(path.stem)))
+
+    def has_forces(path: Path) -> bool:
+        try:
+            table = read_table(path)
+        except RecordingError:  # its reader reports the error
+            return True
+        try:
+            return bool(find_force_columns(path, table))
+        except RecordingError:
+            return False
+
     # A MOT file with the same name may also contain joint angles.
-    return next((path for path in fitting if _fold(path.stem) != stems[0] or _has_forces(path)), None)
-
-
-def _has_forces(path: Path) -> bool:
-    """Return whether a table has ground forces; also True for an unreadable file, whose reader reports the error."""
-    try:
-        table = read_table(path)
-    except RecordingError:
-        return True
-    try:
-        return bool(find_force_columns(path, table))
-    except RecordingError:
-        return False
+    return next((path for path in fitting if _fold(path.stem) != stems[0] or has_forces(path)), None)
 
 
 def _fold(name: str) -> str:
@@ -257,11 +463,102 @@ def _make_ids(names: Iterable[str], keep_names: bool, known: Mapping[str, str]) 
     return ids
 
 
-def _is_hidden(path: Path, folder: Path) -> bool:
-    return any(part.startswith(".") for part in path.relative_to(folder).parts)
-
-
 def _sort_key(path: Path | str) -> tuple[tuple[int, int | str], ...]:
     """Return a sort key that puts 2 before 10."""
     parts = re.split(r"(\d+)", str(path).casefold())
     return tuple((0, int(part)) if part.isdecimal() else (1, part) for part in parts)
+
+
+SUBJECTS_FILE = "subjects.csv"
+_PLAIN_SIGNS = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_./-")
+_HEAD = """\
+# Made by `mocap-id init`; edit it as you like. Paths are relative to this file. Next: fill in what you know about the
+# people (everything is optional), then run `mocap-id study {file}`.
+"""
+_SIT_TO_STAND = (
+    "sit-to-stand",
+    "{protocol: sit-to-stand}",
+    "{height: 1.75, mass: 70.1, sex: female, landmarks_m: {shank: 0.41, thigh: 0.40}}, m and kg",
+)
+_REACH = ("reach", "{space: 3d, protocol: reach}", "{score: 2}, a clinical score such as Brooke's")
+
+
+def write_draft(found: Discovery, file: Path, *, keep_names: bool = False, force: bool = False) -> list[Path]:
+    """Write a study's file and, unless ``keep_names``, the file with names and ids; return the written paths.
+
+    Raises
+    ------
+    StoreError
+        A file exists already and ``force`` is False, or a file cannot be written.
+    """
+    contents = {file.name: _format_study(found, file).encode()}
+    if not keep_names:
+        stream = io.StringIO()
+        csv.writer(stream, lineterminator="\n").writerows([("id", "name"), *found.names.items()])
+        contents[SUBJECTS_FILE] = stream.getvalue().encode()
+    existing = [file.parent / name for name in contents if (file.parent / name).exists()]
+    if existing and not force:
+        raise StoreError(
+            f"{existing[0]} exists already: choose a different file with --out, or overwrite it with --force"
+        )
+    write_files(file.parent, contents)
+    return [file.parent / name for name in contents]
+
+
+def read_known_ids(file: Path) -> dict[str, str]:
+    """Return the ids by name from subjects.csv in the folder of a study's file; empty if there is no subjects.csv.
+
+    Raises
+    ------
+    ConfigError
+        subjects.csv cannot be read, or does not have the columns id and name.
+    """
+    subjects = file.parent / SUBJECTS_FILE
+    try:
+        rows = csv.DictReader(io.StringIO(subjects.read_text("utf-8")))
+        return {row["name"]: row["id"] for row in rows}
+    except FileNotFoundError:
+        return {}
+    except (OSError, UnicodeDecodeError, KeyError, csv.Error) as error:
+        raise ConfigError(
+            f"{subjects} cannot be read ({type(error).__name__}); expected a CSV file with the columns id and name"
+        ) from error
+
+
+def _format_study(found: Discovery, file: Path) -> str:
+    """Return the YAML text of a study with the found recordings; paths are relative to the study's file."""
+    name, defaults, person = _REACH if found.reach else _SIT_TO_STAND
+    lines = [
+        _HEAD.format(file=file.name),
+        f"study: {name}",
+        "out: runs  # folder of the results",
+        f"defaults: {defaults}  # keys of a trial's file, for all trials",
+        f"subjects:  # each {person}",
+        *(f"  {_quote(subject)}: {{}}" for subject in found.names),
+        "trials:",
+        *(_format_trial(trial, file.absolute().parent) for trial in found.trials),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _format_trial(trial: FoundRecording, folder: Path) -> str:
+    recording = _quote_path(trial.markers, folder)
+    if trial.forces is not None:
+        recording = f"{{markers: {recording}, forces: {_quote_path(trial.forces, folder)}}}"
+    elif trial.skeleton:
+        recording = f"{{skeleton: {recording}}}"
+    labels = {name: getattr(trial, name) for name in ("trial", "subject", "strategy", "session", "side")}
+    keys = ", ".join(f"{name}: {_quote(value)}" for name, value in labels.items() if value)
+    return f"  - {{{keys}, recording: {recording}}}"
+
+
+def _quote_path(path: Path, folder: Path) -> str:
+    return _quote(Path(os.path.relpath(path.absolute(), folder)).as_posix())
+
+
+def _quote(text: str) -> str:
+    """Return ``text``, quoted if YAML would not read it as text."""
+    plain = (
+        set(text) <= _PLAIN_SIGNS and text[:1].isalpha() and text.lower() not in ("yes", "no", "true", "false", "null")
+    )
+    return text if plain else json.dumps(text, ensure_ascii=False)

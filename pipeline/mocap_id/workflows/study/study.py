@@ -5,26 +5,27 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mocap_id import __version__
 from mocap_id.config import Trial
 from mocap_id.config.study import Study, StudyTrial, load_study
+from mocap_id.reporting.contents import COHORT_PAGE
 from mocap_id.reporting.results.columns import ResultTable
 from mocap_id.reporting.results.result import Result
-from mocap_id.reporting.study.page_data import PAGE_FILE, CohortData
 from mocap_id.stages import STAGES
 from mocap_id.stages.trial_keys import list_sensors
-from mocap_id.store import Folder, dumps, hash_bytes, hash_file
+from mocap_id.store import Folder, TableSchema, dumps, hash_bytes, hash_file
 from mocap_id.store.ownership import Owner, check_owner, hash_texts, store_owner
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trials
 from mocap_id.workflows.study.segment_numbers import run_with_counts
-from mocap_id.workflows.study.tables import make_tables
-from mocap_id.workflows.study.trial_results import read_trial_result
 from mocap_id.workflows.trial_outcome import TrialOutcome
+
+if TYPE_CHECKING:
+    from mocap_id.reporting.study.cohort import CohortData
 
 DOCUMENT = "study.json"
 _SAME_MASS, _SAME_LENGTH = 0.10, 0.12  # largest relative differences between two trials of one person
@@ -34,6 +35,24 @@ _ABOUT = (
     "Each table is a CSV and a Parquet file (units and meanings in the field metadata). A row with the subject "
     "`cohort` is about all people. A missing value is empty in CSV and NaN in Parquet."
 )
+
+
+@dataclass(frozen=True)
+class StudyKind:
+    """A kind of study: what is read from a trial, and what the tables and the page make of it."""
+
+    labels: tuple[str, ...]  # names of the properties that distinguish the trials of a person
+    read: Callable[[Study, StudyTrial, TrialRun], Any]  # reads the result of a trial, a `StudyOutcome`
+    tables: Mapping[str, TableSchema]  # columns of the tables by name
+    # Functions that pool the trials to the rows of a table; a table without a function has a row for each trial.
+    rows: Mapping[str, Callable[[Sequence[Any]], Iterable[Any]]]
+    page: Callable[[CohortData, Sequence[Any]], bytes]  # makes the page
+    prepare: Callable[[Sequence[Any]], Sequence[Any]] = list  # completes the results by those of other trials
+
+    def make_tables(self, trials: Sequence[Any]) -> dict[str, ResultTable]:
+        """Return the tables by name."""
+        own = self.prepare(trials)
+        return {name: ResultTable.of(table, self.rows.get(name, list)(own)) for name, table in self.tables.items()}
 
 
 @dataclass(frozen=True)
@@ -53,7 +72,7 @@ class StudyResult:
     @property
     def page(self) -> Path:
         """Path of the page of the cohort."""
-        return self.study.folder / PAGE_FILE
+        return self.study.folder / COHORT_PAGE
 
 
 def run_study(
@@ -173,38 +192,6 @@ def find_remarks(study: Study, trials: Sequence[TrialOutcome]) -> Iterator[str]:
 _NONE = (0.0, 0.0, "")
 
 
-@dataclass(frozen=True)
-class StudyKind:
-    """The functions that make the results of one kind of study."""
-
-    labels: tuple[str, ...]  # names of the properties that distinguish the trials of a person
-    read: Callable[[Study, StudyTrial, TrialRun], Any]  # reads the result of a trial
-    tables: Callable[[Sequence[Any]], dict[str, ResultTable]]  # makes the tables from the results of the trials
-    page: Callable[[CohortData, Sequence[Any]], bytes]  # makes the page
-
-
-def _choose_kind(study: Study) -> StudyKind:
-    """Return the functions for a study's protocol; only the templates of this protocol's page are imported."""
-    if study.curl:
-        from mocap_id.reporting.curl_study.page import render_curl_page  # noqa: PLC0415  other studies do not need it
-        from mocap_id.workflows import curl_study  # noqa: PLC0415
-
-        return StudyKind(
-            ("condition",),
-            curl_study.read_curl_result,
-            curl_study.make_tables,
-            lambda data, trials: render_curl_page(data, trials[0].reference),
-        )
-    if study.reach:
-        from mocap_id.workflows import reach_study  # noqa: PLC0415
-
-        labels = ("side", "session")
-        return StudyKind(labels, reach_study.read_reach_result, reach_study.make_tables, reach_study.make_page)
-    from mocap_id.reporting.study.page import render_cohort_page  # noqa: PLC0415
-
-    return StudyKind(("strategy",), read_trial_result, make_tables, lambda data, _: render_cohort_page(data))
-
-
 def _make_result(
     study: Study, runs: Sequence[TrialRun], key: str, counts: Mapping[str, Any], notes: Sequence[str]
 ) -> Result:
@@ -212,25 +199,38 @@ def _make_result(
     trials = [kind.read(study, one, run) for one, run in zip(study.trials, runs, strict=True)]
     labels = [{name: getattr(trial, name) for name in kind.labels} for trial in trials]
     remarks = (*notes, *find_remarks(study, trials))
-    tables = kind.tables(trials)
+    tables = kind.make_tables(trials)
 
     def make_page() -> dict[str, bytes]:
+        from mocap_id.reporting.study.cohort import CohortData  # noqa: PLC0415  only a page needs it
+
         entries = tuple(
             one.entry(one.name, ", ".join(filter(None, [one.subject, *own.values()])), f"../{one.name}/report.html")
             for one, own in zip(trials, labels, strict=True)
         )
-        frames = {name: table.frame for name, table in tables.items()}
-        return {PAGE_FILE: kind.page(CohortData(study.name, entries, frames, remarks), trials)}
+        return {COHORT_PAGE: kind.page(CohortData(study.name, entries, tables, remarks), trials)}
 
     content = {
         "study": study.name,
         "product": __version__,
         "about": _ABOUT,
-        "page": PAGE_FILE,
+        "page": COHORT_PAGE,
         "subjects": {
             subject: [trial.name for trial in trials if trial.subject == subject] for subject in study.subjects
         },
-        "trials": [_describe(trial, own) for trial, own in zip(trials, labels, strict=True)],
+        "trials": [
+            {
+                "trial": trial.name,
+                "subject": trial.subject,
+                **own,
+                "exit_code": trial.run.exit_code,
+                "verdict": trial.level,
+                "codes": trial.codes,
+                "message": trial.run.published,
+                "report": None if trial.summary is None else f"../{trial.name}/report.html",
+            }
+            for trial, own in zip(trials, labels, strict=True)
+        ],
         "remarks": list(remarks),
         "segments": counts,
         "tables": {name: table.description for name, table in tables.items()},
@@ -239,18 +239,15 @@ def _make_result(
     return Result("study", DOCUMENT, content, tables, make_page, hashed=True)
 
 
-def _describe(trial: Any, labels: Mapping[str, str]) -> dict[str, Any]:
-    """Return the entry of a trial in study.json."""
-    return {
-        "trial": trial.name,
-        "subject": trial.subject,
-        **labels,
-        "exit_code": trial.run.exit_code,
-        "verdict": trial.level,
-        "codes": trial.codes,
-        "message": trial.run.published,
-        "report": None if trial.summary is None else f"../{trial.name}/report.html",
-    }
+def _choose_kind(study: Study) -> StudyKind:
+    """Return the kind of a study; the modules of the other kinds are not imported."""
+    if study.curl:
+        from mocap_id.workflows.study.curls import STUDY  # noqa: PLC0415
+    elif study.reach:
+        from mocap_id.workflows.study.reach import STUDY  # noqa: PLC0415
+    else:
+        from mocap_id.workflows.study.sit_to_stand import STUDY  # noqa: PLC0415
+    return STUDY
 
 
 def _hash_content(study: Study, runs: Sequence[TrialRun]) -> str:

@@ -1,1 +1,0 @@
-"""The page, tables and figures of a robot study (thesis ch. 5)."""

@@ -1,0 +1,304 @@
+"""A batch: trials from files, folders, patterns or a study, run in parallel, and one table of their results.
+
+The table has a row for each trial, also for a trial without results.
+"""
+
+from __future__ import annotations
+
+import glob
+import logging
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+from pydantic import BaseModel
+
+from mocap_id import plain_files
+from mocap_id.config import Trial, load
+from mocap_id.config.source import Source, read
+from mocap_id.config.study import load_study
+from mocap_id.config.trial import build_trial_model, compose
+from mocap_id.errors import ConfigError, StoreError
+from mocap_id.reporting.results.columns import ResultColumn as Column
+from mocap_id.reporting.results.columns import ResultTable, count, number, text, whole
+from mocap_id.store import TableSchema
+from mocap_id.store.atomic import converting_errors, write_files
+from mocap_id.store.ownership import OWNER_FILE, read_owner
+from mocap_id.workflows.parallel import Backend, DaskBackend, LocalBackend, OnError, TrialRun, run_trials
+from mocap_id.workflows.trial_outcome import SUMMARY_COLUMNS, TrialOutcome, read_entry, read_summary
+
+_TRIAL_FILES = ("*.yaml", "*.yml")
+
+
+@dataclass(frozen=True)
+class UnreadableFile:
+    """A named file that cannot be read as the file of a trial or a study."""
+
+    file: Path
+    error: ConfigError
+
+
+def find_trials(named: Sequence[str], *, runs: bool = False) -> tuple[list[Trial], list[UnreadableFile]]:
+    """Return the named trials, each once, and the files that cannot be read as trials.
+
+    Parameters
+    ----------
+    named : sequence of str
+        Files of trials or studies; folders with such files at any depth; patterns such as ``lab/*/trial.yaml`` (``**``
+        matches folders at any depth).
+    runs : bool
+        Whether a folder also stands for the trials whose run folders it contains; their files may be elsewhere.
+
+    Raises
+    ------
+    ConfigError
+        A name matches nothing, or two trials have the same run folder.
+    """
+    trials: dict[Path, Trial] = {}
+    unreadable: list[UnreadableFile] = []
+    model = build_trial_model()  # once, because making it takes as long as reading a file
+    for file, source in dict(one for name in named for one in _find_files(name, runs)).items():
+        try:
+            for trial in _read_trials(file, source, model):
+                other = trials.setdefault(trial.out.resolve(), trial)
+                if (other.file.resolve(), other.name) != (trial.file.resolve(), trial.name):
+                    raise _SharedFolder(
+                        f"{trial.file} and {other.file} share the folder {trial.out}: give one of them a different "
+                        "`out:`"
+                    )
+        except _SharedFolder as error:
+            raise ConfigError(str(error)) from error
+        except ConfigError as error:
+            unreadable.append(UnreadableFile(file, error))
+    return list(trials.values()), unreadable
+
+
+def find_readable_trials(named: Sequence[str]) -> list[Trial]:
+    """Return the trials that :func:`find_trials` finds; raise ConfigError if a file cannot be read as a trial."""
+    trials, unreadable = find_trials(named)
+    if unreadable:
+        raise ConfigError("\n".join(str(one.error) for one in unreadable))
+    return trials
+
+
+class _SharedFolder(ConfigError):
+    """Two trials have the same run folder, so neither of them may be run."""
+
+
+def _find_files(name: str, runs: bool) -> Iterator[tuple[Path, Source | None]]:
+    """Yield the absolute path of each file that matches a name, and its content if it was read, else None."""
+    path = Path(name).expanduser()
+    files: dict[Path, Source | None]
+    if path.is_dir():
+        below = sorted(file for pattern in _TRIAL_FILES for file in path.absolute().rglob(pattern))
+        files = dict(one for file in below for one in _read_if_trial(file))
+        known = {file.resolve() for file in files}
+        for record in sorted(path.absolute().rglob(OWNER_FILE)) if runs else ():
+            owner = read_owner(record.parents[1])
+            if owner is not None and owner.file not in known:
+                files |= {owner.file: None}
+    elif path.exists() or not glob.has_magic(name):
+        files = {path.absolute(): None}
+    else:
+        matches = sorted(glob.glob(str(path), recursive=True))  # noqa: PTH207  the pattern may be absolute
+        files = dict.fromkeys(Path(file).absolute() for file in matches)
+    if not files:
+        what = "this folder contains no trial's YAML file" if path.is_dir() else "no file has this name"
+        raise ConfigError(
+            f"{name}: {what}; expected a trial's or a study's YAML file, a folder of them, or a pattern"
+            f"{plain_files.suggest(path)}"
+        )
+    yield from files.items()
+
+
+def _read_if_trial(file: Path) -> Iterator[tuple[Path, Source | None]]:
+    """Yield a YAML file with its content if it describes trials; with None if it is unreadable but named ``trial``."""
+    try:
+        source = read(file)
+    except ConfigError:
+        if file.stem == "trial":
+            yield file, None
+    else:
+        keys = source.data.keys() if isinstance(source.data, dict) else set()
+        if {"trial", "recording"} <= keys or {"trial", "imus"} <= keys or {"study", "subjects", "trials"} <= keys:
+            yield file, source
+
+
+def _read_trials(file: Path, source: Source | None, model: type[BaseModel]) -> Iterator[Trial]:
+    """Yield the trial of a trial's file, or the trials of a study's file."""
+    source = read(file) if source is None else source
+    if isinstance(source.data, dict) and "study" in source.data:
+        yield from (one.trial for one in load_study(file).trials)
+    elif isinstance(source.data, dict):
+        yield compose(source, model=model)
+    else:
+        yield load(file)  # raises ConfigError with a message about the content
+
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchTrial(TrialOutcome):
+    """A trial of a batch, or a file that could not be read as a trial."""
+
+    file: Path
+    out: Path | None  # the run folder; None for a file that could not be read
+    folder: Path  # the folder of the table
+
+    @property
+    def repetitions(self) -> int | None:
+        """Number of repetitions found; None if unknown."""
+        repetitions = self.value("repetitions")
+        return len(repetitions) if isinstance(repetitions, list) else None
+
+    def relative(self, path: Path | None) -> str:
+        """Return a path relative to the folder of the table; an empty text if ``path`` is None."""
+        try:
+            return "" if path is None else os.path.relpath(path, self.folder)
+        except ValueError:  # on another drive
+            return str(path)
+
+
+BATCH = TableSchema(
+    "batch.parquet",
+    1,
+    (
+        text("trial", "name of the trial", lambda one: one.run.trial),
+        text("file", "its YAML file, relative to the table's folder", lambda one: one.relative(one.file)),
+        text("folder", "its run folder, relative to the table's folder", lambda one: one.relative(one.out)),
+        text("verdict", "ok, caution, refused, failed, or not run because another trial failed", lambda one: one.level),
+        text("codes", "codes of the verdict's reasons", lambda one: ", ".join(one.codes)),
+        whole("exit_code", "exit code of `mocap-id run` for the trial", lambda one: one.run.exit_code),
+        text(
+            "message",
+            "why the trial failed, was refused or was not run, without names of recordings",
+            lambda one: one.run.published or "",
+        ),
+        Column("computed", "bool", "", "whether any stage had to be computed", lambda one: one.run.computed),
+        number("seconds", "s", "time that the trial took in this batch", lambda one: one.run.seconds),
+        *(SUMMARY_COLUMNS[name] for name in ("segments", "confidence", "missing_fraction", "reprojection")),
+        number("marker_sd", "m", "standard deviation of a marker coordinate", read_entry("noise", "marker_sd_m")),
+        *(SUMMARY_COLUMNS[name] for name in ("mass", "condition_number", "clock_offset")),
+        number("cop_rms", "m", "modelled minus measured centre of pressure, rms", read_entry("dynamics", "cop_rms_m")),
+        count("repetitions", "number of repetitions found", lambda one: one.repetitions),
+    ),
+)
+"""Schema of the table of a batch."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """The result of a batch."""
+
+    # rows of the table in the order of the trials, followed by the files that could not be read as trials
+    rows: Sequence[Mapping[str, Any]]
+    # why a trial failed or was refused, by row number; for the owner of the recordings only, because it may name files
+    messages: Mapping[int, str]
+    table: Path
+
+    @property
+    def failed(self) -> list[int]:
+        """Row numbers of the trials without results."""
+        return [number for number, one in enumerate(self.rows) if one["exit_code"] != 0]
+
+
+def run_batch(
+    named: Sequence[str],
+    table: Path,
+    *,
+    backend: Backend | None = None,
+    on_error: OnError = "continue",
+    begin: Callable[[int], None] = lambda trials: None,
+    tell: Callable[[TrialRun], None] = lambda run: None,
+) -> Batch:
+    """Run all trials that are not up to date, and write one table of all trials.
+
+    Parameters
+    ----------
+    named : sequence of str
+        As for :func:`mocap_id.workflows.batch.find_trials`.
+    table : Path
+        Parquet file of the table.
+    backend : Backend, optional
+        Where trials run; by default, and always for a single trial, this process.
+    on_error : {"continue", "stop"}
+        With ``stop``, no trial starts after one that failed or was refused.
+    begin : callable, optional
+        Called with the number of trials before the first trial runs.
+    tell : callable, optional
+        Called with the result of each finished trial.
+
+    Raises
+    ------
+    ConfigError
+        A name matches nothing, two trials have the same run folder, or the backend is not available. No trial was run.
+    StoreError
+        The table cannot be written, and the results of the trials remain in their run folders; or the file is a table
+        of other trials, or of another kind, and no trial was run.
+    """
+    trials, unreadable = find_trials(named)
+    table = table.absolute()
+    _check_table(table, trials)
+    with converting_errors(table):
+        table.parent.mkdir(parents=True, exist_ok=True)
+    if len(trials) == 1 and isinstance(backend, DaskBackend):
+        _log.warning("there is only one trial: it runs on this machine, without Dask")
+    begin(len(trials))
+    runs = run_trials(trials, backend or LocalBackend(), tell, on_error)
+    entries = [read_trial(trial, run, table.parent) for trial, run in zip(trials, runs, strict=True)]
+    entries += [_make_unreadable(one, table.parent) for one in unreadable]
+    messages = {k: entry.run.message for k, entry in enumerate(entries) if entry.run.message is not None}
+    rows = [make_row(entry) for entry in entries]
+    write_files(table.parent, {table.name: ResultTable.of(BATCH, rows).parquet("batch")})
+    return Batch(rows, messages, table)
+
+
+def _check_table(table: Path, trials: Sequence[Trial]) -> None:
+    """Raise StoreError if a file exists that is not a table of a batch with at least one of the trials."""
+    if not table.exists():
+        return
+    try:
+        rows = pq.read_table(table, columns=["trial", "file", "folder"]).to_pylist()
+        before = {(table.parent / row[key]).resolve() for row in rows for key in ("file", "folder") if row[key]}
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise StoreError(
+            f"{table} exists and is not a table of `mocap-id batch`: choose another file with `--out`"
+        ) from error
+    now = {path.resolve() for trial in trials for path in (trial.file, trial.out)}
+    if trials and before and not before & now:
+        files = (dict.fromkeys(names) for names in ((row["file"] for row in rows), (trial.file for trial in trials)))
+        others, own = (_list_some(os.path.relpath(table.parent / name, table.parent) for name in one) for one in files)
+        raise StoreError(
+            f"{table} is the table of other trials ({others}), and the table of this batch ({own}) would replace it: "
+            "choose another file with `--out`"
+        )
+
+
+def _list_some(names: Iterable[str]) -> str:
+    first, rest = [*names][:3], [*names][3:]
+    return ", ".join(first) + (" …" if rest else "")
+
+
+def read_trial(trial: Trial, run: TrialRun, folder: Path) -> BatchTrial:
+    """Read the result of a trial from its run folder; ``folder`` is the folder of the batch's table."""
+    return BatchTrial(run=run, summary=read_summary(trial.out, run), file=trial.file, out=trial.out, folder=folder)
+
+
+def _make_unreadable(one: UnreadableFile, folder: Path) -> BatchTrial:
+    """Return the entry of a file that could not be read as a trial; the error takes the place of a result."""
+    message = str(one.error)
+    published = message.replace(str(one.file), one.file.name)
+    run = TrialRun(one.file.stem, one.error.exit_code, message, published, None, computed=False, seconds=0.0)
+    return BatchTrial(run=run, summary=None, file=one.file, out=None, folder=folder)
+
+
+def make_row(trial: BatchTrial) -> dict[str, Any]:
+    """Return the row of a trial in the table; if the trial has no summary, the row has only the known values."""
+    values = {
+        column.name: column.value(trial) for column in BATCH.columns if isinstance(column, Column) and column.value
+    }
+    return {name: value for name, value in values.items() if trial.summary is not None or value is not None}

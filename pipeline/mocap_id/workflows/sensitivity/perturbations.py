@@ -1,0 +1,577 @@
+"""The kinds of perturbation: those of thesis 5.5.2, and further errors that occur in a laboratory.
+
+From top to bottom: a kind and a perturbation; the inputs of the stages that are run again, which are artefacts, keys
+and settings of the trial, whose files are not changed; the functions that change them, for signals, for markers and for
+the logs of inertial sensors; the list of all kinds.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, TypeAlias, cast
+
+import numpy as np
+
+from mocap_id import runner
+from mocap_id.anatomy.skin_motion import draw_centred_skin_motion
+from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.dynamics.clock_offset import SampledWrench
+from mocap_id.errors import ConfigError, StoreError
+from mocap_id.geometry import so3
+from mocap_id.geometry.planar import marker_positions, rotate
+from mocap_id.plates import GRAVITY
+from mocap_id.recording.imu_log import ImuLog, format_imu_csv, read_imu
+from mocap_id.stages import STAGES, Stage
+from mocap_id.stages.base import Settings
+from mocap_id.stages.trial_keys import Subject, TrialKeys, list_sensors
+from mocap_id.store import Artefact, Folder, LongTable, Table, Tree, dumps
+from mocap_id.store.views import joint_columns
+from mocap_id.workflows.run_folder import check_provenance, open_run_to
+
+Entry: TypeAlias = Literal["fit-joints", "ukf-smooth", "identify-dim"]
+Worse: TypeAlias = Literal["more", "less", "either"]
+Change: TypeAlias = "Callable[[TrialInputs, Perturbation], TrialInputs]"
+ChangeLog: TypeAlias = Callable[[ImuLog, float, np.random.Generator], ImuLog]
+"""Changes a log by a level of the perturbation, with a generator of random numbers for this sensor."""
+
+SEED = 1
+COMPONENTS = ("Fx", "Fy", "tauz")
+JOINTS = ("joints",)
+"""Value of :attr:`Kind.targets` for a kind that acts on each joint of the trial, or on all joints."""
+ALL = "all"
+"""Target for all joints at once."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of perturbation."""
+
+    name: str  # name in the settings file and the tables
+    title: str  # name in texts
+    entry: Entry  # first stage that uses the perturbed quantity; this stage and all later stages are run again
+    unit: str  # unit of the levels; empty for counts
+    levels: tuple[float, ...]  # default levels
+    allowed: Callable[[float], bool]  # returns whether a level is valid
+    expected: str  # description of a valid level
+    targets: tuple[str, ...] = ()  # possible targets, or :data:`JOINTS`; empty if the kind acts on everything
+    usual: tuple[str, ...] = ()  # default targets; empty if all targets are the default
+    free: bool = False  # whether a target may be any number; ``targets`` are then the defaults
+    worse: Worse = "more"  # direction in which the levels get worse
+    random: bool = False  # whether the perturbation is drawn at random, from the seed
+    change: Change | None = None  # returns the inputs with the perturbation; None for a kind that changes logs instead
+    change_log: ChangeLog | None = None  # returns the log of one inertial sensor with the perturbation
+
+    @property
+    def needs_imus(self) -> bool:
+        """Whether the perturbation changes the logs of inertial sensors."""
+        return self.change_log is not None
+
+    @property
+    def changes_lengths(self) -> bool:
+        """Whether the perturbation can change lengths of segments, and not only states and dynamics."""
+        return self.entry == "fit-joints"
+
+    @property
+    def is_count(self) -> bool:
+        """Whether the levels are counts."""
+        return not self.unit
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """One perturbation of a trial: a kind at one level on one target."""
+
+    kind: str
+    target: str  # a joint, a component or a marker's standard deviation; empty if the kind acts on everything
+    level: float  # in the kind's unit
+    seed: int = SEED  # seed of the whole study
+
+    @property
+    def definition(self) -> Kind:
+        """The definition of the perturbation's kind."""
+        return KINDS[self.kind]
+
+    @property
+    def name(self) -> str:
+        """Kind, target and level as one text, as in the tables; unique in a study."""
+        return " ".join(part for part in (self.kind, self.target, f"{self.level:g}") if part)
+
+    def rng(self) -> np.random.Generator:
+        """Return a random generator that depends only on seed, kind and target, so that all levels get equal draws."""
+        words = np.frombuffer(hashlib.sha256(f"{self.kind}/{self.target}".encode()).digest(), dtype=np.uint32)
+        return np.random.default_rng([self.seed, *words.tolist()])
+
+
+# The inputs of the stages that are run again.
+
+FIRST, LAST = "fit-joints", "identify-dim"
+
+
+@dataclass(frozen=True)
+class TrialSource:
+    """The run folder of a trial, and the settings of its stages."""
+
+    name: str
+    folder: Path  # the run folder
+    keys: TrialKeys  # keys of the trial, without the keys for the report's comparison with other systems
+    settings: Mapping[str, Settings]  # settings by stage, of the stages that are run again
+
+
+@dataclass(frozen=True)
+class TrialInputs:
+    """The inputs of the stages that are run again, unperturbed or perturbed."""
+
+    source: TrialSource
+    artefacts: Mapping[str, Artefact]  # artefacts by file name
+    settings: Mapping[str, Settings]  # settings by stage
+
+    def table(self, file: str) -> Table:
+        """Return a Parquet artefact that has a row for each sample or object."""
+        return cast(Table, self.artefacts[file])
+
+    def long(self, file: str) -> LongTable:
+        """Return a Parquet artefact that has a row for each pair of frame and marker."""
+        return cast(LongTable, self.artefacts[file])
+
+    def tree(self, file: str) -> Tree:
+        """Return an HDF5 artefact."""
+        return cast(Tree, self.artefacts[file])
+
+    def with_artefacts(self, *changed: Artefact) -> TrialInputs:
+        """Return the inputs with the ``changed`` artefacts in place of the artefacts with the same file names."""
+        return replace(self, artefacts={**self.artefacts, **{one.schema.file: one for one in changed}})
+
+    def with_settings(self, stage: str, **values: object) -> TrialInputs:
+        """Return the inputs with new ``values`` for some settings of a stage."""
+        changed = self.settings[stage].model_copy(update=values)
+        return replace(self, settings={**self.settings, stage: changed})
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.tree("chain.h5").texts("joints/name")
+
+    @property
+    def time(self) -> FloatArray:
+        """Times of the states (T,), s."""
+        return self.table("states.parquet")["time"]
+
+    def states(self, name: str) -> FloatArray:
+        """Return a state (T, n) of all n joints; ``name`` is theta, dtheta or ddtheta."""
+        return joint_columns(self.table("states.parquet"), name, len(self.joints))
+
+    @property
+    def has_plate(self) -> bool:
+        """Whether any sample of the wrench is known."""
+        return bool(np.isfinite(self.table("wrench.parquet")["Fy"]).any())
+
+
+def repeated_stages() -> tuple[Stage, ...]:
+    """Return the stages that may be run again, from first to last."""
+    names = [stage.name for stage in STAGES]
+    return STAGES[names.index(FIRST) : names.index(LAST) + 1]
+
+
+def locate_trial(path: Path, progress: runner.Progress = lambda step: None) -> TrialSource:
+    """Return the run folder and settings of a trial; if ``path`` is a YAML file, missing artefacts are computed first.
+
+    ``path`` and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.
+
+    Raises
+    ------
+    Refused
+        The trial was refused.
+    StoreError
+        The run folder lacks an artefact, or was made by a different version of the program.
+    ConfigError, RecordingError, NumericalError
+        As for :func:`mocap_id.runner.run`.
+    """
+    folder, trial = open_run_to(path, LAST, progress)
+    if trial is None:
+        return _read_source(path)
+    keys = trial.keys.model_copy(update={"compare": None})
+    settings = {stage.name: trial.settings[stage.name] for stage in repeated_stages()}
+    return TrialSource(trial.name, folder.path, keys, settings)
+
+
+def _read_source(path: Path) -> TrialSource:
+    """Return the trial of a run folder, with the settings from which its artefacts were computed."""
+    folder, settings, parameters = Folder(path), {}, dict[str, Any]()
+    for stage in repeated_stages():
+        origin = folder.provenance(stage.outputs[0]).origin
+        if origin.stage_version != stage.version:
+            raise StoreError(
+                f"{path / stage.outputs[0]} was made by version {origin.stage_version} of {stage.name}, but this "
+                f"program has version {stage.version}: run the trial again (`mocap-id run TRIAL.yaml`)"
+            )
+        settings[stage.name] = stage.settings.model_validate_json(dumps(origin.parameters[stage.name]), strict=True)
+        parameters |= origin.parameters
+    if getattr(settings["ukf-smooth"], "method", None) == "encoder":
+        raise ConfigError(f"{path}: a run folder does not contain the encoder's file: give the trial's YAML file")
+    if parameters.get("imus"):
+        raise ConfigError(f"{path}: a run folder does not contain the sensors' logs: give the trial's YAML file")
+    known = {name: parameters[name] for name in ("trial", "protocol")}
+    subject = Subject.model_validate(parameters["subject"])
+    # No stage that is run again reads the recording.
+    keys = TrialKeys.model_construct(**known, recording=None, subject=subject)
+    return TrialSource(str(parameters["trial"]), path, keys, settings)
+
+
+def read_inputs(source: TrialSource) -> TrialInputs:
+    """Read the unperturbed inputs of a trial.
+
+    Raises
+    ------
+    StoreError
+        An artefact is missing or damaged, or was not computed from the other artefacts in the folder.
+    """
+    folder = Folder(source.folder)
+    files = {file for stage in repeated_stages() for file in (*stage.inputs, *stage.outputs)} - {"markers.parquet"}
+    check_provenance(folder, sorted(files))
+    return TrialInputs(source, {file: folder.read(file) for file in sorted(files)}, source.settings)
+
+
+# Perturbations of the signals: noise of the filter, angles, clock offset, wrench.
+
+_HALF_DEPTH_M = 0.119  # distance of the cells of a balance board from its centre, along the motion
+STATES, WRENCH = "states.parquet", "wrench.parquet"
+
+
+def filter_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Return the trial with fixed noise of the filter (3.17), which is otherwise estimated: sigma_v and marker sd."""
+    return trial.with_settings("ukf-smooth", sigma_v=change.level, marker_sd=float(change.target))
+
+
+def joints_of(trial: TrialInputs, change: Perturbation) -> IntArray:
+    """Return the indices of the joints that a perturbation changes."""
+    joints = trial.joints
+    return np.arange(len(joints)) if change.target == ALL else np.array([joints.index(change.target)])
+
+
+def angle_bias(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Return the trial with a constant added to angles, but not to their derivatives."""
+    table = trial.table(STATES)
+    columns = [f"theta_{j + 1}" for j in joints_of(trial, change)]
+    return trial.with_artefacts(table.with_columns(**{name: table[name] + change.level for name in columns}))
+
+
+def clock_offset(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Return the trial with the plates' samples delayed by the level; the program may estimate this offset."""
+    return trial.with_artefacts(_delay(trial.table(WRENCH), change.level))
+
+
+def clock_offset_ignored(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Return the trial with the plates' samples delayed by ``change.level``, s, which the program does not correct.
+
+    If the program corrected the clock offset of the unperturbed trial, the samples are first corrected by this offset.
+    """
+    table, offset = trial.table(WRENCH), trial.tree("dynamics.h5").facts["clock_offset_s"]
+    is_applied = getattr(trial.settings[LAST], "apply_clock_offset", False)
+    coarse = float((table.facts.get("clock") or {}).get("offset_s") or 0.0)  # already corrected in the table
+    corrected = offset - coarse if is_applied and offset is not None else 0.0
+    if is_applied and coarse:
+        trial = trial.with_artefacts(replace(table, facts={**table.facts, "clock": None}))
+    delayed = clock_offset(trial, replace(change, level=change.level - corrected))
+    return delayed.with_settings(LAST, apply_clock_offset=False)
+
+
+def _delay(table: Table, delay: float | FloatArray) -> Table:
+    """Return wrench.parquet delayed by ``delay`` (one value or (T,)), s; sensors with their own clock do not change."""
+    if not np.any(delay):
+        return table
+    time = table["time"]
+    sensors = [fact["columns"] for fact in table.facts.get("external") or () if fact["clock"] != "plates"]
+    fixed = {"time", "plate_ok", *(f"{name}_{sensor}" for name in COMPONENTS for sensor in sensors)}
+    delayed = {
+        name: SampledWrench.of(time, table[name][:, None])(time + delay)[:, 0]
+        for name in table.names
+        if name not in fixed
+    }
+    nearest = np.searchsorted(time, time + delay - (time[1] - time[0]) / 2)
+    plate_ok = table["plate_ok"][np.clip(nearest, 0, len(time) - 1)]
+    return table.with_columns(**delayed, plate_ok=plate_ok & np.isfinite(delayed["Fy"]))
+
+
+def wrench_bias(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Return the trial with a constant added to a component of the plates' wrench."""
+    return _add_error(trial, change.target, change.level)
+
+
+def wrench_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Return the trial with white noise, one value for each frame, added to a component of the plates' wrench."""
+    return _add_error(trial, change.target, change.level * change.rng().standard_normal(trial.table(WRENCH).length))
+
+
+def board_steps(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Return the trial with rounding errors of a balance board's four load cells added to Fy and tauz."""
+    error = change.level * (change.rng().random((trial.table(WRENCH).length, 4)) - 0.5) * GRAVITY
+    front, back = error[:, :2].sum(axis=1), error[:, 2:].sum(axis=1)
+    return _add_error(_add_error(trial, "Fy", front + back), "tauz", _HALF_DEPTH_M * (front - back))
+
+
+def stamp_jitter(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Return the trial with random shifts of the plates' sample times; the level is their standard deviation."""
+    length = trial.table(WRENCH).length
+    return trial.with_artefacts(_delay(trial.table(WRENCH), change.level * change.rng().standard_normal(length)))
+
+
+def _add_error(trial: TrialInputs, component: str, error: float | FloatArray) -> TrialInputs:
+    """Return the trial with an error added to a component, and with updated mass and centre of pressure."""
+    table = trial.table(WRENCH)
+    table = table.with_columns(**{component: table[component] + error})
+    facts = dict(table.facts)
+    if component == "Fy" and facts.get("mass_kg") is not None:
+        gravity = getattr(trial.settings[LAST], "gravity")  # noqa: B009  the settings are a stage's own
+        facts["mass_kg"] = float(facts["mass_kg"] + np.mean(error) / gravity)
+    loaded = table["Fy"] > facts["cop_threshold_N"]
+    cop = np.divide(table["tauz"], table["Fy"], out=np.full(table.length, np.nan), where=loaded)
+    return trial.with_artefacts(replace(table.with_columns(cop_x=cop), facts=facts))
+
+
+# Perturbations of the markers: noise, skin motion, drop-outs, fewer markers, lower frame rate, noise of the angles.
+
+PLANAR, SEGMENTS = "planar.parquet", "segments.parquet"
+_BURST = (0.05, 0.5)  # s, shortest and longest drop-out
+
+
+def camera_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Return the trial with white noise added to each coordinate of each marker on a moving segment."""
+    moving = _find_moving(trial)
+    noise = change.rng().standard_normal((len(trial.time), len(moving), 2))
+    return _shift(trial, moving, change.level * noise)
+
+
+def angle_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Return the trial with its markers shifted as by white noise in the angles.
+
+    The shift is the difference between the marker positions (3.18) with and without the noise. The angles of each frame
+    then have exactly this error, and the chain does not change.
+    """
+    q = _fill_gaps(trial.states("theta"))
+    noisy = q.copy()
+    joints = joints_of(trial, change)
+    noisy[:, joints] += change.level * change.rng().standard_normal((len(q), len(joints)))
+    tree = trial.tree("chain.h5")
+    chain = [tree.array(path) for path in ("joints/centre", "markers/segment", "markers/local")]
+    columns = _find_columns(trial, tree.texts("markers/name"))
+    return _shift(trial, columns, marker_positions(noisy, *chain) - marker_positions(q, *chain))
+
+
+def soft_tissue(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Return the trial with simulated skin motion up to the level, m, which depends on the angles and drifts slowly."""
+    moving, segment = _find_moving(trial), _read_segments(trial)
+    q = _fill_gaps(trial.states("theta"))
+    slide = draw_centred_skin_motion(change.rng(), segment[moving], np.ones(len(moving)), q, trial.time)[..., :2]
+    angle = np.cumsum(q, axis=1)[:, segment[moving] - 1]  # (T, M) angle of each marker's segment
+    return _shift(trial, moving, change.level * rotate(angle, slide))
+
+
+def drop_outs(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Return the trial without bursts of samples of moving markers; the level is the removed fraction of samples."""
+    moving, time, rng = _find_moving(trial), trial.time, change.rng()
+    missing = np.zeros((len(time), len(moving)), dtype=np.bool_)
+    removed, dt = 0, time[1] - time[0]
+    while removed < change.level * missing.size:
+        start, marker = int(rng.integers(len(time))), int(rng.integers(len(moving)))
+        frames = slice(start, start + max(1, round(rng.uniform(*_BURST) / dt)))
+        removed += int(np.count_nonzero(~missing[frames, marker]))
+        missing[frames, marker] = True
+    table = trial.long(PLANAR)
+    everywhere = np.zeros((len(time), len(table.labels)), dtype=np.bool_)
+    everywhere[:, moving] = missing
+    seen = {name: np.where(everywhere, np.nan, table.values[name]) for name in ("x", "y", "z")}
+    visible = table.values["visible"].astype(np.bool_) & ~everywhere
+    return trial.with_artefacts(replace(table, values={**seen, "visible": visible}))
+
+
+def marker_count(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Return the trial with at most ``level`` markers, chosen at random, on each moving segment."""
+    table, rng = trial.table(SEGMENTS), change.rng()
+    segment = table["segment"].copy()
+    for number in sorted(set(segment[segment > 0])):
+        segment[rng.permutation(np.flatnonzero(segment == number))[int(change.level) :]] = -1
+    return trial.with_artefacts(table.with_columns(segment=segment))
+
+
+def frame_rate(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+    """Return the trial with its frame rate divided by the level; the wrench is averaged as in planarise."""
+    every = int(change.level)
+    if every == 1:
+        return trial
+    planar, wrench = trial.long(PLANAR), trial.table(WRENCH)
+    thinned = replace(
+        planar,
+        frames=planar.frames[::every],
+        time=planar.time[::every],
+        values={name: values[::every] for name, values in planar.values.items()},
+        facts={**planar.facts, "rate_hz": planar.facts["rate_hz"] / every},
+    )
+    return trial.with_artefacts(thinned, _average(wrench, every))
+
+
+def _average(table: Table, every: int) -> Table:
+    """Return each ``every``-th row, as the mean of the ``every`` rows around it.
+
+    If ``every`` is even, the two outer rows of each mean have half the weight.
+    """
+    weight = np.ones(every) if every % 2 else np.r_[0.5, np.ones(every - 1), 0.5]
+    reach = len(weight) // 2
+    columns = {}
+    for name, values in table.columns.items():
+        if name in ("time", "plate_ok"):
+            columns[name] = values[::every]
+        else:
+            windows = np.lib.stride_tricks.sliding_window_view(np.pad(values, reach, mode="edge"), len(weight))
+            columns[name] = windows[::every] @ (weight / every)
+    return replace(table, columns=columns)
+
+
+def _find_columns(trial: TrialInputs, labels: Sequence[str]) -> IntArray:
+    """Return the columns of the markers with these labels in planar.parquet."""
+    known = trial.long(PLANAR).labels
+    return np.array([known.index(label) for label in labels], dtype=np.int64)
+
+
+def _read_segments(trial: TrialInputs) -> IntArray:
+    """Return the segment of each marker in planar.parquet; -1 for a marker without a segment."""
+    table = trial.table(SEGMENTS)
+    segment = np.full(len(trial.long(PLANAR).labels), -1)
+    segment[_find_columns(trial, list(table["marker"]))] = table["segment"]
+    return segment
+
+
+def _find_moving(trial: TrialInputs) -> IntArray:
+    """Return the columns of the markers on moving segments."""
+    return np.flatnonzero(_read_segments(trial) > 0)
+
+
+def _fill_gaps(angles: FloatArray) -> FloatArray:
+    """Return the angles (T, n) with linearly interpolated gaps; a column without known values stays NaN."""
+    filled = angles.copy()
+    for column in filled.T:
+        known = np.isfinite(column)
+        if not known.all() and known.any():
+            column[~known] = np.interp(np.flatnonzero(~known), np.flatnonzero(known), column[known])
+    return filled
+
+
+def _shift(trial: TrialInputs, columns: IntArray, shift: FloatArray) -> TrialInputs:
+    """Return the trial with the markers in ``columns`` (m,) shifted by ``shift`` (F, m, 2), metres."""
+    table = trial.long(PLANAR)
+    values = dict(table.values)
+    for axis, name in enumerate("xy"):
+        values[name] = values[name].copy()
+        values[name][:, columns] += shift[..., axis]
+    return trial.with_artefacts(replace(table, values=values))
+
+
+# Perturbations of the logs of inertial sensors. The program estimates a constant offset or drift of a sensor's clock, a
+# constant bias and a constant mounting for every trial. The perturbations therefore vary during the trial.
+
+_WANDER_PERIOD = 7.0  # s
+_SLIP_TIME = 0.5  # s, in which a sensor rotates on its segment
+
+
+def perturb_logs(trial: TrialInputs, change: Perturbation, folder: Path) -> TrialInputs:
+    """Write perturbed logs of all inertial sensors to ``folder``, and return the trial with these logs."""
+    change_log = change.definition.change_log
+    assert change_log is not None
+    files = {}
+    for number, (segment, sensor) in enumerate(list_sensors(trial.source.keys.imus).items()):
+        rng = np.random.default_rng([number, *change.rng().integers(2**32, size=4)])
+        files[segment] = folder / f"{number}.csv"
+        files[segment].write_bytes(format_imu_csv(change_log(read_imu(sensor.file, sensor.rate_hz), change.level, rng)))
+    keys = trial.source.keys.model_copy(update={"imus": files})
+    return replace(trial, source=replace(trial.source, keys=keys))
+
+
+def _wander_clock(log: ImuLog, level: float, rng: np.random.Generator) -> ImuLog:
+    """Return a log whose time stamps have a sinusoidal error with an amplitude of ``level`` s."""
+    phase = rng.uniform(0, 2 * np.pi)
+    return replace(log, time=log.time + level * np.sin(2 * np.pi * log.time / _WANDER_PERIOD + phase))
+
+
+def _drift_bias(log: ImuLog, level: float, rng: np.random.Generator) -> ImuLog:
+    """Return a log with a bias of the gyroscope from ``-level`` to ``level`` rad/s, along a random direction."""
+    ramp = np.interp(log.time, log.time[[0, -1]], [-level, level])
+    return replace(log, gyro=log.gyro + ramp[:, None] * _draw_direction(rng))
+
+
+def _rotate_sensor(log: ImuLog, level: float, rng: np.random.Generator) -> ImuLog:
+    """Return the log of a sensor that rotates by ``level`` rad on its segment in the middle of the trial."""
+    middle, axis = float(log.time[[0, -1]].mean()), _draw_direction(rng)
+    share = np.clip((log.time - middle) / _SLIP_TIME + 0.5, 0.0, 1.0)
+    back = so3.exp(-level * share[:, None] * axis)
+    speed = level * np.gradient(share, log.time)
+    gyro = np.einsum("fij,fj->fi", back, log.gyro) + speed[:, None] * axis
+    return replace(log, gyro=gyro, acc=np.einsum("fij,fj->fi", back, log.acc))
+
+
+def _draw_direction(rng: np.random.Generator) -> FloatArray:
+    vector = rng.standard_normal(3)
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+# The list of all kinds.
+
+
+def _at_least(least: int) -> Callable[[float], bool]:
+    return lambda level: level >= least and level == int(level)
+
+
+def _both_signs(*levels: float) -> tuple[float, ...]:
+    return tuple(sign * level for level in levels for sign in (1, -1))
+
+
+_THESIS_SD = ("0.0001", "0.001", "0.1")
+_ANGLE = (lambda level: abs(level) <= math.pi, "an angle up to ± pi, rad")
+_CLOCK = (lambda level: abs(level) <= 1, "a time up to ± 1 s")
+_DIVISOR = (_at_least(1), "a whole number by which the frame rate is divided, 1 or more")
+_MARKERS = (_at_least(2), "a whole number of markers, 2 or more")
+_NUMBER = (math.isfinite, "a number")
+_SHARE = (lambda level: 0 <= level < 1, "a fraction of at least 0 and below 1")
+_SIZE = (lambda level: level >= 0, "0 or more")
+_SNAP = (lambda level: level > 0, "a standard deviation of the snap above 0, rad/s^4")
+_IGNORED = _both_signs(0.001, 0.003, 0.01, 0.03, 0.1)
+_FIT: Entry = "fit-joints"
+_UKF: Entry = "ukf-smooth"
+_DYN: Entry = "identify-dim"
+# fmt: off
+_KINDS = (
+    Kind("filter-noise", "the filter's noise", _UKF, "rad/s^4", (1e1, 1e2, 1e3, 1e4), *_SNAP,
+         targets=_THESIS_SD, free=True, worse="either", change=filter_noise),
+    Kind("angle-bias", "angle bias", _DYN, "rad", (0.01, 0.03, 0.1), *_ANGLE, targets=JOINTS, change=angle_bias),
+    Kind("angle-noise", "angle noise", _UKF, "rad", (0.001, 0.003, 0.01), *_SIZE,
+         targets=JOINTS, usual=(ALL,), random=True, change=angle_noise),
+    Kind("clock-offset", "clock offset, estimated", _DYN, "s", _both_signs(0.001, 0.01, 0.1), *_CLOCK,
+         change=clock_offset),
+    Kind("clock-offset-ignored", "clock offset, not estimated", _DYN, "s", _IGNORED, *_CLOCK,
+         change=clock_offset_ignored),
+    Kind("wrench-bias", "wrench bias", _DYN, "N or N*m", (0.1, 1.0, 10.0), *_NUMBER, targets=COMPONENTS,
+         change=wrench_bias),
+    Kind("wrench-noise", "wrench noise", _DYN, "N or N*m", (0.01, 0.1, 1.0), *_SIZE,
+         targets=COMPONENTS, random=True, change=wrench_noise),
+    Kind("board-steps", "steps of a balance board's cells", _DYN, "kg", (0.1, 0.5, 2.0), *_SIZE, random=True,
+         change=board_steps),
+    Kind("stamp-jitter", "jitter of the force's time stamps", _DYN, "s", (0.003, 0.01, 0.03), *_SIZE, random=True,
+         change=stamp_jitter),
+    Kind("camera-noise", "camera noise", _FIT, "m", (0.001, 0.003, 0.01), *_SIZE, random=True, change=camera_noise),
+    Kind("marker-count", "markers per segment", _FIT, "", (4, 3, 2), *_MARKERS, worse="less", random=True,
+         change=marker_count),
+    Kind("drop-outs", "drop-outs", _FIT, "of samples", (0.05, 0.2, 0.5), *_SHARE, random=True, change=drop_outs),
+    Kind("soft-tissue", "soft tissue", _FIT, "m", (0.001, 0.003, 0.01), *_SIZE, random=True, change=soft_tissue),
+    Kind("frame-rate", "frame rate", _FIT, "", (2, 4, 8), *_DIVISOR, change=frame_rate),
+    Kind("imu-clock", "wander of the inertial sensors' clocks", _UKF, "s", (0.002, 0.01, 0.05), *_SIZE,
+         random=True, change_log=_wander_clock),
+    Kind("imu-bias", "drift of the gyroscopes' biases", _UKF, "rad/s", (0.003, 0.01, 0.03), *_SIZE,
+         random=True, change_log=_drift_bias),
+    Kind("imu-mounting", "rotation of the inertial sensors on the skin", _UKF, "rad", (0.03, 0.1, 0.3), *_ANGLE,
+         random=True, change_log=_rotate_sensor),
+)
+# fmt: on
+KINDS: Mapping[str, Kind] = {kind.name: kind for kind in _KINDS}
+"""Each kind by name, in the order of the tables."""

@@ -1,0 +1,317 @@
+"""A study of reaches: the reachable volume of several people and their clinical score (thesis table 7.1).
+
+A trial has one value with its interval for each measure. The table `people` averages a person's trials over sessions
+and sides, `correlation` compares people with their score, and `differences` pairs sides and successive sessions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from mocap_id.arrays import NORMAL_95
+from mocap_id.config.study import Study, StudyTrial
+from mocap_id.reporting.contents import COHORT
+from mocap_id.reporting.figures.reach import make_wires
+from mocap_id.reporting.numbers import UNKNOWN, to_numbers
+from mocap_id.reporting.results.columns import (
+    ResultColumn,
+    count,
+    declare_tables,
+    estimate_columns,
+    number,
+    shown_as,
+    text,
+    whole,
+)
+from mocap_id.reporting.study.cohort import CohortData
+from mocap_id.reporting.study.reach import Shape, render_reach_page, show_score
+from mocap_id.workflows.parallel import TrialRun
+from mocap_id.workflows.study.pooling import Estimate, average_estimates, correlate_ranks, group_by, pool_differences
+from mocap_id.workflows.study.study import StudyKind
+from mocap_id.workflows.trial_outcome import (
+    TRIAL_COLUMNS,
+    VERDICT_COLUMNS,
+    Measure,
+    StudyOutcome,
+    number_or_nan,
+    read_event_facts,
+    read_summary,
+)
+
+SIDES = ("right", "left")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReachResult(StudyOutcome):
+    """The result of one trial of a reach study."""
+
+    score: float | None  # clinical score of the person; None if not given
+    reach: Mapping[str, Any]  # facts of events.parquet about the reach; empty if the trial failed or was refused
+
+    @property
+    def session(self) -> str:
+        """Session of the recording; empty if not given."""
+        return self.trial.session
+
+    @property
+    def side(self) -> str:
+        """Side of the arm; for a trial that failed, the side in its configuration, or right if not given."""
+        mirrored = self.value("mirrored")
+        return self.trial.trial.keys.side or "right" if mirrored is None else SIDES[bool(mirrored)]
+
+    @property
+    def why(self) -> str:
+        """Reason why the volume is unknown; empty if the volume is known or the trial failed."""
+        return "" if math.isfinite(MEASURES["volume"].of(self).value) else self.value("workspace", "why") or ""
+
+
+ReachMeasure: TypeAlias = Measure[ReachResult, Estimate]
+
+
+def _read_number(trial: ReachResult, *keys: str) -> float:
+    return number_or_nan(trial.value("workspace", *keys))
+
+
+def _volume(*keys: str) -> Callable[[ReachResult], Estimate]:
+    """Return a function of a trial that returns the volume at ``keys`` of the workspace, with its interval."""
+
+    def estimate(trial: ReachResult) -> Estimate:
+        interval = to_numbers(trial.value("workspace", *keys, "interval_m3")) or [math.nan] * 2
+        return Estimate(_read_number(trial, *keys, "volume_m3"), *interval)
+
+    return estimate
+
+
+def _read_elevation(trial: ReachResult) -> Estimate:
+    value, sd = (_read_number(trial, "ranges", "shoulder_elevation", key) for key in ("high_deg", "high_sd_deg"))
+    return Estimate(value, value - NORMAL_95 * sd, value + NORMAL_95 * sd)
+
+
+MEASURES: Mapping[str, ReachMeasure] = {
+    "volume": Measure("volume (m³)", "m^3", "reachable volume, joints independent of each other", _volume()),
+    "visited": Measure(
+        "visited volume (m³)", "m^3", "reachable volume of the recorded combinations of angles", _volume("visited")
+    ),
+    "surface": Measure(
+        "surface",
+        "1",
+        "reached fraction of the hemisphere in front of the shoulder",
+        lambda trial: Estimate(_read_number(trial, "surface", "box", "total")),
+    ),
+    "elevation": Measure("elevation (°)", "deg", "highest elevation of the upper arm", _read_elevation),
+    "height": Measure(
+        "height (m)",
+        "m",
+        "highest wrist above the shoulder",
+        lambda trial: Estimate(_read_number(trial, "heights", "highest_m")),
+    ),
+}
+"""Measures that are compared between people, sides and sessions; the thesis uses `volume`."""
+
+
+def read_reach_result(study: Study, trial: StudyTrial, run: TrialRun) -> ReachResult:
+    """Read the result of a trial from its run folder."""
+    facts, summary = read_event_facts(trial, run, "reach"), read_summary(trial.trial.out, run)
+    return ReachResult(trial=trial, run=run, score=study.subjects[trial.subject].score, summary=summary, reach=facts)
+
+
+def person_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
+    """Yield a row for each person: first people without a score, then people with a score in ascending order."""
+    people = group_by(trials, lambda trial: trial.subject)
+    volume = MEASURES["volume"]
+
+    def rank(item: tuple[str, list[ReachResult]]) -> float:
+        score = item[1][0].score
+        return -math.inf if score is None else score
+
+    for subject, own in sorted(people.items(), key=rank):
+        with_volume = [trial for trial in own if np.isfinite(volume.of(trial).value)]
+        row = {"subject": subject, "score": own[0].score, "trials": len(with_volume), "of_trials": len(own)}
+        for name, measure in MEASURES.items():
+            row |= average_estimates(_average_side(own, side, measure) for side in SIDES).columns(name)
+        yield row | {f"volume_{side}": _average_side(own, side, volume).value for side in SIDES}
+
+
+def _average_side(trials: Sequence[ReachResult], side: str, measure: ReachMeasure) -> Estimate:
+    return average_estimates(measure.of(trial) for trial in trials if trial.side == side)
+
+
+def correlation_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
+    """Yield a row for each measure: its correlation with the score, from people for whom both are known."""
+    rows = list(person_rows(trials))
+    score = np.array([math.nan if row["score"] is None else row["score"] for row in rows], dtype=np.float64)
+    for name in MEASURES:
+        estimate, p, people = correlate_ranks(score, np.array([row[name] for row in rows], dtype=np.float64))
+        yield {"measure": name, "people": people, "p": p} | estimate.columns("spearman")
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Two groups of trials of one person that differ only in side or in session."""
+
+    comparison: str  # both sides or sessions: second minus first, such as ``left - right``
+    subject: str
+    label: str  # the session in which two sides, or the side in which two sessions are compared
+    first: Sequence[ReachResult]
+    second: Sequence[ReachResult]
+
+    def difference(self, measure: ReachMeasure) -> Estimate:
+        """Return the second group's mean of a measure minus the first group's mean."""
+        first, second = (_average_side(own, own[0].side, measure) for own in (self.first, self.second))
+        return second.minus(first)
+
+
+def _pair_trials(trials: Sequence[ReachResult]) -> Iterator[_Pair]:
+    """Yield the pairs of each person: right and left of each session, then successive sessions of each side."""
+    sessions = list(dict.fromkeys(trial.session for trial in trials if trial.session))
+    for subject, own in group_by(trials, lambda trial: trial.subject).items():
+        groups = group_by(own, lambda trial: (trial.session, trial.side))
+        for session in dict.fromkeys(trial.session for trial in own):
+            right, left = (groups.get((session, side), []) for side in SIDES)
+            if right and left:
+                yield _Pair("left - right", subject, session, right, left)
+        for side in SIDES:
+            recorded = [session for session in sessions if (session, side) in groups]
+            for before, after in pairwise(recorded):
+                yield _Pair(f"{after} - {before}", subject, side, groups[before, side], groups[after, side])
+
+
+def difference_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
+    """Yield, for each comparison and measure, the row of the cohort and then the rows of the people."""
+    for comparison, pairs in group_by(_pair_trials(trials), lambda pair: pair.comparison).items():
+        for name, measure in MEASURES.items():
+            differences = [(pair, pair.difference(measure)) for pair in pairs]
+            known = [(pair, difference) for pair, difference in differences if np.isfinite(difference.value)]
+            if not known:
+                continue
+            labels = {"comparison": comparison, "measure": name}
+            people: dict[str, list[float]] = {}
+            for pair, difference in known:
+                people.setdefault(pair.subject, []).append(difference.value)
+            yield labels | {"subject": COHORT} | pool_differences(people, "sd")
+            for pair, difference in known:
+                person = {"subject": pair.subject, "label": pair.label, "people": 1}
+                yield labels | person | difference.columns("difference")
+
+
+def make_page(data: CohortData, trials: Sequence[ReachResult]) -> bytes:
+    """Return the page of the study as UTF-8; the page draws the last trial of each person, side and session."""
+    with_surface = [trial for trial in trials if trial.reach.get("mesh")]
+    drawn = {(trial.subject, trial.side, trial.session): trial for trial in with_surface}
+    return render_reach_page(data, tuple(map(make_shape, drawn.values())))
+
+
+def make_shape(trial: ReachResult) -> Shape:
+    """Return the surface of a trial's reachable volume; the surface of a left arm is mirrored back to the left."""
+    mesh, mirror = trial.reach["mesh"], [1, 1, -1 if trial.side == "left" else 1]
+    shoulder = np.array(trial.reach["shoulder_m"])
+    surface = shoulder + make_wires(mesh["theta_deg"], mesh["psi_deg"], mesh["box_m"])
+    arm = shoulder + np.array(trial.reach["view"]["arm_m"])
+    return Shape(trial.subject, trial.side, trial.session, surface * mirror, arm * mirror)
+
+
+# The columns of all tables, and how the page shows them.
+
+_SCORE = "clinical score of the person; NaN if not given"
+_MEASURE = text(
+    "measure",
+    "measure of reach: " + ", ".join(MEASURES),
+    head="measure",
+    cell=lambda row: MEASURES[row["measure"]].label,
+)
+
+
+def _level(level: str) -> ResultColumn:
+    """Return the column of whether a level was reached; missing if this is unknown."""
+
+    def read(trial: ReachResult) -> int | None:
+        reached = trial.value("workspace", "heights", "levels", level)
+        return None if reached is None else int(reached)
+
+    return count(level, f"1: reached the height of {level}; 0: not reached", read)
+
+
+TABLES = declare_tables(
+    people=(
+        text("subject", "id of the person", head="person"),
+        shown_as(number("score", "1", _SCORE), "score", lambda row: show_score(row["score"]), optional=True),
+        shown_as(
+            whole("trials", "number of trials with a known volume"),
+            "trials",
+            lambda row: f"{row['trials']} of {row['of_trials']}",
+        ),
+        whole("of_trials", "number of all trials"),
+        *(
+            column
+            for name, one in MEASURES.items()
+            for column in estimate_columns(name, one.unit, one.meaning, None, one.label)
+        ),
+        number(
+            "volume_right",
+            "m^3",
+            "reachable volume of the right arm, mean over its trials",
+            head="right (m³)",
+            decimals=3,
+            optional=True,
+        ),
+        number(
+            "volume_left",
+            "m^3",
+            "reachable volume of the left arm, mean over its trials",
+            head="left (m³)",
+            decimals=3,
+            optional=True,
+        ),
+    ),
+    correlation=(
+        _MEASURE,
+        whole("people", "number of people whose score and measure are known", head="people"),
+        *estimate_columns("spearman", "1", "Spearman's correlation with the score", head="Spearman's correlation"),
+        number("p", "1", "two-sided permutation p-value of the hypothesis of no correlation", head="p"),
+    ),
+    differences=(
+        text("comparison", "both sides or sessions: second minus first", head="difference"),
+        _MEASURE,
+        text("subject", "id of the person; `cohort` = mean over all people", head="person"),
+        text("label", "session in which sides are compared, or side in which sessions are compared", head="of"),
+        whole("people", "number of people in the row", head="people"),
+        *estimate_columns("difference", "", "difference, in the measure's unit", head="difference"),
+        number(
+            "sd",
+            "",
+            "cohort: standard deviation of the differences, in the measure's unit",
+            head="sd",
+            optional=True,
+        ),
+    ),
+    trials=(
+        *TRIAL_COLUMNS,
+        text("side", "side of the arm", lambda trial: trial.side, "side"),
+        text("session", "session of the recording", lambda trial: trial.session, "session", missing=UNKNOWN),
+        number("score", "1", _SCORE, lambda trial: trial.score),
+        *VERDICT_COLUMNS,
+        *(
+            column
+            for name, one in MEASURES.items()
+            for column in estimate_columns(name, one.unit, one.meaning, one.of, one.label)
+        ),
+        *map(_level, ("waist", "mouth", "overhead")),
+        text("why", "why the volume is unknown; empty otherwise", lambda trial: trial.why, ""),
+    ),
+)
+"""Schemas of the tables by name."""
+
+
+STUDY = StudyKind(
+    labels=("side", "session"),
+    read=read_reach_result,
+    tables=TABLES,
+    rows={"people": person_rows, "correlation": correlation_rows, "differences": difference_rows},
+    page=make_page,
+)
