@@ -220,7 +220,7 @@ def sample_box(lower: FloatArray, upper: FloatArray, count: int, seed: int, onto
         for sides in product((0.0, 1.0), repeat=count_fixed)
     ]
     unit = np.empty((count, n))
-    on_face = np.arange(count) % ON_FACES == ON_FACES - 1
+    on_face = (np.arange(count) % ON_FACES == ON_FACES - 1) & bool(faces)  # one joint alone has no such face
     unit[~on_face] = sobol(int((~on_face).sum()), n, seed)
     face_rows = np.flatnonzero(on_face)
     for k, (joints, sides) in enumerate(faces):  # one sequence for each, because part of a sequence is not even

@@ -132,6 +132,14 @@ def test_samples_fill_the_box_and_each_of_its_faces() -> None:
     assert counts.min() > 70
 
 
+def test_samples_of_one_joint_repeat_and_are_within_its_limits() -> None:
+    """A joint alone has no face that is a part of an edge in the plane."""
+    one, other = (sample_box(np.array([-0.5]), np.array([1.5]), 500, 3, 2) for _ in range(2))
+    np.testing.assert_array_equal(one, other)
+    assert one.min() >= -0.5 and one.max() <= 1.5
+    assert len(np.unique(one)) > 400
+
+
 def test_limits_are_the_extremes_of_what_was_seen() -> None:
     q = np.linspace(-1, 2, 301)[:, None]
     sd = np.full_like(q, 0.01)

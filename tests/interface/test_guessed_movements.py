@@ -131,6 +131,7 @@ def _walk(*, travels: bool) -> tuple[list[str], FloatArray]:
     made = np.stack(positions, 1)
     if not travels:
         made[..., 0] -= 1.2 * time[:, None]
+    made += 1e-4 * np.random.default_rng(1).standard_normal(made.shape)  # no camera repeats a position exactly
     return ["LHEE", "LTOE", "RHEE", "RTOE", "LASI", "RASI", "LSHO", "RSHO"], made
 
 
