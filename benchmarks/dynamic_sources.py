@@ -13,8 +13,17 @@ from typing import Any
 
 import harness
 import numpy as np
-from dynamic_sweep import ROWS, compare
-from dynamic_truth import NORMS, SERIES, UNITS, TrialWithTruth, find_last_frame_turn, read_true_centres, read_with_truth
+from dynamic_sweep import (
+    NORMS,
+    ROWS,
+    SERIES,
+    UNITS,
+    TrialWithTruth,
+    compare,
+    find_last_frame_turn,
+    read_true_centres,
+    read_with_truth,
+)
 
 from mocap_id.arrays import FloatArray
 from mocap_id.simulation import Options

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import harness
 import numpy as np
-from dynamic_truth import find_last_frame_turn
+from dynamic_sweep import find_last_frame_turn
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config import load

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import dynamic_truth
+import dynamic_sweep
 import harness
 import numpy as np
 
@@ -140,7 +140,7 @@ def list_wrong_quantities(run: harness.Run) -> Iterator[str]:
             yield f"length {name}"
         elif abs(length["value"] - true) > INTERVAL * harness.QUANTILE * length["sd"]:
             yield f"interval of length {name}"
-    done = dynamic_truth.read_with_truth(run)
+    done = dynamic_sweep.read_with_truth(run)
     if done is None:
         return
     sign = np.sign(np.corrcoef(_select_known(done.states["theta_1"], done.true["q"][:, 0]))[0, 1])
@@ -169,7 +169,7 @@ def _has_misplaced_marker(summary: Mapping[str, Any], truth: Mapping[str, Any], 
     )
 
 
-def _list_wrong_states(done: dynamic_truth.TrialWithTruth, sign: float) -> Iterator[str]:
+def _list_wrong_states(done: dynamic_sweep.TrialWithTruth, sign: float) -> Iterator[str]:
     for j, joint in enumerate(harness.JOINTS, 1):
         angle, true = _select_known(done.states[f"theta_{j}"], sign * done.true["q"][:, j - 1])
         if np.std(angle - true) > ANGLE:
@@ -179,17 +179,17 @@ def _list_wrong_states(done: dynamic_truth.TrialWithTruth, sign: float) -> Itera
             yield f"acceleration of the {joint}"
 
 
-def _list_wrong_forces(done: dynamic_truth.TrialWithTruth, signs: FloatArray) -> Iterator[str]:
-    error = dynamic_truth.stack_series(done.predicted) - signs * dynamic_truth.stack_true_series(done.true)
-    rms: FloatArray = harness.rms(error[done.off_seat]) * dynamic_truth.SCALE
+def _list_wrong_forces(done: dynamic_sweep.TrialWithTruth, signs: FloatArray) -> Iterator[str]:
+    error = dynamic_sweep.stack_series(done.predicted) - signs * dynamic_sweep.stack_true_series(done.true)
+    rms: FloatArray = harness.rms(error[done.off_seat]) * dynamic_sweep.SCALE
     limits = {"CoP": CENTRE_OF_PRESSURE} | dict.fromkeys(harness.JOINTS, TORQUE)
-    for name, value in zip(dynamic_truth.SERIES, rms, strict=True):
+    for name, value in zip(dynamic_sweep.SERIES, rms, strict=True):
         if value > limits.get(name, np.inf):
             yield f"torque of the {name}" if name in harness.JOINTS else name
 
 
-def _list_wrong_parameters(done: dynamic_truth.TrialWithTruth, summary: Mapping[str, Any]) -> Iterator[str]:
-    true_base = dynamic_truth.compute_true_base(done)
+def _list_wrong_parameters(done: dynamic_sweep.TrialWithTruth, summary: Mapping[str, Any]) -> Iterator[str]:
+    true_base = dynamic_sweep.compute_true_base(done)
     pairs = true_base[2:].reshape(-1, 3)[:, :2]  # (mx, my) of each moving segment, whose frame is a convention
     size = np.abs(true_base)
     size[1] = max(size[1], LEVER * true_base[0])  # as in dynamics.excitation.parameter_sizes

@@ -13,8 +13,8 @@ from typing import Any
 
 import harness
 import numpy as np
-from dynamic_truth import SCALE, UNITS, find_off_seat, stack_true_series
-from dynamic_truth import TITLES as NAMES
+from dynamic_sweep import SCALE, UNITS, find_off_seat, stack_true_series
+from dynamic_sweep import TITLES as NAMES
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load

@@ -12,15 +12,309 @@ from typing import Any
 
 import harness
 import numpy as np
-import sensor_arms
-import sensor_conditions
 import sensor_handle
 from harness import QUANTILE, Comparison, Run, run_trial
+from scipy.interpolate import CubicSpline
+from space import TO_TRIAL, compute_rms_length, stack_columns
 
 from mocap_id.arrays import FloatArray
+from mocap_id.config import load
+from mocap_id.errors import ConfigError
+from mocap_id.geometry import so3
 from mocap_id.simulation import Options, simulate
+from mocap_id.simulation.arm import ArmOptions, write_arm
+from mocap_id.simulation.arm.arm import generate_arm
+from mocap_id.simulation.arm.options import Preset
+from mocap_id.simulation.body import draw_subject
 from mocap_id.simulation.simulated_trial import generate
-from mocap_id.simulation.trial_files import c3d_bytes
+from mocap_id.simulation.trial_files import c3d_bytes, points_bytes
+
+STRATEGIES = ("normal", "dynamic", "stable")
+_ENDS = 20  # frames at either end without figures
+
+
+def draw_options(seed: int) -> tuple[Options, Options]:
+    """Return the calibration trial and the second trial of a person, both with inertial sensors."""
+    person = draw_subject(seed, 1)
+    first = Options(seed=2 * seed, repetitions=3, analog_rate=100, imus=True, subject=person)
+    second = replace(first, seed=2 * seed + 1, strategy=STRATEGIES[(1 + seed // 3) % 3])
+    return replace(first, strategy=STRATEGIES[seed % 3]), second
+
+
+def remove_recording(configuration: Path, calibration: Path) -> Path:
+    """Return the configuration of a trial with its inertial sensors alone."""
+    lines = configuration.read_text("utf-8").splitlines()
+    kept = [line for line in lines if not line.startswith("recording:")]
+    alone = configuration.with_name("alone.yaml")
+    alone.write_text("\n".join([*kept, f"calibration: {calibration}", "out: runs/alone", ""]), "utf-8")
+    return alone
+
+
+def run_alone(seed: int) -> Comparison:
+    """Simulate both trials of a person, and run the second one with its inertial sensors alone."""
+    with harness.temporary_folder() as place:
+        return _run_alone(place, seed)
+
+
+def _run_alone(place: Path, seed: int) -> Comparison:
+    first, second = draw_options(seed)
+    calibration = simulate("sit-to-stand", place / "calibration", first)
+    configuration = simulate("sit-to-stand", place / "trial", second)
+    alone = remove_recording(configuration, calibration)
+    done = run_trial(alone)
+    (shown,) = Run(calibration, load(calibration)).read("states.parquet")
+    constant = np.nanmean(_compute_errors(calibration, shown, shown["time"])[..., 0], axis=0)
+    (states,) = done.read("states.parquet")
+    clock = done.truth["imu"]
+    time = clock["shank"]["offset_s"] + states["time"] * (1 + 1e-6 * clock["shank"]["ppm"])
+    away, sd = _compute_errors(alone, states, time), harness.stack_states(states, "sd_")
+    away[..., 0] -= constant
+    errors, inside = _summarise_states(away, sd)
+    others = {name: each for name, each in done.summary["imus"].items() if name != "shank"}
+    between = {name: each["offset_s"] - clock["shank"]["offset_s"] for name, each in clock.items()}
+    off = {name: each["clock_offset_s"] - between[name] for name, each in others.items()}
+    errors["largest error of an angle, degrees"] = float(np.degrees(np.abs(away[_ENDS:-_ENDS, :, 0]).max()))
+    errors["clock between sensors, ms"] = 1e3 * max(abs(each) for each in off.values())
+    errors["repetitions"] = _count_right(done)
+    inside["clock"] = float(np.mean([abs(off[n]) < QUANTILE * each["sd_s"] for n, each in others.items()]))
+    # the true rotation of each sensor about the vertical is zero
+    turned = [abs(each["heading_deg"]) < QUANTILE * each["heading_sd_deg"] for each in done.summary["imus"].values()]
+    inside["heading"] = float(np.mean(turned))
+    return Comparison(done.codes, errors, inside)
+
+
+def compute_clock_errors(done: Run, middle: float) -> list[tuple[float, float, bool]]:
+    """Return for every clock its error in mid-trial and its standard deviation, s, and whether it is observable."""
+    found = []
+    for name, each in done.summary["imus"].items():
+        if each["used"] and each["clock_offset_s"] is not None:
+            right = done.truth["imu"][name]
+            off = each["clock_offset_s"] - right["offset_s"] + 1e-6 * (each["ppm"] - right["ppm"]) * middle
+            found.append((float(off), each["sd_s"], each["observable"]))
+    return found
+
+
+def run_cameras(place: Path, seed: int, *, board: bool) -> Comparison:
+    """Simulate the second trial of a person with markers and a plate or a balance board, and run it."""
+    options = replace(draw_options(seed)[1], imus=False, board=board)
+    configuration = simulate("sit-to-stand", place / ("board" if board else "plate"), options)
+    done = run_trial(configuration)
+    (states,) = done.read("states.parquet")
+    away, sd = _compute_errors(configuration, states, states["time"]), harness.stack_states(states, "sd_")
+    away[..., 0] -= np.nanmean(away[..., 0], axis=0)
+    errors, inside = _summarise_states(away, sd)
+    errors["repetitions"] = _count_right(done)
+    if done.summary["dynamics"]["base"] and done.summary["dynamics"]["base"][0]["value"] is not None:
+        more, intervals = _summarise_dynamics(done)
+        errors, inside = errors | more, inside | intervals
+    return Comparison(done.codes, errors, inside)
+
+
+def _count_right(done: Run) -> float:
+    return float(sum(each["stand_s"] is not None for each in done.summary["repetitions"]) == 3)
+
+
+def interpolate_truth(configuration: Path, time: FloatArray, names: Sequence[str]) -> dict[str, FloatArray]:
+    """Return arrays of ``truth.npz`` at any times, s."""
+    with np.load(configuration.with_name("truth.npz")) as arrays:
+        return {name: np.asarray(CubicSpline(arrays["t"], arrays[name])(time)) for name in names}
+
+
+def _compute_errors(configuration: Path, states: Any, time: FloatArray) -> FloatArray:
+    """Return the errors (F, n, 3) of the states."""
+    true = interpolate_truth(configuration, time, ["q", "qd", "qdd"])
+    return harness.stack_states(states) - np.stack(list(true.values()), axis=2)
+
+
+def _summarise_states(away: FloatArray, sd: FloatArray) -> tuple[dict[str, float], dict[str, float]]:
+    away, sd = away[_ENDS:-_ENDS], sd[_ENDS:-_ENDS]
+    size = harness.rms(away.reshape(-1, 3))
+    errors = {
+        "joint angles, degrees": float(np.degrees(size[0])),
+        "joint velocities, rad/s": float(size[1]),
+        "joint accelerations, rad/s²": float(size[2]),
+    }
+    within = np.mean(np.abs(away) < QUANTILE * sd, axis=(0, 1))
+    return errors, {name: float(each) for name, each in zip(("angle", "velocity", "acceleration"), within, strict=True)}
+
+
+def _summarise_dynamics(done: Run) -> tuple[dict[str, float], dict[str, float]]:
+    (dynamics,) = done.read("dynamics.parquet")
+    fit = dynamics["in_fit"]
+    true = interpolate_truth(done.configuration, dynamics["time"], ["wrench", "cop_x", "tau"])
+    value, right = done.base("value"), done.true_base
+    first = [abs(np.hypot(*value[[k, k + 1]]) / np.hypot(*right[[k, k + 1]]) - 1) for k in (2, 5, 8)]
+    torque = dynamics.stack([f"tau_{j}" for j in (1, 2, 3)]) - true["tau"]
+    sd = dynamics.stack([f"sd_tau_{j}" for j in (1, 2, 3)])
+    cop = dynamics["cop_x_model"] - true["cop_x"]
+    errors = {
+        "centre of pressure, mm": 1e3 * float(harness.rms(cop[fit])),
+        "vertical force, N": float(harness.rms((dynamics["Fy_model"] - true["wrench"][:, 1])[fit])),
+        "horizontal force, N": float(harness.rms((dynamics["Fx_model"] - true["wrench"][:, 0])[fit])),
+        "torque of ankle, N·m": float(harness.rms(torque[fit, 0])),
+        "torques of knee and hip, N·m": float(harness.rms(torque[fit, 1:].ravel())),
+        "mass, %": 100 * abs(value[0] / right[0] - 1),
+        "first moments, %": 100 * float(np.mean(first)),
+        "moments of inertia, %": 100 * float(np.mean(np.abs(value[[4, 7, 10]] / right[[4, 7, 10]] - 1))),
+    }
+    inside = {
+        "centre of pressure": np.nanmean(np.abs(cop[fit]) < QUANTILE * dynamics["sd_cop_x_model"][fit]),
+        "torques": np.nanmean(np.abs(torque[fit]) < QUANTILE * sd[fit]),
+    }
+    return errors, {name: float(each) for name, each in inside.items()}
+
+
+def measure_conditions(seed: int) -> dict[str, Comparison]:
+    """Simulate and run the same trial of a person in three conditions, the most complete one first."""
+    with harness.temporary_folder() as place:
+        return {
+            "cameras and force plate": run_cameras(place, seed, board=False),
+            "cameras and balance board": run_cameras(place, seed, board=True),
+            "inertial sensors alone": _run_alone(place, seed),
+        }
+
+
+def make_condition_table(seeds: Sequence[int], jobs: int | None) -> str:
+    """Return the median errors in each condition, and the shares of samples inside 95 % intervals."""
+    rows = harness.run_all(measure_conditions, seeds, jobs)
+    names, lines = list(rows[0]), []
+    for quantity in dict.fromkeys(quantity for row in rows for quantity in row[names[0]].errors):
+        cells = []
+        for name in names:
+            values = [row[name].errors[quantity] for row in rows if quantity in row[name].errors]
+            if quantity == "repetitions":
+                cells.append(f"{100 * np.mean(values):.0f} % right")
+            else:
+                cells.append(f"{np.median(values):.2g}" if values else "not known")
+        lines.append([quantity, *cells])
+    for quantity in dict.fromkeys(quantity for row in rows for quantity in row[names[0]].inside):
+        every = [[row[name].inside.get(quantity, np.nan) for row in rows] for name in names]
+        cells = [f"{np.nanmean(each):.2f}" if np.isfinite(each).any() else "–" for each in every]
+        lines.append([f"inside 95 %: {quantity}", *cells])
+    return harness.format_table(["median error", *names], lines, numbers_from=1)
+
+
+ACCELERATION: Mapping[Preset, float] = {"default": 0.26, "hard": 0.30}
+"""Largest angular acceleration error of the forearm with sensors, rad/s²."""
+_ON = ("thorax", "upper_arm", "forearm")
+
+
+@dataclass(frozen=True)
+class _Errors:
+    """Errors of a run, of thorax, upper arm and forearm in the axes of the trial."""
+
+    done: Run
+    turn: FloatArray  # (F, 3, 3) of the rotation, rad, without its constant
+    rate: FloatArray  # (F, 3, 3) of the angular velocity, rad/s
+    gain: FloatArray  # (F, 3, 3) of the angular acceleration, rad/s²
+    sd: FloatArray  # (3, F, 3) standard deviations of these per axis
+
+
+def list_arm_limits(preset: Preset) -> dict[str, float]:
+    """Return the limits of the errors of :func:`measure_arm`."""
+    accelerations = (
+        "acceleration of the forearm, rad/s²",
+        "from markers alone, rad/s²",
+        "acceleration of the upper arm, rad/s²",
+        "of the upper arm from markers alone, rad/s²",
+    )
+    rotations = [
+        f"{name} in {gap}, degrees"
+        for gap in ("2 s without markers", "the same 2 s with markers")
+        for name in ("upper arm", "forearm")
+    ]
+    clock = {"clock where the motion shows it, ms": 2.0}
+    return dict.fromkeys(accelerations, ACCELERATION[preset]) | clock | dict.fromkeys(rotations, 3.0)
+
+
+def measure_arm(seed: int, preset: Preset) -> Comparison:
+    """Simulate an arm and run it with inertial sensors, without them, and with a gap of all markers."""
+    options = ArmOptions(seed=seed, preset=preset, cycles=1, imus=True)
+    with harness.temporary_folder() as place:
+        configuration = write_arm(place / "trial", options)
+        text = configuration.read_text("utf-8")
+        configuration.write_text(text.split("imus:")[0], "utf-8")
+        alone = _run_arm(configuration)
+        if alone is None:
+            return Comparison(("no arm found",))
+        configuration.write_text(text, "utf-8")
+        try:
+            both = _run_arm(configuration)
+        except ConfigError:
+            return Comparison(("segment of a sensor not found",))
+        assert both is not None  # the markers are the same
+        hidden = _hide_arm(configuration, options)
+        gap = _run_arm(configuration)
+        truth = both.done.truth
+    sizes = [compute_rms_length(each.gain[:, k]) for k in (2, 1) for each in (both, alone)]
+    clocks = compute_clock_errors(both.done, truth["n_frames"] / truth["point_rate_hz"] / 2)
+    clock = 1e3 * max((abs(off) for off, _, observable in clocks if observable), default=0.0)
+    rotations = [_find_largest(each, hidden, k) for each in (gap, both) for k in (1, 2)]
+    inside = {"clock": float(np.mean([abs(off) < harness.QUANTILE * sd for off, sd, _ in clocks]))}
+    for k, name in ((1, "upper arm"), (2, "forearm")):
+        inside[f"velocity of the {name}"] = _compute_share_inside(both.rate[:, k], both.sd[1, :, k])
+        inside[f"acceleration of the {name}"] = _compute_share_inside(both.gain[:, k], both.sd[2, :, k])
+        if gap is not None:
+            inside[f"rotation of the {name} without markers"] = _compute_share_inside(
+                gap.turn[hidden, k], gap.sd[0, hidden, k]
+            )
+    errors = dict(zip(list_arm_limits(preset), [*sizes, clock, *rotations], strict=True))
+    return Comparison(both.done.codes, errors, inside)
+
+
+def _run_arm(configuration: Path) -> _Errors | None:
+    """Run a trial and compare it with its truth; return None if it is refused or has no arm."""
+    done = harness.run_trial(configuration)
+    if done.summary["verdict"]["level"] == "refused":
+        return None
+    (poses,) = done.read("poses.parquet")
+    if f"{_ON[-1]}_qw" not in poses.names:
+        return None
+    keys = ("seg_R", "omega", "alpha")
+    true = dict(zip(keys, done.true(poses["time"], *keys), strict=True))
+    rotations = np.moveaxis(TO_TRIAL @ true["seg_R"][:, : len(_ON)], 1, 0)
+    turns = [_compute_rotation_error(poses, *each) for each in zip(_ON, rotations, strict=True)]
+    rate, gain = (
+        np.stack([stack_columns(poses, name, [f"{key}_{axis}" for axis in "xyz"]) for name in _ON], axis=1)
+        - true[key][:, : len(_ON)] @ TO_TRIAL.T
+        for key in ("omega", "alpha")
+    )
+    sd = np.stack([poses.stack([f"sd_{name}_{key}" for name in _ON]) for key in ("rotation", "omega", "alpha")])
+    return _Errors(done, np.stack(turns, axis=1), rate, gain, sd)
+
+
+def _compute_rotation_error(poses: Any, name: str, true: FloatArray) -> FloatArray:
+    """Return the error (F, 3) of a segment's rotation, rad, without its constant, which is a convention of the axes."""
+    scalar, vector = poses[f"{name}_qw"], stack_columns(poses, name, ["qx", "qy", "qz"])
+    cross = so3.hat(vector)
+    found = np.eye(3) + 2 * scalar[:, None, None] * cross + 2 * cross @ cross
+    known = np.isfinite(scalar)
+    u, _, v = np.linalg.svd(np.mean(np.swapaxes(true[known], 1, 2) @ found[known], axis=0))
+    turned = np.full((len(found), 3), np.nan)
+    turned[known] = so3.log(found[known] @ np.swapaxes(true[known] @ (u @ v), 1, 2))
+    return turned
+
+
+def _hide_arm(configuration: Path, options: ArmOptions) -> slice:
+    """Hide all markers for 2 s, beginning in a movement, and return these frames."""
+    trial = generate_arm(options)
+    hidden = harness.choose_gap(np.linalg.norm(trial.omega[:, 2], axis=1), trial.rate, options.seed, (2.0, 4.0))
+    points = trial.positions.copy()
+    points[hidden] = np.nan
+    configuration.with_name("trial.c3d").write_bytes(points_bytes(trial.labels, points, trial.rate))
+    return hidden
+
+
+def _find_largest(of: _Errors | None, frames: slice, k: int) -> float:
+    """Return the largest error of a segment's rotation in some frames, degrees; infinity if a rotation is missing."""
+    if of is None:
+        return float("inf")
+    size = np.degrees(np.linalg.norm(of.turn[frames, k], axis=1))
+    return float(np.where(np.isfinite(size), size, np.inf).max())
+
+
+def _compute_share_inside(error: FloatArray, sd: FloatArray) -> float:
+    return harness.compute_share_inside(error, np.repeat(sd[:, None], 3, axis=1))
 
 
 @dataclass(frozen=True)
@@ -41,7 +335,7 @@ def measure_board(seed: int, given: bool) -> Comparison:
         repetitions=3,
         analog_rate=100,
         board=True,
-        strategy=sensor_conditions.STRATEGIES[seed % 3],
+        strategy=STRATEGIES[seed % 3],
         clock_offset=offset,
     )
     with harness.temporary_folder() as place:
@@ -107,7 +401,7 @@ def measure_wrist(seed: int, speed: Any, sensor: bool) -> Comparison:
 
 def measure_inertial(seed: int) -> Comparison:
     """Simulate a sit-to-stand with three inertial sensors, and run it with them, without them, and with a gap."""
-    strategy = sensor_conditions.STRATEGIES[seed % 3]
+    strategy = STRATEGIES[seed % 3]
     options = Options(seed=seed, repetitions=3, analog_rate=100, strategy=strategy, imus=True)
     with harness.temporary_folder() as place:
         configuration = simulate("sit-to-stand", place / "trial", options)
@@ -120,7 +414,7 @@ def measure_inertial(seed: int) -> Comparison:
         _, gap, gap_sd, _ = _run_states(configuration)
         right = done.true_base
     gap[..., 0] -= np.nanmean(np.delete(gap[..., 0], np.r_[hidden], axis=0), axis=0)
-    clocks = sensor_conditions.compute_clock_errors(done, time.mean())
+    clocks = compute_clock_errors(done, time.mean())
     shown = [abs(off) for off, _, observable in clocks if observable]
     inertia = [np.mean(np.abs(each.base("value")[[4, 7, 10]] / right[[4, 7, 10]] - 1)) for each in (done, without)]
     ratios = [float(np.mean(harness.rms(error[..., k]) / harness.rms(alone[..., k]))) for k in (2, 1)]
@@ -199,13 +493,13 @@ TABLES: Mapping[str, Sequence[Row]] = {
     "arms": [
         Row(
             f"reaches, {preset} errors, a sensor on every segment",
-            sensor_arms.measure,
-            sensor_arms.list_limits(preset),
+            measure_arm,
+            list_arm_limits(preset),
             (preset,),
         )
-        for preset in sensor_arms.ACCELERATION
+        for preset in ACCELERATION
     ],
-    "alone": [Row(f"{_ON}, no markers", sensor_conditions.run_alone, _ALONE)],
+    "alone": [Row(f"{_ON}, no markers", run_alone, _ALONE)],
 }
 
 
@@ -228,7 +522,7 @@ def make_table(row: Row, seeds: Sequence[int], jobs: int | None) -> str:
 
 OTHERS: Mapping[str, Callable[[Sequence[int], int | None], str]] = {
     "handles": sensor_handle.make_table,
-    "conditions": sensor_conditions.make_table,
+    "conditions": make_condition_table,
 }
 
 
