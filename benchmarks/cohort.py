@@ -11,6 +11,7 @@ import json
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -57,26 +58,19 @@ _FOUND = 0.25  # s: an event this far from the true one belongs to another
 
 
 @dataclass(frozen=True)
-class Trial:
-    """One row of a study."""
+class Done:
+    """A trial that went through ``identify-dim``, and its truth."""
 
     name: str
     subject: str
     strategy: str
-
-
-@dataclass(frozen=True)
-class Done:
-    """A trial that went through ``identify-dim``, and its truth."""
-
-    trial: Trial
     model: IdentifiedTrial
     truth: TrialWithTruth
     run: Run
 
 
-def configure(study: Path, place: Path, settings: Mapping[str, Any]) -> list[tuple[Trial, Path]]:
-    """Write a configuration for every trial of a study, with settings of ``identify-dim``."""
+def configure(study: Path, place: Path, settings: Mapping[str, Any]) -> list[tuple[Mapping[str, str], Path]]:
+    """Write a configuration for every trial of a study, with settings of ``identify-dim``; return the study's rows."""
     study_file, made = YAML(typ="safe").load(study), []
     place.mkdir(exist_ok=True)
     for row in study_file["trials"]:
@@ -84,67 +78,49 @@ def configure(study: Path, place: Path, settings: Mapping[str, Any]) -> list[tup
         keys = {"trial": row["trial"], "recording": str(study.parent / row["recording"]), "subject": subject}
         file = place / f"{row['trial']}.yaml"
         file.write_text(json.dumps(study_file["defaults"] | keys | {"identify-dim": dict(settings)}))
-        made.append((Trial(row["trial"], row["subject"], row["strategy"]), file))
+        made.append((row, file))
     return made
 
 
-def run(file: Path) -> str | None:
-    """Run a trial up to ``identify-dim``; return the code of its refusal, or None."""
+def run(file: Path) -> bool:
+    """Run a trial up to ``identify-dim``; return whether no stage refuses it."""
     trial = load(file)
-    for name in DYNAMIC:
-        refused = run_stage(trial, name).refused
-        if refused is not None:
-            return refused.code
-    return None
-
-
-def read_done(study: Path, trial: Trial, file: Path) -> Done | None:
-    """Read a trial and its truth; return None without four segments or without parameters."""
-    run = Run(study.parent / "truth" / trial.name / "truth.json", load(file))
-    truth = read_with_truth(run)
-    return None if truth is None else Done(trial, open_identified_trial(run.trial.out), truth, run)
+    return all(run_stage(trial, name).refused is None for name in DYNAMIC)
 
 
 def compare_models(trials: Sequence[Done]) -> pd.DataFrame:
-    """Return the errors of every model on every trial of its person, a row for each pair.
+    """Return the errors of every model on every trial of its person, a row for each pair; and of Winter's model.
 
     ``Fy``, ``tauz`` and ``cop`` are compared with the measurement over the samples of the fit. Torques ``t1`` … are
     compared with the torques of the trial's own model. Columns with ``true_`` are compared with the truth over all
     samples off the seat.
     """
-    pairs = [(source, target) for target in trials for source in trials if source.trial.subject == target.trial.subject]
-    rows = [row for source, target in pairs for row in _compare_pair(source, target)]
+    rows = []
+    for source, target in [(source, target) for target in trials for source in trials]:
+        if source.subject != target.subject:
+            continue
+        found = apply_model(source.model, target.model)
+        bodies = {body.name: body for body in found.bodies}
+        moving = target.model.chain if source.model.measured is None else match_bodies(source.model, target.model)
+        of_body = {
+            WINTER: (target.model.bodies, target.model.reference),
+            TRANSFERRED: (moving, transfer_parameters(source.model.parameters, found.registration)),
+        }
+        names = {WINTER: WINTER} | (
+            {OWN: target.strategy, HELD_OUT: HELD_OUT} if source is target else {TRANSFERRED: source.strategy}
+        )
+        for body, model in names.items():
+            row: dict[str, Any] = {"subject": target.subject, "action": target.strategy, "trial": target.name}
+            row |= {"model": model, "own": body == OWN, "condition": found.condition}
+            errors = {short: bodies[body].errors[n] for n, short in (("Fy", "Fy"), ("tauz", "tauz"), ("cop_x", "cop"))}
+            errors |= {f"t{j}": torque for j, torque in enumerate(bodies[body].torques, start=1)}
+            for name, error in errors.items():
+                bias, sd = (np.nan, np.nan) if error is None else (error.bias, error.sd)
+                row |= {f"{name}_mean": bias, f"{name}_sd": sd, f"{name}_rms": float(np.hypot(bias, sd))}
+            if body != HELD_OUT:
+                row |= _compare_with_truth(target, of_body.get(body))
+            rows.append(row)
     return pd.DataFrame(rows).drop_duplicates(["subject", "action", "trial", "model"], ignore_index=True)
-
-
-def _compare_pair(source: Done, target: Done) -> Iterator[dict[str, Any]]:
-    """Yield a row for one model on one trial, and a row for Winter's model."""
-    found = apply_model(source.model, target.model)
-    bodies = {body.name: body for body in found.bodies}
-    moving = target.model.chain if source.model.measured is None else match_bodies(source.model, target.model)
-    of_body = {
-        WINTER: (target.model.bodies, target.model.reference),
-        TRANSFERRED: (moving, transfer_parameters(source.model.parameters, found.registration)),
-    }
-    same = source.trial == target.trial
-    names = {WINTER: WINTER} | (
-        {OWN: target.trial.strategy, HELD_OUT: HELD_OUT} if same else {TRANSFERRED: source.trial.strategy}
-    )
-    for body, model in names.items():
-        row = {"subject": target.trial.subject, "action": target.trial.strategy, "trial": target.trial.name}
-        row |= {"model": model, "own": body == OWN, "condition": found.condition}
-        for name, short in (("Fy", "Fy"), ("tauz", "tauz"), ("cop_x", "cop")):
-            row |= _summarise_error(short, bodies[body].errors[name])
-        for j, torque in enumerate(bodies[body].torques, start=1):
-            row |= _summarise_error(f"t{j}", torque)
-        if body != HELD_OUT:
-            row |= _compare_with_truth(target, of_body.get(body))
-        yield row
-
-
-def _summarise_error(name: str, error: Any) -> dict[str, float]:
-    bias, sd = (np.nan, np.nan) if error is None else (error.bias, error.sd)
-    return {f"{name}_mean": bias, f"{name}_sd": sd, f"{name}_rms": float(np.hypot(bias, sd))}
 
 
 def _compare_with_truth(target: Done, of_body: tuple[MovingBodies, FloatArray] | None) -> dict[str, float]:
@@ -176,7 +152,7 @@ def compare_skeletons(trials: Sequence[Done]) -> pd.DataFrame:
     for each in trials:
         lengths = read_group(each.truth.chain, "segments")["length"]
         height = each.truth.truth["subject"]["height_m"]
-        row: dict[str, Any] = {"subject": each.trial.subject, "strategy": each.trial.strategy}
+        row: dict[str, Any] = {"subject": each.subject, "strategy": each.strategy}
         for name, length, share in zip(SCORED, lengths, (0.246, 0.245), strict=True):
             true = each.truth.truth["segment_lengths_m"][name]
             row |= {name: 100 * (length / true - 1), f"{name} of stature": 100 * (share * height / true - 1)}
@@ -187,23 +163,20 @@ def compare_skeletons(trials: Sequence[Done]) -> pd.DataFrame:
 
 def compare_repetitions(trials: Sequence[Done]) -> pd.DataFrame:
     """Return a row for each true repetition: whether it was found, and the errors of its events, ms."""
+    names = {"start": "rise_start", "seat_off": "seat_off", "stand": "rise_end", "seat_on": "seat_on", "end": "sit_end"}
     rows = []
     for each in trials:
         (events,) = each.run.read("events.parquet")
         true = each.truth.truth["reps"]
         for k, one in enumerate(true):
-            row: dict[str, Any] = {"strategy": each.trial.strategy, "trial": each.trial.name, "right": False}
+            row: dict[str, Any] = {"strategy": each.strategy, "trial": each.name, "right": False}
             if len(events.frame) == len(true):
-                row |= _compare_events(events.frame.iloc[k], one)
+                found = events.frame.iloc[k]
+                errors = {name: 1e3 * (float(found[name]) - one[key]) for name, key in names.items()}
+                near = abs(errors["seat_off"]) < 1e3 * _FOUND and abs(errors["seat_on"]) < 1e3 * _FOUND
+                row |= {"right": bool(found["complete"]) and near, **errors}
             rows.append(row)
     return pd.DataFrame(rows)
-
-
-def _compare_events(found: Any, true: Mapping[str, float]) -> dict[str, Any]:
-    names = {"start": "rise_start", "seat_off": "seat_off", "stand": "rise_end", "seat_on": "seat_on", "end": "sit_end"}
-    errors = {name: 1e3 * (float(found[name]) - true[key]) for name, key in names.items()}
-    near = abs(errors["seat_off"]) < 1e3 * _FOUND and abs(errors["seat_on"]) < 1e3 * _FOUND
-    return {"right": bool(found["complete"]) and near, **errors}
 
 
 ORDINARY = Options(clock_offset=0.005)
@@ -257,12 +230,16 @@ class Outcome:
 
 def measure(study: Path, place: Path, settings: Mapping[str, Any], jobs: int) -> Outcome:
     """Run a cohort with settings of ``identify-dim`` and compare it with the truth."""
-    files = configure(study, place, settings)
-    refused = run_all(run, [file for _, file in files], jobs)
-    trials = [None if code else read_done(study, *each) for each, code in zip(files, refused, strict=True)]
-    good = [each for each in trials if each is not None]
-    lost = tuple(trial.name for (trial, _), each in zip(files, trials, strict=True) if each is None)
-    return Outcome(compare_models(good), compare_skeletons(good), compare_repetitions(good), lost)
+    files, good, lost = configure(study, place, settings), [], []
+    for (row, file), through in zip(files, run_all(run, [file for _, file in files], jobs), strict=True):
+        done = Run(study.parent / "truth" / row["trial"] / "truth.json", load(file))
+        truth = read_with_truth(done) if through else None  # None without four segments or without parameters
+        if truth is None:
+            lost.append(row["trial"])
+        else:
+            model = open_identified_trial(done.trial.out)
+            good.append(Done(row["trial"], row["subject"], row["strategy"], model, truth, done))
+    return Outcome(compare_models(good), compare_skeletons(good), compare_repetitions(good), tuple(lost))
 
 
 def measure_variants(study: Path, place: Path, jobs: int) -> dict[str, pd.DataFrame]:
@@ -289,39 +266,36 @@ def format_wrench(frame: pd.DataFrame) -> list[str]:
     return [format_pooled(frame, "Fy"), format_pooled(frame, "tauz"), format_pooled(frame, "cop", 100)]
 
 
-def format_spread(values: pd.Series[float], form: str = ".2f") -> str:
-    """Return mean ± standard deviation of values."""
-    return f"{values.mean():{form}} ± {values.std():{form}}"
+def list_models(found: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
+    """Yield every action and model with its rows."""
+    for action, model in product(ACTIONS, MODELS):
+        yield action, model, found[(found["action"] == action) & (found["model"] == model)]
 
 
 def make_table_6_3(found: pd.DataFrame) -> str:
     """Return the errors of every model on every action; the thesis's errors are in the row below."""
     head = ["action", "model", "", "condition", "Fy, N", "tauz, N·m", "CoP, cm", "tau 1, N·m", "tau 2", "tau 3"]
     rows = []
-    for action in ACTIONS:
-        for model in MODELS:
-            here = found[(found["action"] == action) & (found["model"] == model)]
-            cells = [*format_wrench(here), *(format_pooled(here, f"t{j}") for j in (1, 2, 3))]
-            rows.append([action, model, "ours", format_spread(here["condition"], ".0f"), *cells])
-            rows.append(["", "", "thesis", THESIS_CONDITION[action], *THESIS[action, model]])
+    for action, model, here in list_models(found):
+        cells = [*format_wrench(here), *(format_pooled(here, f"t{j}") for j in (1, 2, 3))]
+        rows.append([action, model, "ours", format_spread(here["condition"], ".0f"), *cells])
+        rows.append(["", "", "thesis", THESIS_CONDITION[action], *THESIS[action, model]])
     return format_table(head, rows)
 
 
 def make_torque_table(found: pd.DataFrame) -> str:
     """Return mean ± standard deviation of the errors of every model on every action, against the truth."""
     head = ["action", "model", "Fy, N", "tauz, N·m", "CoP, mm", *(f"{joint} torque, N·m" for joint in JOINTS)]
-    rows = []
-    for action in ACTIONS:
-        for model in MODELS:
-            here = found[(found["action"] == action) & (found["model"] == model)]
-            cells = [
-                format_pooled(here, "true_Fy"),
-                format_pooled(here, "true_tauz"),
-                format_pooled(here, "true_CoP", 1e3),
-            ]
-            cells += [format_pooled(here, f"true_tau_{j}") for j in (1, 2, 3)]
-            rows.append([action, model, *cells])
+    rows = [
+        [action, model, *(format_pooled(here, f"true_{name}", 1e3 if name == "CoP" else 1.0) for name in TRUTHS)]
+        for action, model, here in list_models(found)
+    ]
     return format_table(head, rows)
+
+
+def format_spread(values: pd.Series[float], form: str = ".2f") -> str:
+    """Return mean ± standard deviation of values."""
+    return f"{values.mean():{form}} ± {values.std():{form}}"
 
 
 def make_people_table(found: pd.DataFrame) -> str:
@@ -369,8 +343,8 @@ def make_length_table(found: pd.DataFrame) -> str:
     """Return table 6.1 with errors against the truth."""
     rows = []
     for name, (framework, stature) in THESIS_LENGTHS.items():
-        ours = [format_spread(found[name]), format_spread(found.groupby("subject")[f"{name} of stature"].first())]
-        rows.append([name, ours[0], framework, ours[1], stature])
+        by_stature = format_spread(found.groupby("subject")[f"{name} of stature"].first())
+        rows.append([name, format_spread(found[name]), framework, by_stature, stature])
     return format_table(["error, %", "framework: ours", "thesis", "stature: ours", "thesis"], rows)
 
 
@@ -378,11 +352,11 @@ def make_strategy_table(found: pd.DataFrame) -> str:
     """Return table 6.2 with errors against the truth."""
     head = ["", *(f"{action}: {whose}" for action in ACTIONS for whose in ("ours", "thesis"))]
     rows = []
-    for k, (name, column) in enumerate((("shank, %", "shank"), ("thigh, %", "thigh"), ("markers, mm", "markers"))):
-        cells = []
+    for k, name in enumerate(("shank, %", "thigh, %", "markers, mm")):
+        rows.append([name])
         for action in ACTIONS:
-            cells += [format_spread(found[found["strategy"] == action][column]), THESIS_STRATEGIES[action][k]]
-        rows.append([name, *cells])
+            ours = found[found["strategy"] == action][name.split(",")[0]]
+            rows[-1] += [format_spread(ours), THESIS_STRATEGIES[action][k]]
     return format_table(head, rows)
 
 
@@ -397,13 +371,6 @@ def make_event_table(found: pd.DataFrame) -> str:
             cells += [f"{value:.0f}" for value in np.nanquantile(here[event].abs(), (0.5, 0.9, 1.0))]
         rows.append([name, *cells])
     return format_table(head, rows)
-
-
-def make_requirement_table(found: Mapping[str, Outcome]) -> str:
-    """Return a table of the requirements and the results of both cohorts."""
-    columns = [list(_list_requirements(each)) for each in found.values()]
-    rows = [[*each[0][:2], *(text for _, _, text in each)] for each in zip(*columns, strict=True)]
-    return format_table(["quantity", "required", *found], rows)
 
 
 def _list_requirements(cohort: Outcome) -> Iterator[tuple[str, str, str]]:
@@ -465,11 +432,13 @@ def main() -> None:
         f"{arguments.subjects} persons with three strategies, one trial of {arguments.repetitions} sit-to-stands each: "
         f"an ordinary cohort (seed {arguments.first}) and a hard one (seed {arguments.first + 1})"
     )
+    columns = [list(_list_requirements(each)) for each in found.values()]
+    required = [[*each[0][:2], *(text for _, _, text in each)] for each in zip(*columns, strict=True)]
     names = {"start": "start of the rise", "stand": "upright", "end": "seated"}  # events without an exact instant
     others = [f"{name} {first.repetitions[event].median():+.0f} ms" for event, name in names.items()]
     sections = {
         "cohort": describe_source(__file__, source),
-        "cohort-requirements": make_requirement_table(found),
+        "cohort-requirements": format_table(["quantity", "required", *found], required),
         "cohort-people": make_people_table(first.models),
         "cohort-intervals": make_interval_table(first.models, varied.pop(EXACT)),
         "cohort-models": make_table_6_3(first.models),

@@ -65,7 +65,7 @@ def _insert_states(trial: Trial, order: int) -> Trial:
 def _insert_centres(trial: Trial) -> Trial:
     tree = trial.context.tree("chain.h5")
     joints: Any = tree.data["joints"]
-    data = {**tree.data, "joints": {**joints, "centre": read_true_centres(trial.done)}}
+    data = {**tree.data, "joints": {**joints, "centre": read_true_centres(trial.done.truth)}}
     return trial.with_inputs(chain_h5=replace(tree, data=data))
 
 

@@ -96,16 +96,25 @@ def find_last_frame_turn(truth: Mapping[str, Any], chain: Tree) -> float:
     return float(np.arctan2(-x, y))
 
 
-def read_true_centres(done: TrialWithTruth) -> FloatArray:
+def read_true_centres(truth: Mapping[str, Any]) -> FloatArray:
     """Return (n, 2) true joint centres, m."""
-    return np.array([segment["p_in_parent_m"] for segment in done.truth["segments"][1:]])
+    return np.array([segment["p_in_parent_m"] for segment in truth["segments"][1:]])
+
+
+def regroup_truth(truth: Mapping[str, Any], turn: float, side: int = 1) -> FloatArray:
+    """Return (b,) true base parameters, regrouped with the true lengths, in the frames of the chain.
+
+    ``turn`` is that of :func:`find_last_frame_turn`; ``side`` is -1 if x of the plane is opposite to x of the truth.
+    """
+    full = np.array([[s["m"], s["mx"], s["my"], s["Izz"]] for s in truth["segments"]])
+    full[-1, 1:3] = planar.rotate(np.array(-turn), full[-1, 1:3])
+    full[:, 1] *= side
+    return np.asarray(structural_base(read_true_centres(truth) * [side, 1]).regrouping @ full.reshape(-1))
 
 
 def compute_true_base(done: TrialWithTruth) -> FloatArray:
-    """Return (b,) true base parameters, regrouped with the true lengths, in the frames of the chain."""
-    full = np.array([[s["m"], s["mx"], s["my"], s["Izz"]] for s in done.truth["segments"]])
-    full[-1, 1:3] = planar.rotate(np.array(-find_last_frame_turn(done.truth, done.chain)), full[-1, 1:3])
-    return np.asarray(structural_base(read_true_centres(done)).regrouping @ full.reshape(-1))
+    """Return (b,) true base parameters of a trial."""
+    return regroup_truth(done.truth, find_last_frame_turn(done.truth, done.chain))
 
 
 def compute_norms(base: FloatArray) -> FloatArray:
@@ -319,8 +328,8 @@ def make_first(first: int) -> str:
     return f"One ordinary person, seed {first}:\n\n{table}\n\n{make_transfer_table(moved[None])}"
 
 
-def measure_times(seed: int) -> Mapping[str, tuple[float, float]]:
-    """Return wall and processor time, s, of ``identify-dim`` and of its constrained fit."""
+def measure_times(seed: int) -> dict[str, FloatArray]:
+    """Return the shortest wall and processor time, s, of ``identify-dim`` and of its constrained fit."""
     with harness.temporary_folder() as place:
         done = harness.run_simulated(place / "trial", replace(LONG, seed=seed))
         assert done is not None
@@ -328,30 +337,22 @@ def measure_times(seed: int) -> Mapping[str, tuple[float, float]]:
     for name in ("states.parquet", "wrench.parquet", "poses.parquet"):
         columns = {key: values[:TIMED_FRAMES] for key, values in inputs[name].columns.items()}
         inputs[name] = replace(inputs[name], columns=columns)
-    stage = _Timed(STAGE.function)
-    with patch.object(identification, "fit_consistent", _Timed(fit_consistent)) as solve:
+    calls: dict[str, list[tuple[float, float]]] = {"the whole stage": [], "its constrained fit": []}
+
+    def timed(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **named: Any) -> Any:
+            wall, own = perf_counter(), process_time()
+            result = function(*arguments, **named)
+            calls[name].append((perf_counter() - wall, process_time() - own))
+            return result
+
+        return call
+
+    stage, solve = (timed(*each) for each in zip(calls, (STAGE.function, fit_consistent), strict=True))
+    with patch.object(identification, "fit_consistent", solve):
         for _ in range(CALLS):
             stage(Context(done.trial.keys, done.trial.settings[STAGE.name], inputs))
-    return {"the whole stage": stage.fastest(), "its constrained fit": solve.fastest()}
-
-
-class _Timed:
-    """A function that records the times of its calls."""
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self.function = function
-        self.calls: list[tuple[float, float]] = []
-
-    def __call__(self, *arguments: Any, **named: Any) -> Any:
-        wall, own = perf_counter(), process_time()
-        result = self.function(*arguments, **named)
-        self.calls.append((perf_counter() - wall, process_time() - own))
-        return result
-
-    def fastest(self) -> tuple[float, float]:
-        """Return the shortest wall and processor time."""
-        wall, own = np.min(self.calls, axis=0)
-        return float(wall), float(own)
+    return {name: np.min(each, axis=0) for name, each in calls.items()}
 
 
 def main() -> None:
