@@ -231,32 +231,6 @@ def make_promise_table(results: Sequence[Result]) -> str:
     return harness.format_table(head, rows)
 
 
-def describe_balance(results: Sequence[Result]) -> str:
-    """Return how far the true centre of pressure leaves its limits in recordings of the advised movement alone."""
-    beyond = [
-        1e3 * max(r.support[0] - c.pressure[0], c.pressure[1] - r.support[1], 0.0)
-        for _, _, own in list_achieved(results)
-        for r, p, c in own
-        if r.support is not None and p.standalone
-    ]
-    outside = sum(value > 0 for value in beyond)
-    return f"{outside} of {len(beyond)} recordings, by {max(beyond, default=0.0):.0f} mm at most"
-
-
-def list_examples(results: Sequence[Result]) -> str:
-    """Return the advice to the first body of each kind."""
-    lines = []
-    for kind in KINDS:
-        for first in [r for r in results if r.case.kind == kind][:1]:
-            for name, (proposal, came) in first.advised.items():
-                after = f"{came.condition:.0f}" if isinstance(came, Recorded) else came
-                lines.append(
-                    f"- *{kind}*, {name}: {proposal.words}. Condition number {first.before.condition:.0f}, predicted "
-                    f"{proposal.predicted.condition:.0f}, achieved {after}."
-                )
-    return "\n".join(lines)
-
-
 def main() -> None:
     """Measure all bodies and publish the sections."""
     given = harness.make_parser(__doc__, parallel=True, bodies=5, first=960_000).parse_args()
@@ -264,10 +238,25 @@ def main() -> None:
     found = harness.run_all(measure, cases, given.jobs)
     without = "; ".join(each for each in found if isinstance(each, str)) or "none"
     results = [each for each in found if isinstance(each, Result)]
-    helped = []
+    helped, examples = [], []  # the examples are the advice to the first body of each kind
     for kind in KINDS:
-        helps = [r.helps for r in results if r.case.kind == kind]
-        helped.append(f"{sum(helps)} of {len(helps)} ({kind})")
+        own = [r for r in results if r.case.kind == kind]
+        helped.append(f"{sum(r.helps for r in own)} of {len(own)} ({kind})")
+        for first in own[:1]:
+            for name, (proposal, came) in first.advised.items():
+                after = f"{came.condition:.0f}" if isinstance(came, Recorded) else came
+                examples.append(
+                    f"- *{kind}*, {name}: {proposal.words}. Condition number {first.before.condition:.0f}, predicted "
+                    f"{proposal.predicted.condition:.0f}, achieved {after}."
+                )
+    # how far the true centre of pressure leaves its limits in recordings of the advised movement alone, mm
+    beyond = [
+        1e3 * max(r.support[0] - c.pressure[0], c.pressure[1] - r.support[1], 0.0)
+        for _, _, own in list_achieved(results)
+        for r, p, c in own
+        if r.support is not None and p.standalone
+    ]
+    outside = sum(value > 0 for value in beyond)
     source = f"{given.bodies} simulated bodies of each kind, seeds from {given.first}"
     sections = {
         "excitation": f"{harness.describe_source(__file__, source)} Recordings without advice: {without}.",
@@ -275,8 +264,9 @@ def main() -> None:
         "excitation-gains": make_gain_table(results),
         "excitation-promises": make_promise_table(results),
         "excitation-helped": f"Something within the limits was predicted to help in {', '.join(helped)} trials. A "
-        f"person's true centre of pressure left the limits in {describe_balance(results)}.",
-        "excitation-examples": list_examples(results),
+        f"person's true centre of pressure left the limits in {outside} of {len(beyond)} recordings, by "
+        f"{max(beyond, default=0.0):.0f} mm at most.",
+        "excitation-examples": "\n".join(examples),
     }
     harness.publish(sections, write=given.write)
 
