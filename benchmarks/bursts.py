@@ -6,10 +6,8 @@ About six seconds per trial and core.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
 
 import harness
 import numpy as np
@@ -34,22 +32,13 @@ LIMIT = 1.1
 
 
 @dataclass(frozen=True)
-class Run:
-    """Errors of one run of a trial."""
-
-    rms: FloatArray  # (n, 3) rms errors of the states
-    segment: IntArray  # (M,) segment of every marker
-    used: BoolArray  # (F, M) samples that were used
-
-
-@dataclass(frozen=True)
 class Result:
     """Comparison of the runs of one trial."""
 
     jumped: FloatArray  # (3,) error of the worst joint with jumps, relative to the run without jumps
     missing: FloatArray  # (3,) the same where the samples that jump are missing
     moved: bool  # a marker is on another segment than without jumps
-    wrong: tuple[bool, bool]  # a marker is on a wrong segment, without and with jumps
+    wrong: list[bool]  # a marker is on a wrong segment, without and with jumps; a marker on no segment is not wrong
     let_in: tuple[int, int]  # displaced samples that were used, and all displaced samples
     lost: tuple[int, int]  # other samples that were not used, and all other samples
     share: float  # of the samples that jump
@@ -57,88 +46,67 @@ class Result:
 
 def measure(seed: int) -> Result | None:
     """Simulate and run a trial without and with jumps, and return its comparison; return None if a run fails."""
+    contexts = []
     with harness.temporary_folder() as place:
-        plain, jumped = (
-            simulate("sit-to-stand", place / str(jumps), replace(USUAL, seed=seed, jumps=jumps)) for jumps in (0, JUMPS)
-        )
-        document = harness.read_truth(jumped)
-        with np.load(jumped.with_name("truth.npz")) as arrays:
+        for jumps in (0, JUMPS):
+            configuration = simulate("sit-to-stand", place / str(jumps), replace(USUAL, seed=seed, jumps=jumps))
+            trial = load(configuration)
+            if (refused := run_stage(trial, "planarise").refused) is not None:
+                raise refused
+            planar = Folder(trial.out).read("planar.parquet")
+            contexts.append(Context(trial.keys, None, {"planar.parquet": planar}))
+        document = harness.read_truth(configuration)
+        with np.load(configuration.with_name("truth.npz")) as arrays:
             truth = np.stack([arrays[name].astype(np.float64) for name in ("q", "qd", "qdd")], axis=2)
-        contexts = [planarise(configuration) for configuration in (plain, jumped)]
     labels = list(document["assignment"])
-    hit, off = find_jumps(document["jumps"], labels, len(truth), contexts)
-    planar = harness.hide_samples(contexts[0].long("planar.parquet"), hit)
-    contexts.append(replace(contexts[0], inputs={"planar.parquet": planar}))
+    hit: BoolArray = np.zeros((len(truth), len(labels)), dtype=np.bool_)  # samples that jump
+    for jump in document["jumps"]:
+        hit[jump["first_frame"] : jump["first_frame"] + jump["n_frames"], labels.index(jump["label"])] = True
+    tables = [context.long("planar.parquet") for context in contexts]
+    plain, jumped = (np.stack([table.values[axis] for axis in "xy"], axis=2) for table in tables)
+    off = np.linalg.norm(jumped - plain, axis=2)  # (F, M) distance of each jump in the plane, m
+    contexts.append(replace(contexts[0], inputs={"planar.parquet": harness.hide_samples(tables[0], hit)}))
     try:
         runs = [run(context, truth, labels) for context in contexts]
-    except (Refused, WrongSegments):
+    except Refused:
         return None
-    worst = [each.rms / runs[0].rms for each in runs[1:]]
+    if any(each is None for each in runs):
+        return None
+    errors, segments, used = zip(*runs, strict=True)
     true = np.array([document["assignment"][label] for label in labels])
-    moving, seen = true > 0, np.isfinite(read_coordinates(contexts[1])[..., 0])
-    bad, good = hit & seen & moving & (off > LEAST), seen & moving & ~hit & runs[0].used
+    moving, seen = true > 0, np.isfinite(jumped[..., 0])
+    bad, good = hit & seen & moving & (off > LEAST), seen & moving & ~hit & used[0]
     return Result(
-        worst[0].max(axis=0),
-        worst[1].max(axis=0),
-        bool((runs[1].segment != runs[0].segment).any()),
-        (has_wrong_marker(runs[0].segment, true), has_wrong_marker(runs[1].segment, true)),
-        (int((bad & runs[1].used).sum()), int(bad.sum())),
-        (int((good & ~runs[1].used).sum()), int(good.sum())),
+        (errors[1] / errors[0]).max(axis=0),
+        (errors[2] / errors[0]).max(axis=0),
+        bool((segments[1] != segments[0]).any()),
+        [bool(((each >= 0) & (each != true)).any()) for each in segments[:2]],
+        (int((bad & used[1]).sum()), int(bad.sum())),
+        (int((good & ~used[1]).sum()), int(good.sum())),
         float(hit.mean()),
     )
 
 
-class WrongSegments(Exception):
-    """The stages found a wrong number of segments."""
+def run(context: Context, truth: FloatArray, labels: Sequence[str]) -> tuple[FloatArray, IntArray, BoolArray] | None:
+    """Run the stages after planarise; return None if the number of segments is wrong.
 
-
-def has_wrong_marker(segment: IntArray, true: IntArray) -> bool:
-    """Return whether a marker is on a wrong segment; a marker on no segment is not wrong."""
-    return bool(((segment >= 0) & (segment != true) & ~((segment == 0) & (true == 0))).any())
-
-
-def planarise(configuration: Path) -> Context:
-    """Run the first stage of a trial."""
-    trial = load(configuration)
-    if (refused := run_stage(trial, "planarise").refused) is not None:
-        raise refused
-    planar = Folder(trial.out).read("planar.parquet")
-    return Context(trial.keys, None, {"planar.parquet": planar})
-
-
-def read_coordinates(context: Context) -> FloatArray:
-    """Return (F, M, 3) coordinates of the planar table, m."""
-    values = context.long("planar.parquet").values
-    return np.stack([values[axis] for axis in "xyz"], axis=2)
-
-
-def find_jumps(
-    found: Sequence[Mapping[str, Any]], labels: Sequence[str], frames: int, contexts: Sequence[Context]
-) -> tuple[BoolArray, FloatArray]:
-    """Return which samples (F, M) jump, and the distance of each jump in the plane, m."""
-    hit: BoolArray = np.zeros((frames, len(labels)), dtype=np.bool_)
-    for jump in found:
-        hit[jump["first_frame"] : jump["first_frame"] + jump["n_frames"], labels.index(jump["label"])] = True
-    plain, jumped = (read_coordinates(context)[..., :2] for context in contexts)
-    return hit, np.asarray(np.linalg.norm(jumped - plain, axis=2))
-
-
-def run(context: Context, truth: FloatArray, labels: Sequence[str]) -> Run:
-    """Run the stages after planarise and return the errors."""
+    Otherwise return rms errors (n, 3) of the states, the segment (M,) of every marker, and which samples (F, M) were
+    used.
+    """
     for stage in (SEGMENT, FIT_JOINTS, UKF_SMOOTH):
         outputs = stage.function(replace(context, settings=stage.settings()))
         made = {name: each for name, each in zip(stage.outputs, outputs, strict=True) if not isinstance(each, Document)}
         context = replace(context, inputs={**context.inputs, **made})
     states, markers = context.table("states.parquet"), context.long("markers.parquet")
     if not harness.has_true_segments(states):
-        raise WrongSegments
+        return None
     error = harness.stack_states(states) - truth
     error[..., 0] -= np.nanmedian(error[..., 0], axis=0)
     segments = context.table("segments.parquet")
     known = dict(zip(segments["marker"], segments["segment"], strict=True))
     used = np.zeros((len(markers.frames), len(labels)), dtype=np.bool_)
     used[:, [labels.index(label) for label in markers.labels]] = markers.values["used"]
-    return Run(harness.rms(error[MARGIN:-MARGIN]), np.array([int(known[label]) for label in labels]), used)
+    return harness.rms(error[MARGIN:-MARGIN]), np.array([int(known[label]) for label in labels]), used
 
 
 def make_ratio_table(ratios: FloatArray) -> str:

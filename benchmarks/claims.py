@@ -7,8 +7,8 @@ needs about a quarter of an hour of processor time.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from harness import (
     temporary_folder,
 )
 
+from mocap_id.interface.simulated import simulate
 from mocap_id.store.views import Skeleton
 from mocap_id.workflows.sensitivity.perturbations import (
     JOINTS,
@@ -35,15 +36,13 @@ from mocap_id.workflows.sensitivity.perturbations import (
 )
 from mocap_id.workflows.sensitivity.runs import (
     Estimates,
-    PerturbationRun,
     SeriesChanges,
     compare_series,
     read_estimates,
     run_from,
 )
 from mocap_id.workflows.sensitivity.study import sensitivity
-from mocap_id_simulation import Options, simulate
-from mocap_id_simulation.options import JointName, Speed
+from mocap_id_simulation.options import JointName, Options, Speed
 
 NEGLIGIBLE = 0.5  # %: as the thesis uses the word for the clock
 SUBSTANTIAL = 5.0  # %
@@ -85,6 +84,11 @@ class Case:
         number = len(self.trial.joints) + 1
         return f"mx{number}", f"my{number}"
 
+    @property
+    def every(self) -> str:
+        """The target of a perturbation of all joints."""
+        return "all" if len(self.trial.joints) > 1 else self.trial.joints[0]
+
     def run(self, kind: str, target: str, level: float, **filtering: float) -> tuple[Estimates, SeriesChanges]:
         """Run one perturbation, with other settings of the filter if given, and return its estimates and changes."""
         change = Perturbation(kind, target, level)
@@ -114,7 +118,7 @@ class Case:
         return find_worst(Outcome(self.percent(now, name), name) for name in self.names if name not in but)
 
 
-def find_worst(found: Iterator[Outcome]) -> Outcome:
+def find_worst(found: Iterable[Outcome]) -> Outcome:
     """Return the outcome with the largest value."""
     return max(found, key=lambda outcome: outcome.value)
 
@@ -127,9 +131,8 @@ def _measure_loss(moves: SeriesChanges, state: int | None = None) -> float:
 
 def measure_sweep(case: Case, gate: float | None = None) -> Outcome:
     """Return the largest change of the states over all pairs of noises."""
-    grid = case.swept(gate)
-    beyond = sum(_measure_loss(moves) >= 1 for moves in grid.values())
-    return Outcome(max(map(_measure_loss, grid.values())), f"{len(grid) - beyond} of {len(grid)} below 1 %")
+    losses = list(map(_measure_loss, case.swept(gate).values()))
+    return Outcome(max(losses), f"{sum(loss < 1 for loss in losses)} of {len(losses)} below 1 %")
 
 
 def measure_corner(case: Case, gate: float | None = None) -> Outcome:
@@ -139,15 +142,12 @@ def measure_corner(case: Case, gate: float | None = None) -> Outcome:
 
 def measure_rotation(case: Case) -> Outcome:
     """Return the change of the outermost first moments in % of their size, after they are rotated back."""
-    joint = case.trial.joints[-1]
-    before = complex(*(case.own.parameters[name].value for name in case.last))
-
-    def left(bias: float) -> Outcome:
-        now = case.run("angle-bias", joint, bias)[0]
+    before, found = complex(*(case.own.parameters[name].value for name in case.last)), []
+    for turn in (0.01, 0.1):
+        now = case.run("angle-bias", case.trial.joints[-1], turn)[0]
         after = complex(*(now.parameters[name].value for name in case.last))
-        return Outcome(100 * abs(after - before * np.exp(-1j * bias)) / abs(before), f"at {bias:g} rad")
-
-    return find_worst(map(left, (0.01, 0.1)))
+        found.append(Outcome(100 * abs(after - before * np.exp(-1j * turn)) / abs(before), f"at {turn:g} rad"))
+    return find_worst(found)
 
 
 def measure_others_with_rotation(case: Case) -> Outcome:
@@ -157,8 +157,8 @@ def measure_others_with_rotation(case: Case) -> Outcome:
 
 def measure_noisy_angles(case: Case) -> Outcome:
     """Return the change of parameters or acceleration with 0.01 rad of noise in every angle."""
-    now, moves = case.run("angle-noise", _name_all_joints(case), 0.01)
-    return find_worst(iter((case.largest(now), Outcome(min(_measure_loss(moves, 2), 999.0), "acceleration"))))
+    now, moves = case.run("angle-noise", case.every, 0.01)
+    return find_worst((case.largest(now), Outcome(min(_measure_loss(moves, 2), 999.0), "acceleration")))
 
 
 def measure_tuned_angles(case: Case) -> Outcome:
@@ -169,12 +169,7 @@ def measure_tuned_angles(case: Case) -> Outcome:
     chain = Skeleton.from_tree(case.trial.tree("chain.h5"))
     reach = float(np.sum(chain.local[chain.marker_segment == chain.marker_segment.max()] ** 2))
     sd = math.hypot(facts["marker_sd_m"], noise * math.sqrt(reach))
-    now, _ = case.run("angle-noise", _name_all_joints(case), noise, sigma_v=sigma_v, marker_sd=sd)
-    return case.largest(now)
-
-
-def _name_all_joints(case: Case) -> str:
-    return "all" if len(case.trial.joints) > 1 else case.trial.joints[0]
+    return case.largest(case.run("angle-noise", case.every, noise, sigma_v=sigma_v, marker_sd=sd)[0])
 
 
 def offset(kind: str, *levels: float) -> Callable[[Case], Outcome]:
@@ -194,18 +189,16 @@ def bias(component: str, into: int | None) -> Callable[[Case], Outcome]:
     """
 
     def measured(case: Case) -> Outcome:
-        return find_worst(each for level in (0.1, 1.0, 10.0) for each in _measure_beside(case, component, level, into))
+        taken, found = () if into is None else (case.names[into],), []
+        for level in (0.1, 1.0, 10.0):
+            now = case.run("wrench-bias", component, level)[0]
+            found.append(case.largest(now, taken))
+            for name in taken:
+                change = now.parameters[name].value - case.own.parameters[name].value
+                found.append(Outcome(100 * abs(change * GRAVITY / level - 1), f"{name} off {component}/g"))
+        return find_worst(found)
 
     return measured
-
-
-def _measure_beside(case: Case, component: str, level: float, into: int | None) -> Iterator[Outcome]:
-    now = case.run("wrench-bias", component, level)[0]
-    taken = () if into is None else (case.names[into],)
-    yield case.largest(now, taken)
-    for name in taken:
-        change = now.parameters[name].value - case.own.parameters[name].value
-        yield Outcome(100 * abs(change * GRAVITY / level - 1), f"{name} off {component}/g")
 
 
 @dataclass(frozen=True)
@@ -266,36 +259,11 @@ def open_case(configuration: Path) -> Case:
     return Case(read_inputs(locate_trial(configuration)))
 
 
-def simulate_robots(seeds: Sequence[int], folder: Path) -> list[Case]:
-    """Simulate trials of the thesis's robot; they take the conditions of table 5.2 in turn."""
-    cells = [Options(rate=480, analog_rate=2400, joint=joint, speed=speed) for joint, speed in CELLS]
-    made = [replace(cells[k % len(cells)], seed=seed) for k, seed in enumerate(seeds)]
-    return [open_case(simulate("robot", folder / f"robot-{one.seed}", one)) for one in made]
-
-
-def simulate_people(seeds: Sequence[int], folder: Path) -> list[Case]:
-    """Simulate sit-to-stands with ordinary errors."""
-    options = Options(analog_rate=1000, repetitions=5)
-    return [open_case(simulate("sit-to-stand", folder / f"sit-{seed}", replace(options, seed=seed))) for seed in seeds]
-
-
 def judge(claim: Claim, cases: Sequence[Case]) -> tuple[bool, Outcome]:
     """Return whether all trials confirm a claim, and the outcome that is farthest from it."""
     found = [claim.measure(case) for case in cases]
     failing = [outcome for outcome in found if not claim.holds(outcome.value)]
-    return not failing, find_worst(iter(failing or found))
-
-
-def make_claims_table(
-    answers: Sequence[tuple[Claim, Mapping[str, tuple[bool, Outcome]]]], counts: Mapping[str, int]
-) -> str:
-    """Return a table of the claims with the result of every group of trials."""
-    head = ("", "the thesis (5.5.2)", "confirmed by", *(f"{name} ({count})" for name, count in counts.items()))
-    rows = [
-        (claim.letter, claim.text, claim.limit, *(_format_outcome(claim.letter, *found[name]) for name in counts))
-        for claim, found in answers
-    ]
-    return format_table(head, rows)
+    return not failing, find_worst(failing or found)
 
 
 def _format_outcome(letter: str, holds: bool, outcome: Outcome) -> str:
@@ -319,54 +287,57 @@ def make_kind_table() -> str:
     return format_table(("kind", "levels", "unit", "on", "enters"), rows)
 
 
-def make_cost_table(runs: Sequence[PerturbationRun]) -> str:
-    """Return a table of the time of each kind of perturbation."""
-    rows = []
-    for kind in dict.fromkeys(one.perturbation.kind for one in runs):
-        spent = [one.seconds for one in runs if one.perturbation.kind == kind]
-        rows.append((f"`{kind}`", str(len(spent)), f"{np.median(spent):.2f}", f"{sum(spent):.1f}"))
-    return format_table(("kind", "perturbations", "s each (median)", "s in all"), rows)
-
-
 def main() -> None:
     """Test every claim on every group of trials and publish the sections."""
     arguments = make_parser(__doc__, trials=6, first=970_000).parse_args()
     source = find_recordings() or ROOT.parent / "shared" / "recordings"
     seeds = range(arguments.first, arguments.first + arguments.trials)
-    with temporary_folder() as place:
-        folder = place
+    with temporary_folder() as folder:
         files = {name: folder / f"{name}.yaml" for name in RECORDED}
         for name, file in files.items():
             recording = source / "simulated" / name / "trial.c3d"
             file.write_text(f"trial: {name}\nrecording: {recording}\nprotocol: {RECORDED[name]}\n")
+        robots, people = [], []
+        for k, seed in enumerate(seeds):  # robots take the conditions of table 5.2 in turn
+            joint, speed = CELLS[k % len(CELLS)]
+            one = Options(rate=480, analog_rate=2400, joint=joint, speed=speed, seed=seed)
+            robots.append(open_case(simulate("robot", folder / f"robot-{seed}", one)))
+        for seed in seeds[: max(1, len(seeds) // 2)]:
+            one = Options(analog_rate=1000, repetitions=5, seed=seed)
+            people.append(open_case(simulate("sit-to-stand", folder / f"sit-{seed}", one)))
         groups: Mapping[str, Sequence[Case]] = {
-            "generated robots": simulate_robots(seeds, folder),
+            "generated robots": robots,
             "ur5-elbow-fast": [open_case(files["ur5-elbow-fast"])],
-            "generated sit-to-stands": simulate_people(seeds[: max(1, len(seeds) // 2)], folder),
+            "generated sit-to-stands": people,
             "sts-normal": [open_case(files["sts-normal"])],
         }
-        answers = []
+        rows = []
         for claim in CLAIMS:
-            answers.append((claim, {name: judge(claim, cases) for name, cases in groups.items()}))
+            answers = [_format_outcome(claim.letter, *judge(claim, cases)) for cases in groups.values()]
+            rows.append((claim.letter, claim.text, claim.limit, *answers))
             report_progress(f"{claim.letter} {claim.text}")
         studies = {name: sensitivity(file, jobs=2) for name, file in files.items()}
-    counts, runs = {name: len(cases) for name, cases in groups.items()}, studies["sts-normal"].runs
     tolerances = []
     for name, study in studies.items():
         sentences = [row["sentence"] for row in study.document["tolerates"]]
         lines = [f"- {sentence[:1].upper()}{sentence[1:]}" for sentence in sentences]
         tolerances.append(f"**{name}**, {len(study.runs)} perturbations:\n\n" + "\n".join(lines))
+    costs, runs = [], studies["sts-normal"].runs
+    for kind in dict.fromkeys(one.perturbation.kind for one in runs):
+        spent = [one.seconds for one in runs if one.perturbation.kind == kind]
+        costs.append((f"`{kind}`", str(len(spent)), f"{np.median(spent):.2f}", f"{sum(spent):.1f}"))
     source = (
-        f"{counts['generated robots']} trials of the thesis's robot and {counts['generated sit-to-stands']} "
-        f"sit-to-stands, seeds from {arguments.first}, and on the recordings `ur5-elbow-fast` and `sts-normal`"
+        f"{len(robots)} trials of the thesis's robot and {len(people)} sit-to-stands, seeds from {arguments.first}, "
+        "and on the recordings `ur5-elbow-fast` and `sts-normal`"
     )
+    tested = [f"{name} ({len(cases)})" for name, cases in groups.items()]
     sections = {
         "sensitivity-kinds": make_kind_table(),
         "claims-trials": describe_source(__file__, source),
-        "claims": make_claims_table(answers, counts),
+        "claims": format_table(("", "the thesis (5.5.2)", "confirmed by", *tested), rows),
         "sensitivity-tolerances": "\n\n".join(tolerances),
         "sensitivity-costs": f"{len(runs)} perturbations, {sum(one.seconds for one in runs):.0f} s in all:\n\n"
-        + make_cost_table(runs),
+        + format_table(("kind", "perturbations", "s each (median)", "s in all"), costs),
     }
     publish(sections, write=arguments.write)
 

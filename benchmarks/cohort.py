@@ -7,31 +7,178 @@ per trial and core, and as long again for the variants.
 
 from __future__ import annotations
 
+import json
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from cohort_truth import WINTER, compare_models, compare_repetitions, compare_skeletons, configure, read_done, run
+from dynamic_sweep import TrialWithTruth, read_with_truth, stack_true_series
 from harness import (
+    DYNAMIC,
     EXACT,
     JOINTS,
+    SEGMENTS,
+    Run,
+    compute_share_inside,
     describe_source,
     format_numbers,
     format_pairs,
     format_table,
     make_parser,
     publish,
+    read_group,
     report_progress,
+    rms,
     run_all,
     temporary_folder,
 )
+from kinematic_sweep import SCORED
 from ruamel.yaml import YAML
 
-from mocap_id_simulation import Cohort, Options, simulate_cohort
+from mocap_id.arrays import FloatArray
+from mocap_id.config import load
+from mocap_id.dynamics.comparison import centre_of_pressure
+from mocap_id.dynamics.parameter_transfer import transfer_parameters
+from mocap_id.runner import run_stage
+from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
+from mocap_id.workflows.matched_bodies import match_bodies
+from mocap_id.workflows.moving_bodies import MovingBodies
+from mocap_id.workflows.transfer import HELD_OUT, OWN, TRANSFERRED, apply_model
+from mocap_id_simulation.options import Options
+from mocap_id_simulation.studies import Cohort, simulate_cohort
+
+WINTER = "winter"
+TRUTHS = ("Fy", "tauz", "CoP", "tau_1", "tau_2", "tau_3")
+_SUBJECT = ("height", "mass", "sex")
+_FOUND = 0.25  # s: an event this far from the true one belongs to another
+
+
+@dataclass(frozen=True)
+class Done:
+    """A trial that went through ``identify-dim``, and its truth."""
+
+    name: str
+    subject: str
+    strategy: str
+    model: IdentifiedTrial
+    truth: TrialWithTruth
+    run: Run
+
+
+def configure(study: Path, place: Path, settings: Mapping[str, Any]) -> list[tuple[Mapping[str, str], Path]]:
+    """Write a configuration for every trial of a study, with settings of ``identify-dim``; return the study's rows."""
+    study_file, made = YAML(typ="safe").load(study), []
+    place.mkdir(exist_ok=True)
+    for row in study_file["trials"]:
+        subject = {key: study_file["subjects"][row["subject"]][key] for key in _SUBJECT}
+        keys = {"trial": row["trial"], "recording": str(study.parent / row["recording"]), "subject": subject}
+        file = place / f"{row['trial']}.yaml"
+        file.write_text(json.dumps(study_file["defaults"] | keys | {"identify-dim": dict(settings)}))
+        made.append((row, file))
+    return made
+
+
+def run(file: Path) -> bool:
+    """Run a trial up to ``identify-dim``; return whether no stage refuses it."""
+    trial = load(file)
+    return all(run_stage(trial, name).refused is None for name in DYNAMIC)
+
+
+def compare_models(trials: Sequence[Done]) -> pd.DataFrame:
+    """Return the errors of every model on every trial of its person, a row for each pair; and of Winter's model.
+
+    ``Fy``, ``tauz`` and ``cop`` are compared with the measurement over the samples of the fit. Torques ``t1`` … are
+    compared with the torques of the trial's own model. Columns with ``true_`` are compared with the truth over all
+    samples off the seat.
+    """
+    rows = []
+    for source, target in [(source, target) for target in trials for source in trials]:
+        if source.subject != target.subject:
+            continue
+        found = apply_model(source.model, target.model)
+        bodies = {body.name: body for body in found.bodies}
+        moving = target.model.chain if source.model.measured is None else match_bodies(source.model, target.model)
+        of_body = {
+            WINTER: (target.model.bodies, target.model.reference),
+            TRANSFERRED: (moving, transfer_parameters(source.model.parameters, found.registration)),
+        }
+        names = {WINTER: WINTER} | (
+            {OWN: target.strategy, HELD_OUT: HELD_OUT} if source is target else {TRANSFERRED: source.strategy}
+        )
+        for body, model in names.items():
+            row: dict[str, Any] = {"subject": target.subject, "action": target.strategy, "trial": target.name}
+            row |= {"model": model, "own": body == OWN, "condition": found.condition}
+            errors = {short: bodies[body].errors[n] for n, short in (("Fy", "Fy"), ("tauz", "tauz"), ("cop_x", "cop"))}
+            errors |= {f"t{j}": torque for j, torque in enumerate(bodies[body].torques, start=1)}
+            for name, error in errors.items():
+                bias, sd = (np.nan, np.nan) if error is None else (error.bias, error.sd)
+                row |= {f"{name}_mean": bias, f"{name}_sd": sd, f"{name}_rms": float(np.hypot(bias, sd))}
+            if body != HELD_OUT:
+                row |= _compare_with_truth(target, of_body.get(body))
+            rows.append(row)
+    return pd.DataFrame(rows).drop_duplicates(["subject", "action", "trial", "model"], ignore_index=True)
+
+
+def _compare_with_truth(target: Done, of_body: tuple[MovingBodies, FloatArray] | None) -> dict[str, float]:
+    """Return errors against the truth off the seat.
+
+    ``of_body`` has moving bodies and their full parameters; None for the trial's own model, which also has intervals.
+    """
+    model, truth = target.model, target.truth
+    columns = ["Fy_model", "tauz_model", "cop_x_model", *(f"tau_{j}" for j in range(1, SEGMENTS))]
+    if of_body is None:
+        series = model.dynamics[columns].to_numpy(dtype=np.float64)
+    else:
+        bodies, full = of_body
+        predicted = bodies.regressor @ full
+        pressure = centre_of_pressure(predicted, model.cop_threshold)
+        series = np.column_stack([predicted[:, 1:], pressure, bodies.torque_regressor @ full])
+    off = (series - stack_true_series(truth.true)[:, 1:])[truth.off_seat]
+    parts = [("mean", np.nanmean(off, axis=0)), ("sd", np.nanstd(off, axis=0)), ("rms", rms(off))]
+    if of_body is None:
+        sd = model.dynamics[[f"sd_{name}" for name in columns]].to_numpy(dtype=np.float64)[truth.off_seat]
+        inside = [compute_share_inside(*each) for each in zip(off.T, sd.T, strict=True)]
+        parts.append(("inside", np.array(inside)))
+    return {f"true_{name}_{part}": values[k] for part, values in parts for k, name in enumerate(TRUTHS)}
+
+
+def compare_skeletons(trials: Sequence[Done]) -> pd.DataFrame:
+    """Return a row for each trial: errors of the lengths, %, errors of lengths from stature, %, and marker rms, mm."""
+    rows = []
+    for each in trials:
+        lengths = read_group(each.truth.chain, "segments")["length"]
+        height = each.truth.truth["subject"]["height_m"]
+        row: dict[str, Any] = {"subject": each.subject, "strategy": each.strategy}
+        for name, length, share in zip(SCORED, lengths, (0.246, 0.245), strict=True):
+            true = each.truth.truth["segment_lengths_m"][name]
+            row |= {name: 100 * (length / true - 1), f"{name} of stature": 100 * (share * height / true - 1)}
+        (markers,) = each.run.read("markers.parquet")
+        rows.append(row | {"markers": 1e3 * float(rms(markers.values["residual"].ravel()))})
+    return pd.DataFrame(rows)
+
+
+def compare_repetitions(trials: Sequence[Done]) -> pd.DataFrame:
+    """Return a row for each true repetition: whether it was found, and the errors of its events, ms."""
+    names = {"start": "rise_start", "seat_off": "seat_off", "stand": "rise_end", "seat_on": "seat_on", "end": "sit_end"}
+    rows = []
+    for each in trials:
+        (events,) = each.run.read("events.parquet")
+        true = each.truth.truth["reps"]
+        for k, one in enumerate(true):
+            row: dict[str, Any] = {"strategy": each.strategy, "trial": each.name, "right": False}
+            if len(events.frame) == len(true):
+                found = events.frame.iloc[k]
+                errors = {name: 1e3 * (float(found[name]) - one[key]) for name, key in names.items()}
+                near = abs(errors["seat_off"]) < 1e3 * _FOUND and abs(errors["seat_on"]) < 1e3 * _FOUND
+                row |= {"right": bool(found["complete"]) and near, **errors}
+            rows.append(row)
+    return pd.DataFrame(rows)
+
 
 ORDINARY = Options(clock_offset=0.005)
 HARD = replace(ORDINARY, soft_tissue=2, occlusions=2, plate_bias=1)
@@ -74,7 +221,7 @@ RELEASE, COP = 30.0, 5.0  # ms, mm: required medians
 
 @dataclass(frozen=True)
 class Outcome:
-    """Tables of :mod:`cohort_truth`, and the names of the trials without a model."""
+    """Tables of the comparisons, and the names of the trials without a model."""
 
     models: pd.DataFrame
     skeletons: pd.DataFrame
@@ -84,12 +231,16 @@ class Outcome:
 
 def measure(study: Path, place: Path, settings: Mapping[str, Any], jobs: int) -> Outcome:
     """Run a cohort with settings of ``identify-dim`` and compare it with the truth."""
-    files = configure(study, place, settings)
-    refused = run_all(run, [file for _, file in files], jobs)
-    trials = [None if code else read_done(study, *each) for each, code in zip(files, refused, strict=True)]
-    good = [each for each in trials if each is not None]
-    lost = tuple(trial.name for (trial, _), each in zip(files, trials, strict=True) if each is None)
-    return Outcome(compare_models(good), compare_skeletons(good), compare_repetitions(good), lost)
+    files, good, lost = configure(study, place, settings), [], []
+    for (row, file), through in zip(files, run_all(run, [file for _, file in files], jobs), strict=True):
+        done = Run(study.parent / "truth" / row["trial"] / "truth.json", load(file))
+        truth = read_with_truth(done) if through else None  # None without four segments or without parameters
+        if truth is None:
+            lost.append(row["trial"])
+        else:
+            model = open_identified_trial(done.trial.out)
+            good.append(Done(row["trial"], row["subject"], row["strategy"], model, truth, done))
+    return Outcome(compare_models(good), compare_skeletons(good), compare_repetitions(good), tuple(lost))
 
 
 def measure_variants(study: Path, place: Path, jobs: int) -> dict[str, pd.DataFrame]:
@@ -116,39 +267,36 @@ def format_wrench(frame: pd.DataFrame) -> list[str]:
     return [format_pooled(frame, "Fy"), format_pooled(frame, "tauz"), format_pooled(frame, "cop", 100)]
 
 
-def format_spread(values: pd.Series[float], form: str = ".2f") -> str:
-    """Return mean ± standard deviation of values."""
-    return f"{values.mean():{form}} ± {values.std():{form}}"
+def list_models(found: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
+    """Yield every action and model with its rows."""
+    for action, model in product(ACTIONS, MODELS):
+        yield action, model, found[(found["action"] == action) & (found["model"] == model)]
 
 
 def make_table_6_3(found: pd.DataFrame) -> str:
     """Return the errors of every model on every action; the thesis's errors are in the row below."""
     head = ["action", "model", "", "condition", "Fy, N", "tauz, N·m", "CoP, cm", "tau 1, N·m", "tau 2", "tau 3"]
     rows = []
-    for action in ACTIONS:
-        for model in MODELS:
-            here = found[(found["action"] == action) & (found["model"] == model)]
-            cells = [*format_wrench(here), *(format_pooled(here, f"t{j}") for j in (1, 2, 3))]
-            rows.append([action, model, "ours", format_spread(here["condition"], ".0f"), *cells])
-            rows.append(["", "", "thesis", THESIS_CONDITION[action], *THESIS[action, model]])
+    for action, model, here in list_models(found):
+        cells = [*format_wrench(here), *(format_pooled(here, f"t{j}") for j in (1, 2, 3))]
+        rows.append([action, model, "ours", format_spread(here["condition"], ".0f"), *cells])
+        rows.append(["", "", "thesis", THESIS_CONDITION[action], *THESIS[action, model]])
     return format_table(head, rows)
 
 
 def make_torque_table(found: pd.DataFrame) -> str:
     """Return mean ± standard deviation of the errors of every model on every action, against the truth."""
     head = ["action", "model", "Fy, N", "tauz, N·m", "CoP, mm", *(f"{joint} torque, N·m" for joint in JOINTS)]
-    rows = []
-    for action in ACTIONS:
-        for model in MODELS:
-            here = found[(found["action"] == action) & (found["model"] == model)]
-            cells = [
-                format_pooled(here, "true_Fy"),
-                format_pooled(here, "true_tauz"),
-                format_pooled(here, "true_CoP", 1e3),
-            ]
-            cells += [format_pooled(here, f"true_tau_{j}") for j in (1, 2, 3)]
-            rows.append([action, model, *cells])
+    rows = [
+        [action, model, *(format_pooled(here, f"true_{name}", 1e3 if name == "CoP" else 1.0) for name in TRUTHS)]
+        for action, model, here in list_models(found)
+    ]
     return format_table(head, rows)
+
+
+def format_spread(values: pd.Series[float], form: str = ".2f") -> str:
+    """Return mean ± standard deviation of values."""
+    return f"{values.mean():{form}} ± {values.std():{form}}"
 
 
 def make_people_table(found: pd.DataFrame) -> str:
@@ -196,8 +344,8 @@ def make_length_table(found: pd.DataFrame) -> str:
     """Return table 6.1 with errors against the truth."""
     rows = []
     for name, (framework, stature) in THESIS_LENGTHS.items():
-        ours = [format_spread(found[name]), format_spread(found.groupby("subject")[f"{name} of stature"].first())]
-        rows.append([name, ours[0], framework, ours[1], stature])
+        by_stature = format_spread(found.groupby("subject")[f"{name} of stature"].first())
+        rows.append([name, format_spread(found[name]), framework, by_stature, stature])
     return format_table(["error, %", "framework: ours", "thesis", "stature: ours", "thesis"], rows)
 
 
@@ -205,11 +353,11 @@ def make_strategy_table(found: pd.DataFrame) -> str:
     """Return table 6.2 with errors against the truth."""
     head = ["", *(f"{action}: {whose}" for action in ACTIONS for whose in ("ours", "thesis"))]
     rows = []
-    for k, (name, column) in enumerate((("shank, %", "shank"), ("thigh, %", "thigh"), ("markers, mm", "markers"))):
-        cells = []
+    for k, name in enumerate(("shank, %", "thigh, %", "markers, mm")):
+        rows.append([name])
         for action in ACTIONS:
-            cells += [format_spread(found[found["strategy"] == action][column]), THESIS_STRATEGIES[action][k]]
-        rows.append([name, *cells])
+            ours = found[found["strategy"] == action][name.split(",")[0]]
+            rows[-1] += [format_spread(ours), THESIS_STRATEGIES[action][k]]
     return format_table(head, rows)
 
 
@@ -224,13 +372,6 @@ def make_event_table(found: pd.DataFrame) -> str:
             cells += [f"{value:.0f}" for value in np.nanquantile(here[event].abs(), (0.5, 0.9, 1.0))]
         rows.append([name, *cells])
     return format_table(head, rows)
-
-
-def make_requirement_table(found: Mapping[str, Outcome]) -> str:
-    """Return a table of the requirements and the results of both cohorts."""
-    columns = [list(_list_requirements(each)) for each in found.values()]
-    rows = [[*each[0][:2], *(text for _, _, text in each)] for each in zip(*columns, strict=True)]
-    return format_table(["quantity", "required", *found], rows)
 
 
 def _list_requirements(cohort: Outcome) -> Iterator[tuple[str, str, str]]:
@@ -292,11 +433,13 @@ def main() -> None:
         f"{arguments.subjects} persons with three strategies, one trial of {arguments.repetitions} sit-to-stands each: "
         f"an ordinary cohort (seed {arguments.first}) and a hard one (seed {arguments.first + 1})"
     )
+    columns = [list(_list_requirements(each)) for each in found.values()]
+    required = [[*each[0][:2], *(text for _, _, text in each)] for each in zip(*columns, strict=True)]
     names = {"start": "start of the rise", "stand": "upright", "end": "seated"}  # events without an exact instant
     others = [f"{name} {first.repetitions[event].median():+.0f} ms" for event, name in names.items()]
     sections = {
         "cohort": describe_source(__file__, source),
-        "cohort-requirements": make_requirement_table(found),
+        "cohort-requirements": format_table(["quantity", "required", *found], required),
         "cohort-people": make_people_table(first.models),
         "cohort-intervals": make_interval_table(first.models, varied.pop(EXACT)),
         "cohort-models": make_table_6_3(first.models),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, get_args
 
 import harness
@@ -29,6 +29,11 @@ RANGE_LIMIT = {"default": 0.7, "hard": 1.2}  # °
 TIME_LIMIT, TORQUE_LIMIT = 60.0, 0.4  # ms, N·m
 
 
+def make_missing(*shape: int) -> FloatArray:
+    """Return an array of NaN."""
+    return np.full(shape, np.nan)
+
+
 @dataclass(frozen=True)
 class Curls:
     """Comparison of one trial with its truth; arrays have a row for each curl."""
@@ -47,9 +52,38 @@ class Curls:
     """Rms error of the flexion's changes, °; share of the changes, and of the angles, inside the intervals."""
 
 
-def make_missing(*shape: int) -> FloatArray:
-    """Return an array of NaN."""
-    return np.full(shape, np.nan)
+def compare(done: Run) -> Curls:
+    """Compare the results of a trial with its truth."""
+    summary, curls = done.summary, done.truth["repetitions"]
+    events, dynamics = done.read("events.parquet", "dynamics.parquet")
+    complete, found = events["complete"].astype(bool), summary["curls"]
+    counted = [found[name] for name in ("count", "partial")]
+    right = counted == [len(curls), len(done.truth["partials"])] and complete.sum() == len(curls)
+    figures: dict[str, FloatArray] = {}
+    if right:
+        true = [[each["start"], (each["top"] + each["top_end"]) / 2, each["end"]] for each in curls]
+        moved = [found["compensation"][f"shoulder_{name}"] for name in ANGLES]
+        exact = np.degrees([[each["compensation_rad"][name] for name in ANGLES] for each in curls])
+        ranges = np.array([one["range_deg"] for one in moved], dtype=float).T[complete]
+        ends = np.array([[end or [np.nan] * 2 for end in one["interval_deg"]] for one in moved])
+        low, high = ends[..., 0].T[complete], ends[..., 1].T[complete]
+        figures["times"] = 1e3 * (events.stack(["start", "top", "end"])[complete] - np.array(true))
+        figures["ranges"] = ranges - exact
+        figures["inside"] = np.where(np.isfinite(ranges), (exact >= low) & (exact <= high), np.nan)
+        figures["width"] = high - low
+    if right and curls:
+        figures["in_step"], figures["flexion"] = compare_angles(done, curls)
+    if "elbow_torque" in dynamics.names and curls:
+        taus = done.true(dynamics["time"], "tau_total", "tau_human")
+        used = (dynamics["time"] >= curls[0]["start"]) & (dynamics["time"] <= curls[-1]["end"])
+        torque, within = make_missing(2), make_missing(2)
+        for k, (suffix, tau) in enumerate(zip(("", "_person"), taus, strict=True)):
+            error = (dynamics[f"elbow_torque{suffix}"] - tau)[used]
+            if np.isfinite(error).any():
+                torque[k] = rms(error)
+                within[k] = np.nanmean(np.abs(error) <= QUANTILE * dynamics[f"sd_elbow_torque{suffix}"][used])
+        figures |= {"torque": torque, "within": within}
+    return Curls(summary["verdict"]["level"], right, **figures)
 
 
 def measure(task: tuple[Preset, int, int]) -> Curls:
@@ -74,45 +108,6 @@ def measure(task: tuple[Preset, int, int]) -> Curls:
             return compare(harness.run_trial(configuration))
         except MocapIdError as error:
             return Curls(type(error).__name__, counted=False)
-
-
-def compare(done: Run) -> Curls:
-    """Compare the results of a trial with its truth."""
-    summary, curls = done.summary, done.truth["repetitions"]
-    events, dynamics = done.read("events.parquet", "dynamics.parquet")
-    complete = events["complete"].astype(bool)
-    counted = [summary["curls"][name] for name in ("count", "partial")]
-    right = counted == [len(curls), len(done.truth["partials"])] and complete.sum() == len(curls)
-    found = Curls(summary["verdict"]["level"], right)
-    if right:
-        found = replace(found, **compare_curls(summary, events, complete, curls))
-    if right and curls:
-        found.in_step[:], found.flexion[:] = compare_angles(done, curls)
-    if "elbow_torque" in dynamics.names and curls:
-        taus = done.true(dynamics["time"], "tau_total", "tau_human")
-        used = (dynamics["time"] >= curls[0]["start"]) & (dynamics["time"] <= curls[-1]["end"])
-        for k, (suffix, tau) in enumerate(zip(("", "_person"), taus, strict=True)):
-            error = (dynamics[f"elbow_torque{suffix}"] - tau)[used]
-            if np.isfinite(error).any():
-                found.torque[k] = rms(error)
-                found.within[k] = np.nanmean(np.abs(error) <= QUANTILE * dynamics[f"sd_elbow_torque{suffix}"][used])
-    return found
-
-
-def compare_curls(summary: Any, events: Any, complete: Any, curls: Any) -> dict[str, FloatArray]:
-    """Return the errors of times and ranges of the complete curls."""
-    true = [[each["start"], (each["top"] + each["top_end"]) / 2, each["end"]] for each in curls]
-    moved = [summary["curls"]["compensation"][f"shoulder_{name}"] for name in ANGLES]
-    exact = np.degrees([[each["compensation_rad"][name] for name in ANGLES] for each in curls])
-    ranges = np.array([one["range_deg"] for one in moved], dtype=float).T[complete]
-    ends = np.array([[end or [np.nan] * 2 for end in one["interval_deg"]] for one in moved])
-    low, high = ends[..., 0].T[complete], ends[..., 1].T[complete]
-    return {
-        "times": 1e3 * (events.stack(["start", "top", "end"])[complete] - np.array(true)),
-        "ranges": ranges - exact,
-        "inside": np.where(np.isfinite(ranges), (exact >= low) & (exact <= high), np.nan),
-        "width": high - low,
-    }
 
 
 def compare_angles(done: Run, curls: Sequence[dict[str, float]]) -> tuple[FloatArray, FloatArray]:

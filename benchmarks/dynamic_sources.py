@@ -13,8 +13,17 @@ from typing import Any
 
 import harness
 import numpy as np
-from dynamic_sweep import ROWS, compare
-from dynamic_truth import NORMS, SERIES, UNITS, TrialWithTruth, find_last_frame_turn, read_true_centres, read_with_truth
+from dynamic_sweep import (
+    NORMS,
+    ROWS,
+    SERIES,
+    UNITS,
+    TrialWithTruth,
+    compare,
+    find_last_frame_turn,
+    read_true_centres,
+    read_with_truth,
+)
 
 from mocap_id.arrays import FloatArray
 from mocap_id.stages.base import Context
@@ -56,7 +65,7 @@ def _insert_states(trial: Trial, order: int) -> Trial:
 def _insert_centres(trial: Trial) -> Trial:
     tree = trial.context.tree("chain.h5")
     joints: Any = tree.data["joints"]
-    data = {**tree.data, "joints": {**joints, "centre": read_true_centres(trial.done)}}
+    data = {**tree.data, "joints": {**joints, "centre": read_true_centres(trial.done.truth)}}
     return trial.with_inputs(chain_h5=replace(tree, data=data))
 
 
@@ -111,37 +120,27 @@ COLUMNS = (*SERIES, *NORMS[2:], "offset")
 
 
 def measure(options: Options) -> FloatArray | None:
-    """Return (V, 14) errors of every variant; return None without four segments or without parameters."""
+    """Return (V, 14) errors of every variant; return None without four segments or without parameters.
+
+    The columns are :data:`COLUMNS`; they are NaN if nothing is identified.
+    """
     with harness.open_simulated(options, harness.DYNAMIC) as run:
         if run is None or (done := read_with_truth(run)) is None:
             return None
         inputs = dict(zip(STAGE.inputs, run.read(*STAGE.inputs), strict=True))
     whole = Trial(Context(run.trial.keys, run.trial.settings[STAGE.name], inputs), done)
-    replaced = [reduce(lambda trial, insert: insert(trial), inserts, whole) for inserts in REPLACED.values()]
-    changed = [whole.with_settings(**settings) for settings in CHANGED.values()]
-    return np.array([compute_errors(each) for each in (*replaced, *changed)])
-
-
-def compute_errors(changed: Trial) -> FloatArray:
-    """Return (14,) errors of :data:`COLUMNS`; NaN if nothing is identified."""
-    _, predicted, dynamics, _ = STAGE.function(changed.context)
-    assert isinstance(predicted, Table)
-    assert isinstance(dynamics, Tree)
-    if dynamics.facts["why"] is not None and not dynamics.facts["untold"]:
-        return np.full(len(COLUMNS), np.nan)
-    done = replace(changed.done, chain=changed.context.tree("chain.h5"), predicted=predicted, dynamics=dynamics)
-    result = compare(done)
-    return np.abs([*result.rms, *result.norms[2:], result.offset])
-
-
-def make_table(found: FloatArray) -> str:
-    """Return quantiles of (T, V, 14) errors."""
-    units = dict(zip(SERIES, UNITS, strict=True)) | {"offset": "ms"}
-    head = ["", *(f"{name}, {units.get(name, '%')}" for name in COLUMNS)]
-    names = (*REPLACED, *(f"`{name}`" for name in CHANGED))
-    return harness.format_table(
-        head, [[name, *harness.format_pairs(found[:, k], ".2g")] for k, name in enumerate(names)]
-    )
+    variants = [reduce(lambda trial, insert: insert(trial), inserts, whole) for inserts in REPLACED.values()]
+    variants += [whole.with_settings(**settings) for settings in CHANGED.values()]
+    errors = np.full((len(variants), len(COLUMNS)), np.nan)
+    for row, changed in zip(errors, variants, strict=True):
+        _, predicted, dynamics, _ = STAGE.function(changed.context)
+        assert isinstance(predicted, Table)
+        assert isinstance(dynamics, Tree)
+        if dynamics.facts["why"] is None or dynamics.facts["untold"]:
+            chain = changed.context.tree("chain.h5")
+            result = compare(replace(changed.done, chain=chain, predicted=predicted, dynamics=dynamics))
+            row[:] = np.abs([*result.rms, *result.norms[2:], result.offset])
+    return errors
 
 
 def main() -> None:
@@ -150,11 +149,16 @@ def main() -> None:
     trials, first = arguments.trials, arguments.first
     text = f"{trials} simulated sit-to-stands per table, seeds from {first}, with two repetitions each"
     sections = {"dynamic-sources": harness.describe_source(__file__, text)}
+    units = dict(zip(SERIES, UNITS, strict=True)) | {"offset": "ms"}
+    head = ["", *(f"{name}, {units.get(name, '%')}" for name in COLUMNS)]
+    names = (*REPLACED, *(f"`{name}`" for name in CHANGED))
     for k, row in enumerate(DIFFICULTIES):
         tasks = [replace(ROWS[row], seed=first + k * trials + j) for j in range(trials)]
         found = harness.measure_all(measure, tasks, arguments.jobs)
         harness.report_progress(f"{row}: {len(found)} of {trials} trials")
-        sections[f"dynamic-sources-{row}"] = make_table(np.array(found))
+        quantiles = np.moveaxis(np.array(found), 1, 0)  # (variants, trials, columns)
+        rows = [[name, *harness.format_pairs(each, ".2g")] for name, each in zip(names, quantiles, strict=True)]
+        sections[f"dynamic-sources-{row}"] = harness.format_table(head, rows)
     harness.publish(sections, write=arguments.write)
 
 

@@ -12,16 +12,14 @@ from pathlib import Path
 
 import harness
 import numpy as np
-from dynamic_truth import find_last_frame_turn
+from dynamic_sweep import find_last_frame_turn, regroup_truth
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config import load
 from mocap_id.design.proposal import Proposal
 from mocap_id.design.trajectory import Trajectory
-from mocap_id.dynamics.base_parameters import structural_base
 from mocap_id.dynamics.excitation import classify
 from mocap_id.errors import MocapIdError
-from mocap_id.geometry import planar
 from mocap_id.runner import run_to
 from mocap_id.workflows.advice import AdviceOptions, advise
 from mocap_id_simulation import JointMotion, Options, motion_through, simulate
@@ -74,8 +72,17 @@ class Result:
         return np.arange(len(self.names)) > (1 if self.case.kind == "robot" else 0)
 
 
-def make_swing(joints: int, rest: FloatArray, size: FloatArray, frequency: FloatArray, seconds: float) -> JointMotion:
-    """Return a slow movement from a posture, with amplitudes (n,), rad, and frequencies (n,), Hz."""
+def make_first_motion(case: Case) -> JointMotion | None:
+    """Return the slow movement from a posture before the advice; return None for a sit-to-stand."""
+    rng, seconds = np.random.default_rng(case.seed), 24.0
+    if case.kind == "robot":
+        rest = rng.uniform(-0.5, 0.5, 1)
+        size, frequency = rng.uniform(0.12, 0.2, 1), rng.uniform(0.07, 0.12, 1)  # rad, Hz
+    elif case.kind == "stand":
+        rest, frequency = np.radians([2.0, -3.0, 5.0]), np.array([0.2, 0.2, 0.2])
+        size = np.radians(rng.uniform([8, -45, 15], [12, -35, 25]))
+    else:
+        return None
     time = np.arange(0.0, seconds, STEP)
     near = smoothstep((np.minimum(time, seconds - time) - 0.5) / 2.0)
     q = rest + near[:, None] * size * (1 - np.cos(2 * np.pi * np.multiply.outer(time, frequency))) / 2
@@ -107,43 +114,21 @@ def record(place: Path, case: Case, options: Options, motion: JointMotion | None
     outcome = run_to(trial, "identify-dim")
     if outcome.refused is not None:
         raise outcome.refused
-    return read_recorded(harness.Run(configuration, trial))
-
-
-def read_recorded(done: harness.Run) -> Recorded:
-    """Read an identified recording and its truth."""
+    done = harness.Run(configuration, trial)
     dynamics, chain, states = done.read("dynamics.h5", "chain.h5", "states.parquet")
-    segments, base = done.truth["segments"], dynamics.data["base"]
-    count = len(chain.data["joints"]["centre"]) + 1
-    if count != len(segments):
-        raise MocapIdError(f"found {count} segments, expected {len(segments)}")
+    count, expected = len(chain.data["joints"]["centre"]) + 1, len(done.truth["segments"])
+    if count != expected:
+        raise MocapIdError(f"found {count} segments, expected {expected}")
     if dynamics.facts["why"] is not None:
         raise MocapIdError(dynamics.facts["why"])
-    rate, x = done.true(states["time"], "qd")[0][:, 0], states["dtheta_1"]
-    turn, side = find_last_frame_turn(done.truth, chain), 1 if np.nansum(x * rate) > 0 else -1
-    full = np.array([[s["m"], s["mx"], s["my"], s["Izz"]] for s in segments])
-    full[-1, 1:3] = planar.rotate(np.array(-turn), full[-1, 1:3])
-    centres = np.array([s["p_in_parent_m"] for s in segments[1:]])
-    full[:, 1] *= side
-    centres[:, 0] *= side
-    true = structural_base(centres).regrouping @ full.reshape(-1)
-    condition = float(dynamics.facts["condition_number"])
-    with np.load(done.configuration.with_name("truth.npz")) as arrays:
+    rate, base = done.true(states["time"], "qd")[0][:, 0], dynamics.data["base"]
+    side = 1 if np.nansum(states["dtheta_1"] * rate) > 0 else -1
+    turn = find_last_frame_turn(done.truth, chain)
+    true = regroup_truth(done.truth, turn, side)
+    with np.load(configuration.with_name("truth.npz")) as arrays:
         pressure = side * arrays["cop_x"].astype(np.float64)
-    reach = float(pressure.min()), float(pressure.max())
+    reach, condition = (float(pressure.min()), float(pressure.max())), float(dynamics.facts["condition_number"])
     return Recorded(np.asarray(base["value"]), np.asarray(base["sd"]), true, condition, turn, side, reach)
-
-
-def make_first_motion(case: Case) -> JointMotion | None:
-    """Return the movement before the advice; return None for a sit-to-stand."""
-    rng = np.random.default_rng(case.seed)
-    if case.kind == "robot":
-        start = rng.uniform(-0.5, 0.5, 1)
-        return make_swing(1, start, rng.uniform(0.12, 0.2, 1), rng.uniform(0.07, 0.12, 1), 24.0)
-    if case.kind == "stand":
-        size = np.radians(rng.uniform([8, -45, 15], [12, -35, 25]))
-        return make_swing(3, np.radians([2.0, -3.0, 5.0]), size, np.array([0.2, 0.2, 0.2]), 24.0)
-    return None
 
 
 def measure(case: Case) -> Result | str:
@@ -246,32 +231,6 @@ def make_promise_table(results: Sequence[Result]) -> str:
     return harness.format_table(head, rows)
 
 
-def describe_balance(results: Sequence[Result]) -> str:
-    """Return how far the true centre of pressure leaves its limits in recordings of the advised movement alone."""
-    beyond = [
-        1e3 * max(r.support[0] - c.pressure[0], c.pressure[1] - r.support[1], 0.0)
-        for _, _, own in list_achieved(results)
-        for r, p, c in own
-        if r.support is not None and p.standalone
-    ]
-    outside = sum(value > 0 for value in beyond)
-    return f"{outside} of {len(beyond)} recordings, by {max(beyond, default=0.0):.0f} mm at most"
-
-
-def list_examples(results: Sequence[Result]) -> str:
-    """Return the advice to the first body of each kind."""
-    lines = []
-    for kind in KINDS:
-        for first in [r for r in results if r.case.kind == kind][:1]:
-            for name, (proposal, came) in first.advised.items():
-                after = f"{came.condition:.0f}" if isinstance(came, Recorded) else came
-                lines.append(
-                    f"- *{kind}*, {name}: {proposal.words}. Condition number {first.before.condition:.0f}, predicted "
-                    f"{proposal.predicted.condition:.0f}, achieved {after}."
-                )
-    return "\n".join(lines)
-
-
 def main() -> None:
     """Measure all bodies and publish the sections."""
     given = harness.make_parser(__doc__, parallel=True, bodies=5, first=960_000).parse_args()
@@ -279,10 +238,25 @@ def main() -> None:
     found = harness.run_all(measure, cases, given.jobs)
     without = "; ".join(each for each in found if isinstance(each, str)) or "none"
     results = [each for each in found if isinstance(each, Result)]
-    helped = []
+    helped, examples = [], []  # the examples are the advice to the first body of each kind
     for kind in KINDS:
-        helps = [r.helps for r in results if r.case.kind == kind]
-        helped.append(f"{sum(helps)} of {len(helps)} ({kind})")
+        own = [r for r in results if r.case.kind == kind]
+        helped.append(f"{sum(r.helps for r in own)} of {len(own)} ({kind})")
+        for first in own[:1]:
+            for name, (proposal, came) in first.advised.items():
+                after = f"{came.condition:.0f}" if isinstance(came, Recorded) else came
+                examples.append(
+                    f"- *{kind}*, {name}: {proposal.words}. Condition number {first.before.condition:.0f}, predicted "
+                    f"{proposal.predicted.condition:.0f}, achieved {after}."
+                )
+    # how far the true centre of pressure leaves its limits in recordings of the advised movement alone, mm
+    beyond = [
+        1e3 * max(r.support[0] - c.pressure[0], c.pressure[1] - r.support[1], 0.0)
+        for _, _, own in list_achieved(results)
+        for r, p, c in own
+        if r.support is not None and p.standalone
+    ]
+    outside = sum(value > 0 for value in beyond)
     source = f"{given.bodies} simulated bodies of each kind, seeds from {given.first}"
     sections = {
         "excitation": f"{harness.describe_source(__file__, source)} Recordings without advice: {without}.",
@@ -290,8 +264,9 @@ def main() -> None:
         "excitation-gains": make_gain_table(results),
         "excitation-promises": make_promise_table(results),
         "excitation-helped": f"Something within the limits was predicted to help in {', '.join(helped)} trials. A "
-        f"person's true centre of pressure left the limits in {describe_balance(results)}.",
-        "excitation-examples": list_examples(results),
+        f"person's true centre of pressure left the limits in {outside} of {len(beyond)} recordings, by "
+        f"{max(beyond, default=0.0):.0f} mm at most.",
+        "excitation-examples": "\n".join(examples),
     }
     harness.publish(sections, write=given.write)
 

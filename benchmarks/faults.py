@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import dynamic_truth
+import dynamic_sweep
 import harness
 import numpy as np
 
@@ -130,8 +130,14 @@ def measure(task: tuple[str, int]) -> Outcome:
 def list_wrong_quantities(run: harness.Run) -> Iterator[str]:
     """Yield the quantities of a finished trial that are beyond the limits."""
     truth, summary = run.truth, run.summary
-    lifted = int(summary["segments"]["names"][0] == "ground")  # the foot is a segment on the ground
-    if summary["segments"]["count"] != harness.SEGMENTS + lifted or _has_misplaced_marker(summary, truth, lifted):
+    # the foot may be a segment on the ground; then it is segment 1, and the true numbers increase by one
+    lifted = int(summary["segments"]["names"][0] == "ground")
+    found = {label: k for label, k in summary["segments"]["assignment"].items() if k is not None}
+    if summary["segments"]["count"] != harness.SEGMENTS + lifted or any(
+        found.get(label, link) - lifted not in AT_JOINTS.get(label[1:], (link,))
+        for label, link in truth["assignment"].items()
+        if label in found and not (lifted and found[label] == 0)
+    ):
         yield "segments"
         return
     for name in truth["lengths_scored"]:
@@ -140,56 +146,33 @@ def list_wrong_quantities(run: harness.Run) -> Iterator[str]:
             yield f"length {name}"
         elif abs(length["value"] - true) > INTERVAL * harness.QUANTILE * length["sd"]:
             yield f"interval of length {name}"
-    done = dynamic_truth.read_with_truth(run)
+    done = dynamic_sweep.read_with_truth(run)
     if done is None:
         return
-    sign = np.sign(np.corrcoef(_select_known(done.states["theta_1"], done.true["q"][:, 0]))[0, 1])
-    yield from _list_wrong_states(done, sign)
-    yield from _list_wrong_forces(done, np.array([sign, 1, sign, sign, sign, sign, sign]))
-    if sign > 0:  # the parameters of a mirrored plane are not compared
-        yield from _list_wrong_parameters(done, summary)
 
+    def select_known(*series: FloatArray) -> FloatArray:
+        """Return the samples at which all series have a value, one row for each series."""
+        rows = np.stack(series)
+        return np.asarray(rows[:, np.isfinite(rows).all(axis=0)])
 
-def _select_known(*series: FloatArray) -> FloatArray:
-    """Return the samples at which all series have a value, one row for each series."""
-    rows = np.stack(series)
-    return np.asarray(rows[:, np.isfinite(rows).all(axis=0)])
-
-
-def _has_misplaced_marker(summary: Mapping[str, Any], truth: Mapping[str, Any], lifted: int) -> bool:
-    """Return whether a marker is on a wrong segment.
-
-    A lifted foot is segment 1, so the numbers of the true segments increase by one.
-    """
-    found = {label: k for label, k in summary["segments"]["assignment"].items() if k is not None}
-    return any(
-        found.get(label, link) - lifted not in AT_JOINTS.get(label[1:], (link,))
-        for label, link in truth["assignment"].items()
-        if label in found and not (lifted and found[label] == 0)
-    )
-
-
-def _list_wrong_states(done: dynamic_truth.TrialWithTruth, sign: float) -> Iterator[str]:
+    sign = np.sign(np.corrcoef(select_known(done.states["theta_1"], done.true["q"][:, 0]))[0, 1])
     for j, joint in enumerate(harness.JOINTS, 1):
-        angle, true = _select_known(done.states[f"theta_{j}"], sign * done.true["q"][:, j - 1])
+        angle, true = select_known(done.states[f"theta_{j}"], sign * done.true["q"][:, j - 1])
         if np.std(angle - true) > ANGLE:
             yield f"angle of the {joint}"
-        acceleration, true = _select_known(done.states[f"ddtheta_{j}"], sign * done.true["qdd"][:, j - 1])
+        acceleration, true = select_known(done.states[f"ddtheta_{j}"], sign * done.true["qdd"][:, j - 1])
         if 1 - np.mean((acceleration - true) ** 2) / np.var(true) < ACCELERATION:
             yield f"acceleration of the {joint}"
-
-
-def _list_wrong_forces(done: dynamic_truth.TrialWithTruth, signs: FloatArray) -> Iterator[str]:
-    error = dynamic_truth.stack_series(done.predicted) - signs * dynamic_truth.stack_true_series(done.true)
-    rms: FloatArray = harness.rms(error[done.off_seat]) * dynamic_truth.SCALE
+    signs = np.array([sign, 1, sign, sign, sign, sign, sign])
+    error = dynamic_sweep.stack_series(done.predicted) - signs * dynamic_sweep.stack_true_series(done.true)
+    rms: FloatArray = harness.rms(error[done.off_seat]) * dynamic_sweep.SCALE
     limits = {"CoP": CENTRE_OF_PRESSURE} | dict.fromkeys(harness.JOINTS, TORQUE)
-    for name, value in zip(dynamic_truth.SERIES, rms, strict=True):
+    for name, value in zip(dynamic_sweep.SERIES, rms, strict=True):
         if value > limits.get(name, np.inf):
             yield f"torque of the {name}" if name in harness.JOINTS else name
-
-
-def _list_wrong_parameters(done: dynamic_truth.TrialWithTruth, summary: Mapping[str, Any]) -> Iterator[str]:
-    true_base = dynamic_truth.compute_true_base(done)
+    if not sign > 0:  # the parameters of a mirrored plane are not compared
+        return
+    true_base = dynamic_sweep.compute_true_base(done)
     pairs = true_base[2:].reshape(-1, 3)[:, :2]  # (mx, my) of each moving segment, whose frame is a convention
     size = np.abs(true_base)
     size[1] = max(size[1], LEVER * true_base[0])  # as in dynamics.excitation.parameter_sizes

@@ -30,9 +30,9 @@ COLD = """
 from time import perf_counter
 import sys
 sys.path.insert(0, {folder!r})
-from filter import recording
+from filter import make_recording
 from mocap_id.estimation import smooth
-chain, markers = recording(100, 3)
+chain, markers = make_recording(100, 3)
 start = perf_counter()
 smooth(markers, 480.0, chain.centres, chain.segment, chain.local)
 print(perf_counter() - start)

@@ -18,8 +18,8 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.stages.base import Context
 from mocap_id.stages.ukf_smooth import STAGE
-from mocap_id.store import Artefact, LongTable, Tree
-from mocap_id_simulation import Options
+from mocap_id.store import Artefact
+from mocap_id_simulation.options import Options
 
 LENGTHS = (0.1, 0.3, 0.5, 0.8, 1.5, 3.0)
 WHICH = ("one marker", "shank", "thigh", "trunk", "all")
@@ -72,32 +72,23 @@ def prepare(place: Path, options: Options) -> Trial | None:
     truth = np.stack(done.true(time, "q", "qd", "qdd"), axis=2)
     inputs: Mapping[str, Artefact] = {"planar.parquet": planar, "segments.parquet": segments, "chain.h5": chain}
     context = Context(done.trial.keys, STAGE.settings(), inputs)
-    return Trial(context, truth, time, _find_sets(planar, chain), _find_places(truth, time))
-
-
-def _find_sets(planar: LongTable, chain: Tree) -> dict[str, BoolArray]:
-    """Return which markers of the planar table are removed, for each set."""
     group = harness.read_group(chain, "markers")
     segment = dict(zip(map(str, group["name"]), map(int, group["segment"]), strict=True))
     own = np.array([segment.get(label, -1) for label in planar.labels])
-    sets: dict[str, BoolArray] = {name: own == k + 1 for k, name in enumerate(WHICH[1:4])}
-    return {"one marker": np.arange(len(own)) == np.flatnonzero(own == 2)[0], **sets, "all": own > 0}
-
-
-def _find_places(truth: FloatArray, time: FloatArray) -> dict[str, float]:
-    """Return the middle of each gap, s; for the gaps at start and end the edge of the trial."""
-    speed = np.abs(truth[:, :, 1]).sum(axis=1)
-    knee = truth[:, 1, 0]
+    sets: dict[str, BoolArray] = {"one marker": np.arange(len(own)) == np.flatnonzero(own == 2)[0]}
+    sets |= {name: own == k + 1 for k, name in enumerate(WHICH[1:4])} | {"all": own > 0}
+    speed, knee = np.abs(truth[:, :, 1]).sum(axis=1), truth[:, 1, 0]
     straightening = np.sign(knee[np.argmin(np.abs(knee))] - knee[np.argmax(np.abs(knee))])  # sign of its velocity
     rising = np.where(truth[:, 1, 1] * straightening > 0, speed, 0.0)
     quiet = np.convolve(speed, np.ones(51) / 51, mode="same")
     stands = np.abs(knee) < np.quantile(np.abs(knee), 0.3)
-    return {
+    places = {
         "start": time[0],
         "standing": float(time[np.argmin(np.where(stands, quiet, np.inf))]),
         "rising": float(time[np.argmax(rising)]),
         "end": time[-1],
     }
+    return Trial(context, truth, time, sets, places)
 
 
 def find_gap(trial: Trial, where: str, length: float) -> BoolArray:

@@ -79,6 +79,12 @@ class Run:
         """``truth.json``."""
         return read_truth(self.configuration)
 
+    @property
+    def identified(self) -> bool:
+        """Whether base parameters have values."""
+        base = self.summary["dynamics"]["base"]
+        return bool(base) and base[0]["value"] is not None
+
     def base(self, key: str) -> FloatArray:
         """Return ``value`` or ``sd`` of the base parameters (b,)."""
         return np.array([each[key] for each in self.summary["dynamics"]["base"]], dtype=np.float64)

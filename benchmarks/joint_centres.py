@@ -6,9 +6,9 @@ arc. Every estimator gets the same trials. 400 trials take about two minutes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from harness import describe_source, format_table, make_parser, publish, rms
@@ -33,8 +33,7 @@ SEGMENT: IntArray = np.array([0, 0, 0, 1, 1, 1])
 CIRCLES: tuple[CircleMethod, ...] = ("kasa", "taubin", "pratt", "geometric")
 
 
-@dataclass(frozen=True)
-class Spread:
+class Spread(NamedTuple):
     """Distribution of the errors of one estimator, m."""
 
     bias: float
@@ -50,14 +49,6 @@ class Spread:
         return f"{format_millimetres(self.bias)} / {format_millimetres(self.sd)} / {format_millimetres(self.rms)}{lost}"
 
 
-def format_millimetres(metres: float) -> str:
-    """Return millimetres with three digits and at most two decimals."""
-    value = 1e3 * metres
-    decimals = 0 if abs(value) >= 99.95 else 1 if abs(value) >= 9.995 else 2
-    text = f"{value:.{decimals}f}"
-    return text.lstrip("-") if float(text) == 0 else text.replace("-", "\N{MINUS SIGN}")
-
-
 def summarise(errors: ComplexArray, *, resolved: bool = True) -> Spread:
     """Return the distribution of errors (trials,); the markers are in direction +i, NaN means no estimate."""
     known = errors[np.isfinite(errors)]
@@ -69,9 +60,22 @@ def summarise(errors: ComplexArray, *, resolved: bool = True) -> Spread:
     return Spread(float(known.imag.mean()), float(known.imag.std(ddof=1)), float(total), float(along), lost)
 
 
-def compute_kasa_bias(arc: float, noise: float) -> float:
-    """Return the bias of Kåsa's fit by its formula, m."""
-    return float(RADIUS / (1 + (RADIUS * arc**2 / (26.8 * noise)) ** 2))
+def measure_single_markers(arc: float, noise: float, trials: int) -> list[Spread]:
+    """Return the errors of the four circle fits."""
+    rng = np.random.default_rng([1, round(1e6 * arc), round(1e6 * noise)])
+    clean = make_tracks(arc, np.full(trials, RADIUS * 1j))
+    tracks = [add_noise(rng, clean, noise) for _ in range(SINGLE)]
+    resolved = compute_circle_bound(arc, noise) < RESOLVED * RADIUS
+    found = {each: np.concatenate([fit_circles(one, each).centre for one in tracks]) for each in CIRCLES}
+    return [summarise(errors, resolved=resolved or each == "kasa") for each, errors in found.items()]
+
+
+def format_millimetres(metres: float) -> str:
+    """Return millimetres with three digits and at most two decimals."""
+    value = 1e3 * metres
+    decimals = 0 if abs(value) >= 99.95 else 1 if abs(value) >= 9.995 else 2
+    text = f"{value:.{decimals}f}"
+    return text.lstrip("-") if float(text) == 0 else text.replace("-", "\N{MINUS SIGN}")
 
 
 def compute_circle_bound(arc: float, noise: float) -> float:
@@ -96,19 +100,6 @@ def add_noise(rng: np.random.Generator, tracks: ComplexArray, noise: float) -> C
     return np.asarray(tracks + noise * (rng.standard_normal(tracks.shape) + 1j * rng.standard_normal(tracks.shape)))
 
 
-def measure_single_markers(arc: float, noise: float, trials: int) -> list[Spread]:
-    """Return the errors of the four circle fits."""
-    rng = np.random.default_rng([1, round(1e6 * arc), round(1e6 * noise)])
-    clean = make_tracks(arc, np.full(trials, RADIUS * 1j))
-    tracks = [add_noise(rng, clean, noise) for _ in range(SINGLE)]
-    resolved = compute_circle_bound(arc, noise) < RESOLVED * RADIUS
-    spreads = []
-    for method in CIRCLES:
-        errors = np.concatenate([fit_circles(each, method).centre for each in tracks])
-        spreads.append(summarise(errors, resolved=resolved or method == "kasa"))
-    return spreads
-
-
 def fit_by_body(points: ComplexArray) -> complex:
     """Return the joint between the base and the rigid body."""
     base, moving = np.flatnonzero(SEGMENT == 0), np.flatnonzero(SEGMENT == 1)
@@ -131,18 +122,14 @@ BODIES: dict[str, Callable[[ComplexArray], complex]] = {
 }
 
 
-def draw_body_trials(arc: float, noise: float, size: float, trials: int) -> Iterator[ComplexArray]:
-    """Yield (F, 6) tracks of the base and of a triangle of markers in a random orientation."""
+def measure_bodies(arc: float, noise: float, size: float, trials: int) -> list[Spread]:
+    """Return the errors of the four estimators that use all three markers, a triangle in a random orientation."""
     rng = np.random.default_rng([2, round(1e6 * arc), round(1e6 * noise), round(1e6 * size)])
-    corners = size * np.exp(2j * np.pi * np.arange(3) / 3)
+    corners, found = size * np.exp(2j * np.pi * np.arange(3) / 3), []
     for _ in range(trials):
         moving = make_tracks(arc, RADIUS * 1j + corners * np.exp(2j * np.pi * rng.uniform()))
-        yield add_noise(rng, np.concatenate([np.tile(BASE, (FRAMES, 1)), moving], axis=1), noise)
-
-
-def measure_bodies(arc: float, noise: float, size: float, trials: int) -> list[Spread]:
-    """Return the errors of the four estimators that use all three markers."""
-    found = [[fit(points) for fit in BODIES.values()] for points in draw_body_trials(arc, noise, size, trials)]
+        points = add_noise(rng, np.concatenate([np.tile(BASE, (FRAMES, 1)), moving], axis=1), noise)
+        found.append([fit(points) for fit in BODIES.values()])
     return [summarise(np.array(errors)) for errors in np.array(found).T]
 
 
@@ -152,35 +139,31 @@ def make_table(head: Sequence[str], cells: Callable[[float, float], list[str]]) 
     return format_table(["arc", "σ", *head], rows, numbers_from=0)
 
 
-def make_study_table(trials: int) -> str:
-    """Return ratios to the bound at ten degrees."""
-    rows = []
-    for size, noise in product((BODY, TIGHT), NOISES):
-        bound = compute_body_bound(STUDY, noise, size)
-        ratios = [f"{errors.along / bound:.2f}" for errors in measure_bodies(STUDY, noise, size, trials)]
-        rows.append([f"{1e3 * size:.0f} mm", f"{1e3 * noise:g}", format_millimetres(bound), *ratios])
-    return format_table(["body", "σ", "bound (sd)", *BODIES], rows, numbers_from=0)
-
-
 def main() -> None:
     """Measure all arcs and noises and publish the sections."""
     arguments = make_parser(__doc__, trials=400).parse_args()
     trials = arguments.trials
 
     def measure_one(arc: float, noise: float) -> list[str]:
-        bounds = (compute_kasa_bias(arc, noise), compute_circle_bound(arc, noise))
+        bias = RADIUS / (1 + (RADIUS * arc**2 / (26.8 * noise)) ** 2)  # of Kåsa's fit
+        bounds = (bias, compute_circle_bound(arc, noise))
         return [*map(format_millimetres, bounds), *map(str, measure_single_markers(arc, noise, trials))]
 
     def measure_three(arc: float, noise: float) -> list[str]:
         bound = format_millimetres(compute_body_bound(arc, noise, BODY))
         return [bound, *map(str, measure_bodies(arc, noise, BODY, trials))]
 
+    ratios = []  # to the bound, at ten degrees
+    for size, noise in product((BODY, TIGHT), NOISES):
+        bound = compute_body_bound(STUDY, noise, size)
+        cells = [f"{errors.along / bound:.2f}" for errors in measure_bodies(STUDY, noise, size, trials)]
+        ratios.append([f"{1e3 * size:.0f} mm", f"{1e3 * noise:g}", format_millimetres(bound), *cells])
     head = ["Kåsa's bias, formula", "bound (sd)", "Kåsa", "Taubin", "Pratt", "geometric"]
     sections = {
         "joint-centres": describe_source(__file__, f"{trials} trials per row ({SINGLE * trials} for single markers)"),
         "joint-centres-marker": make_table(head, measure_one),
         "joint-centres-body": make_table(["bound (sd)", *BODIES], measure_three),
-        "joint-centres-ratio": make_study_table(trials),
+        "joint-centres-ratio": format_table(["body", "σ", "bound (sd)", *BODIES], ratios, numbers_from=0),
     }
     publish(sections, write=arguments.write)
 

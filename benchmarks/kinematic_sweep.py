@@ -131,31 +131,6 @@ def list_requirements(row: str, results: Sequence[Result]) -> Iterator[tuple[str
             yield f"{name}'s 95 % interval", "covers", inside, 0.95
 
 
-def make_limit_table(found: Mapping[str, Sequence[Result]]) -> str:
-    """Return the share of trials within each limit."""
-    rows = []
-    for row in ROWS:
-        count = len(found[row])
-        for name, limit, good, share in list_requirements(row, found[row]):
-            required = "88–99 %" if limit == "covers" else f"{100 * share:.0f} %"
-            rows.append([row, name, limit, required, *harness.format_share_with_interval(good, count)])
-    head = ["trials", "quantity", "limit", "required share", "share within the limit", "95 % interval"]
-    return harness.format_table(head, rows)
-
-
-def make_quantile_table(found: Mapping[str, Sequence[Result]]) -> str:
-    """Return quantiles of the errors."""
-    rows = []
-    for row in ("ordinary", "hard"):
-        errors = np.array([[*np.abs(r.error), *r.centre] for r in found[row] if r.error and r.centre])
-        for q in (0.5, 0.8, 0.9, 1.0):
-            name = "largest" if q == 1 else f"{100 * q:.0f} %"
-            rows.append([row, name, *harness.format_numbers(np.quantile(errors, q, axis=0))])
-    return harness.format_table(
-        ["trials", "quantile", *(f"{k}, %" for k in SCORED), *(f"{k}, mm" for k in harness.JOINTS)], rows
-    )
-
-
 def make_confidence_table(results: Sequence[Result]) -> str:
     """Return the share of trials with the right segments for each range of the stated confidence."""
     rows = []
@@ -197,13 +172,26 @@ def main() -> None:
     length, centre = max(max(map(abs, r.error)) for r in exact), max(max(r.centre) for r in exact)
     refused = sum(r.refused is not None for r in found[DEGRADED])
     degraded = f"{2 * trials} trials, seeds from {arguments.first + len(ROWS) * trials}; {refused} of them were refused"
+    limits = []
+    for row in ROWS:
+        for name, limit, good, share in list_requirements(row, found[row]):
+            required = "88–99 %" if limit == "covers" else f"{100 * share:.0f} %"
+            limits.append([row, name, limit, required, *harness.format_share_with_interval(good, len(found[row]))])
+    quantiles = []
+    for row in ("ordinary", "hard"):
+        errors = np.array([[*np.abs(r.error), *r.centre] for r in found[row] if r.error and r.centre])
+        for q in (0.5, 0.8, 0.9, 1.0):
+            name = "largest" if q == 1 else f"{100 * q:.0f} %"
+            quantiles.append([row, name, *harness.format_numbers(np.quantile(errors, q, axis=0))])
+    head = ["trials", "quantity", "limit", "required share", "share within the limit", "95 % interval"]
+    columns = ["trials", "quantile", *(f"{k}, %" for k in SCORED), *(f"{k}, mm" for k in harness.JOINTS)]
     sections = {
         "kinematic-sweep": harness.describe_source(__file__, f"{trials} trials per row, seeds from {arguments.first}"),
-        "kinematic-limits": make_limit_table(found),
+        "kinematic-limits": harness.format_table(head, limits),
         "kinematic-clean": f"Largest error in any clean trial: {length:.1g} % of a length, {centre:.1g} mm of a joint "
         "centre.",
         "kinematic-first": make_first(arguments.first),
-        "kinematic-quantiles": make_quantile_table(found),
+        "kinematic-quantiles": harness.format_table(columns, quantiles),
         "kinematic-degraded": harness.describe_source(__file__, degraded),
         "kinematic-confidence": make_confidence_table(found[DEGRADED]),
     }

@@ -14,36 +14,51 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id_assist.level_set import (
-    JointDynamics,
-    Scheme,
-    StateGrid,
-    compute_reachable_states,
-    make_grid,
-    solve_level_set,
-)
+from mocap_id.protocols.reach.reachable_set import compute_reachable_states
+from mocap_id_assist.level_set import JointDynamics, Scheme, StateGrid, make_grid, solve_level_set
 from mocap_id_assist.one_joint import OneJoint
 
 HORIZON = 2.0
 WEIGHT, INERTIA, STIFFNESS, REST = 3.43 * 9.81 * 0.30, 0.43, 4.297, np.radians(210)
 
 
-def joint() -> JointDynamics:
-    """Return the thesis's arm with a fifth of the required strength, and its spring."""
+def main() -> None:
+    """Print both times."""
+    nodes = int(sys.argv[1]) if len(sys.argv) > 1 else 101
+    # the thesis's arm with a fifth of the required strength, and its spring
     limits = np.radians([-60, 180])
     one = OneJoint(WEIGHT, 0.0, float(limits[0]), float(limits[1]), -0.2 * WEIGHT, 0.2 * WEIGHT)
-    return JointDynamics(one, INERTIA, STIFFNESS, float(REST))
-
-
-def first_set(dynamics: JointDynamics, grid: StateGrid) -> Any:
-    """Return the initial χ: a small ellipse about the equilibrium."""
+    dynamics, scheme = JointDynamics(one, INERTIA, STIFFNESS, float(REST)), Scheme(nodes, nodes)
+    grid = make_grid(dynamics, scheme, HORIZON)
     at = dynamics.equilibrium()
     assert at is not None
     size = Scheme().radius * grid.steps
-    return np.hypot((grid.angle - at)[:, None] / size[0], grid.velocity / size[1]) - 1.0
+    # the initial χ: a small ellipse about the equilibrium
+    first = np.hypot((grid.angle - at)[:, None] / size[0], grid.velocity / size[1]) - 1.0
+    free = np.full((len(grid.angle), len(grid.velocity)), -np.inf)
+
+    def least(call: Callable[[], Any]) -> tuple[float, Any]:
+        """Return the shortest wall time of five calls, s, and the result."""
+        result, times = call(), []
+        for _ in range(5):
+            start = time.perf_counter()
+            result = call()
+            times.append(time.perf_counter() - start)
+        return min(times), result
+
+    whole, plain = least(lambda: solve_level_set(dynamics, grid, first, free, (HORIZON,), scheme).values[-1])
+    band, _ = least(lambda: compute_reachable_states(dynamics, (HORIZON,), scheme))
+    other, values = least(theirs(grid, first))
+    apart = float(np.mean((plain <= 0) != (values <= 0)) / np.mean(plain <= 0))
+    print(f"grid {len(grid.angle)} x {len(grid.velocity)}, {HORIZON:g} s, shortest of 5:")
+    print(f"  mocap-id, near the front       {band:.3f} s")
+    print(f"  mocap-id, the whole grid       {whole:.3f} s")
+    print(f"  hj_reachability, whole grid    {other:.3f} s")
+    print(f"  ratio to mocap-id: {other / band:.1f} and {other / whole:.1f}")
+    print(f"  the sets differ in {100 * apart:.1f} % of their states")
 
 
-def theirs(dynamics: JointDynamics, grid: StateGrid, first: Any) -> Callable[[], Any]:
+def theirs(grid: StateGrid, first: Any) -> Callable[[], Any]:
     """Return a function that computes the same set by ``hj_reachability``: backwards in time, with reversed motion."""
     import hj_reachability as hj  # noqa: PLC0415
     import jax.numpy as jnp  # noqa: PLC0415
@@ -72,35 +87,6 @@ def theirs(dynamics: JointDynamics, grid: StateGrid, first: Any) -> Callable[[],
     settings = hj.SolverSettings.with_accuracy("medium", hamiltonian_postprocessor=hj.solver.backwards_reachable_tube)
     start, motion = jnp.array(first), Reversed()
     return lambda: np.asarray(hj.step(settings, motion, lattice, 0.0, start, -HORIZON, progress_bar=False))
-
-
-def least(call: Callable[[], Any], repetitions: int = 5) -> tuple[float, Any]:
-    """Return the shortest wall time, s, and the result."""
-    result = call()
-    times = []
-    for _ in range(repetitions):
-        start = time.perf_counter()
-        result = call()
-        times.append(time.perf_counter() - start)
-    return min(times), result
-
-
-def main() -> None:
-    """Print both times."""
-    nodes = int(sys.argv[1]) if len(sys.argv) > 1 else 101
-    dynamics, scheme = joint(), Scheme(nodes, nodes)
-    grid = make_grid(dynamics, scheme, HORIZON)
-    first, free = first_set(dynamics, grid), np.full((len(grid.angle), len(grid.velocity)), -np.inf)
-    whole, plain = least(lambda: solve_level_set(dynamics, grid, first, free, (HORIZON,), scheme).values[-1])
-    band, _ = least(lambda: compute_reachable_states(dynamics, (HORIZON,), scheme))
-    other, values = least(theirs(dynamics, grid, first))
-    apart = float(np.mean((plain <= 0) != (values <= 0)) / np.mean(plain <= 0))
-    print(f"grid {len(grid.angle)} x {len(grid.velocity)}, {HORIZON:g} s, shortest of 5:")
-    print(f"  mocap-id, near the front       {band:.3f} s")
-    print(f"  mocap-id, the whole grid       {whole:.3f} s")
-    print(f"  hj_reachability, whole grid    {other:.3f} s")
-    print(f"  ratio to mocap-id: {other / band:.1f} and {other / whole:.1f}")
-    print(f"  the sets differ in {100 * apart:.1f} % of their states")
 
 
 if __name__ == "__main__":

@@ -6,14 +6,15 @@ Every estimator gets the true plane and the true assignment of markers. About tw
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import harness
 import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.kinematics import ChainFit, fit_chain, fit_links, joint_angles, orient_frames
-from mocap_id_simulation import Options, SimulatedTrial, generate
+from mocap_id_simulation.options import Options
+from mocap_id_simulation.scene import generate
 
 FRAMES = 800  # as in fit-joints
 ROWS: Mapping[str, Options] = {
@@ -21,43 +22,6 @@ ROWS: Mapping[str, Options] = {
     "ordinary": harness.SHORT,
     "hard": replace(harness.SHORT, soft_tissue=2),
 }
-
-
-@dataclass(frozen=True)
-class Trial:
-    """Markers of one trial and its true chain; T frames, lengths in m, angles in rad."""
-
-    points: ComplexArray  # (T, M)
-    segment: IntArray  # (M,)
-    lengths: FloatArray  # (2,) shank, thigh
-    joints: ComplexArray  # (T, 3)
-    angles: FloatArray  # (T, 3)
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Errors of one estimator in one trial."""
-
-    length: FloatArray  # (2,) %
-    joint: FloatArray  # (3,) mm
-    angle: FloatArray  # (3,) degrees
-    covered: FloatArray  # (2,) 1 if the interval of the length includes the truth, NaN without intervals
-    arc: FloatArray  # (3,) degrees
-
-
-def draw(options: Options) -> Trial:
-    """Simulate a trial and select frames as ``fit-joints`` does."""
-    made: SimulatedTrial = generate("sit-to-stand", options)
-    kept = np.unique(np.linspace(0, len(made.points) - 1, FRAMES).round().astype(np.int64))
-    flat = made.scene.plane.to_plane(made.points[kept])
-    joints = made.state.joint_xy[kept]
-    return Trial(
-        flat[..., 0] + 1j * flat[..., 1],
-        made.scene.markers.link,
-        np.array([link.length for link in made.scene.body.links[1:3]]),
-        joints[..., 0] + 1j * joints[..., 1],
-        made.state.q[kept],
-    )
 
 
 def fit_link_by_link(points: ComplexArray, segment: IntArray) -> ChainFit:
@@ -84,39 +48,33 @@ ESTIMATORS: dict[str, Callable[[ComplexArray, IntArray], ChainFit]] = {
 }
 
 
-def compare(trial: Trial, fit: ChainFit) -> Errors:
-    """Return the errors of a chain over the frames in which all angles have values."""
-    fit = orient_frames(fit)
-    used = np.isfinite(fit.angles).all(axis=1)
-    turn = np.exp(1j * fit.angles[used])
-    lever = np.concatenate([np.ones((len(turn), 1)), turn[:, :-1]], axis=1)
-    joints = np.cumsum(lever * fit.centres, axis=1)
-    off = np.angle(np.exp(1j * (joint_angles(fit.angles[used]) - trial.angles[used])))
-    off[:, -1] -= off[:, -1].mean()
-    missed = fit.lengths - trial.lengths
-    return Errors(
-        100 * np.abs(missed) / trial.lengths,
-        1e3 * harness.rms(np.abs(joints - trial.joints[used])),
-        np.degrees(harness.rms(off)),
-        np.where(np.isfinite(fit.length_sd), np.abs(missed) <= harness.QUANTILE * fit.length_sd + 1e-9, np.nan),
-        np.degrees(fit.arcs),
-    )
+def measure(options: Options) -> list[FloatArray]:
+    """Return the figures (13,) of every estimator in one trial.
 
-
-def measure(options: Options) -> list[Errors]:
-    """Return the errors of every estimator in one trial."""
-    trial = draw(options)
-    return [compare(trial, estimate(trial.points, trial.segment)) for estimate in ESTIMATORS.values()]
-
-
-def format_errors(errors: list[Errors]) -> list[str]:
-    """Return median / 90th percentile of each error, and the share inside the intervals."""
-    covered = np.mean([each.covered for each in errors], axis=0)
-    share = " / ".join(f"{100 * part:.0f} %" for part in covered) if np.isfinite(covered).all() else "none stated"
-    return [
-        *harness.format_pairs(np.array([np.concatenate([each.length, each.joint, each.angle]) for each in errors])),
-        share,
-    ]
+    They are errors of the lengths of shank and thigh, %; of three joints, mm, and of three angles, degrees; whether the
+    interval of each length includes the truth, NaN without intervals; and the arcs of the joints, degrees. They are
+    taken over the frames in which all angles have values, of those that ``fit-joints`` selects.
+    """
+    made = generate("sit-to-stand", options)
+    kept = np.unique(np.linspace(0, len(made.points) - 1, FRAMES).round().astype(np.int64))
+    flat, segment = made.scene.plane.to_plane(made.points[kept]), made.scene.markers.link
+    lengths = np.array([link.length for link in made.scene.body.links[1:3]])
+    true_joints, true_angles = made.state.joint_xy[kept] @ [1, 1j], made.state.q[kept]
+    found = []
+    for estimate in ESTIMATORS.values():
+        fit = orient_frames(estimate(flat[..., 0] + 1j * flat[..., 1], segment))
+        used = np.isfinite(fit.angles).all(axis=1)
+        turn = np.exp(1j * fit.angles[used])
+        lever = np.concatenate([np.ones((len(turn), 1)), turn[:, :-1]], axis=1)
+        joints = np.cumsum(lever * fit.centres, axis=1)
+        off = np.angle(np.exp(1j * (joint_angles(fit.angles[used]) - true_angles[used])))
+        off[:, -1] -= off[:, -1].mean()
+        missed = np.abs(fit.lengths - lengths)
+        inside = np.where(np.isfinite(fit.length_sd), missed <= harness.QUANTILE * fit.length_sd + 1e-9, np.nan)
+        distance = 1e3 * harness.rms(np.abs(joints - true_joints[used]))
+        angle = np.degrees(harness.rms(off))
+        found.append(np.concatenate([100 * missed / lengths, distance, angle, inside, np.degrees(fit.arcs)]))
+    return found
 
 
 def main() -> None:
@@ -124,13 +82,14 @@ def main() -> None:
     arguments = harness.make_parser(__doc__, parallel=True, trials=40, first=50_000).parse_args()
     trials, first, rows = arguments.trials, arguments.first, []
     for row, options in ROWS.items():
-        every = harness.run_all(measure, [replace(options, seed=first + k) for k in range(trials)], arguments.jobs)
-        rows += [
-            [row, name, *format_errors(list(errors))]
-            for name, errors in zip(ESTIMATORS, zip(*every, strict=True), strict=True)
-        ]
+        tasks = [replace(options, seed=first + k) for k in range(trials)]
+        every = np.array(harness.run_all(measure, tasks, arguments.jobs))  # (trials, estimators, 13)
+        for name, errors in zip(ESTIMATORS, np.moveaxis(every, 1, 0), strict=True):
+            shares = [f"{100 * part:.0f} %" for part in errors[:, 8:10].mean(axis=0)]
+            inside = " / ".join(shares) if np.isfinite(errors[:, 8:10]).all() else "none stated"
+            rows.append([row, name, *harness.format_pairs(errors[:, :8]), inside])
         if row == "ordinary":
-            arcs = np.median([errors[-1].arc for errors in every], axis=0)
+            arcs = np.median(every[:, -1, 10:], axis=0)
         harness.report_progress(f"{row}: {trials} trials")
     turned = ", ".join(f"{arc:.0f}° ({joint})" for arc, joint in zip(arcs, harness.JOINTS, strict=True))
     about = harness.describe_source(__file__, f"{trials} sit-to-stands per row, seeds from {first}")

@@ -9,12 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import harness
 import numpy as np
-from dynamic_truth import SCALE, UNITS, find_off_seat, stack_true_series
-from dynamic_truth import TITLES as NAMES
+from dynamic_sweep import SCALE, UNITS, find_off_seat, stack_true_series
+from dynamic_sweep import TITLES as NAMES
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
@@ -66,9 +65,19 @@ def compare(run: harness.Run, done: IdentifiedTrial) -> Result:
     names = [f"{name}_model" for name in ("Fx", "Fy", "tauz", "cop_x")] + [f"tau_{j}" for j in (1, 2, 3)]
     off = (done.dynamics[names].to_numpy() - stack_true_series(true))[off_seat]
     sd = done.dynamics[[f"sd_{name}" for name in names]].to_numpy()[off_seat]
-    used = done.dynamics["in_fit"].to_numpy()
-    found, exact = compute_first_moments(done), compute_true_moments(run.truth, true["body_pose"], true["joint_xy"])
-    known = used & np.isfinite(found).all(axis=(1, 2))
+    # first moments (T, 3, 2) of all bodies beyond each joint about that joint, kg·m, in the plane's frame
+    motion, bodies = done.bodies.motion, done.parameters.reshape(-1, 4)
+    own = bodies[:, :1] * motion.origin + planar.rotate(motion.angle, bodies[:, 1:3])  # (T, K, 2) about the origin
+    carried = motion.beyond.astype(np.float64)
+    moments = np.einsum("jk,tkc->tjc", carried, own) - (carried @ bodies[:, 0])[:, None] * motion.joint
+    found = moments[:, : len(harness.JOINTS)]
+    # the true ones: foot, shank, thigh and all bodies beyond the hip
+    parts = run.truth["people"]["bodies"]
+    mass, first = np.array([body["m"] for body in parts]), np.array([[body["mx"], body["my"]] for body in parts])
+    pose, joint = true["body_pose"], true["joint_xy"]
+    own = mass[:, None] * pose[..., :2] + planar.rotate(pose[..., 2], first)
+    exact = np.stack([own[:, k:].sum(axis=1) - mass[k:].sum() * joint[:, k - 1] for k in (1, 2, 3)], axis=1)
+    known = done.dynamics["in_fit"].to_numpy() & np.isfinite(found).all(axis=(1, 2))
     size = np.linalg.norm(harness.rms(exact[known]), axis=1)
     return Result(
         rms=harness.rms(off) * SCALE,
@@ -77,24 +86,6 @@ def compare(run: harness.Run, done: IdentifiedTrial) -> Result:
         moments=np.linalg.norm(harness.rms((found - exact)[known]), axis=1) / size,
         poses=done.facts["motion"]["source"] == "segments",
     )
-
-
-def compute_first_moments(done: IdentifiedTrial) -> FloatArray:
-    """Return (T, 3, 2) first moments of all bodies beyond each joint about that joint, kg·m, plane frame."""
-    motion, bodies = done.bodies.motion, done.parameters.reshape(-1, 4)
-    own = bodies[:, :1] * motion.origin + planar.rotate(motion.angle, bodies[:, 1:3])  # (T, K, 2) about the origin
-    carried = motion.beyond.astype(np.float64)
-    moments = np.einsum("jk,tkc->tjc", carried, own) - (carried @ bodies[:, 0])[:, None] * motion.joint
-    return np.asarray(moments[:, : len(harness.JOINTS)])
-
-
-def compute_true_moments(truth: Mapping[str, Any], pose: FloatArray, joint: FloatArray) -> FloatArray:
-    """Return (T, 3, 2) true first moments, kg·m: foot, shank, thigh and all bodies beyond the hip."""
-    bodies = truth["people"]["bodies"]
-    mass = np.array([body["m"] for body in bodies])
-    first = np.array([[body["mx"], body["my"]] for body in bodies])
-    own = mass[:, None] * pose[..., :2] + planar.rotate(pose[..., 2], first)
-    return np.stack([own[:, k:].sum(axis=1) - mass[k:].sum() * joint[:, k - 1] for k in (1, 2, 3)], axis=1)
 
 
 def draw_person(row: str, seed: int) -> Options:

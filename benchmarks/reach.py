@@ -12,7 +12,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import nan
-from typing import Any
+from typing import Any, NamedTuple
 
 import harness
 import numpy as np
@@ -35,8 +35,7 @@ THESIS = {"–": "0.374, 0.328, 0.234", "1": "0.358", "2": "0.270", "3": "0.178"
 """Volumes of table 7.1, m³, by Brooke score."""
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(NamedTuple):
     """A kind of recording with the limits that 80 % of the trials must keep."""
 
     preset: Preset
@@ -61,29 +60,12 @@ class Outcome:
     codes: tuple[str, ...]
     level: str
     seconds: float  # of the processor
-    truth: float = nan  # volume, m³
-    true_arm: float = nan  # length of the arm, m
-    arm: float = nan
-    volume: float = nan
-    low: float = nan
-    high: float = nan
+    true_size: float = nan  # volume / (arm length)³
+    size: float = nan  # the same as found
+    error: float = nan  # of the volume, %
+    inside: bool = False  # the interval of the volume includes the truth
     elevation: float = nan  # error of the range, °
     covered: bool = False  # the interval of the range includes the truth
-
-    @property
-    def true_size(self) -> float:
-        """True volume / (arm length)³."""
-        return self.truth / self.true_arm**3
-
-    @property
-    def size(self) -> float:
-        """Volume / (arm length)³."""
-        return self.volume / self.arm**3
-
-    @property
-    def error(self) -> float:
-        """Error of the volume, %."""
-        return 100 * (self.volume / self.truth - 1)
 
 
 def measure(task: tuple[str, int, int]) -> Outcome:
@@ -109,21 +91,21 @@ def measure(task: tuple[str, int, int]) -> Outcome:
 
 def compare(done: harness.Run, seconds: float) -> Outcome:
     """Compare a trial with its truth."""
-    truth, found = done.truth, done.summary["workspace"] or {}
+    truth, found, verdict = done.truth, done.summary["workspace"] or {}, done.summary["verdict"]
     low, high = found.get("interval_m3") or (nan, nan)
     elevation = (found.get("ranges") or {}).get("shoulder_elevation") or {"range_deg": nan, "interval_deg": (nan, nan)}
     first, last = elevation["interval_deg"]
     true_range = np.degrees(np.ptp(truth["ranges_rad"]["elevation"]))
+    true_volume, arm = truth["reach"]["volume_m3"], sum(truth["subject"]["segment_lengths_m"].values())
+    volume = nan if found.get("volume_m3") is None else found["volume_m3"]
     return Outcome(
-        codes=tuple(each["code"] for each in done.summary["verdict"]["reasons"]),
-        level=done.summary["verdict"]["level"],
+        codes=tuple(each["code"] for each in verdict["reasons"]),
+        level=verdict["level"],
         seconds=seconds,
-        truth=truth["reach"]["volume_m3"],
-        true_arm=sum(truth["subject"]["segment_lengths_m"].values()),
-        arm=found.get("arm_length_m") or nan,
-        volume=nan if found.get("volume_m3") is None else found["volume_m3"],
-        low=low,
-        high=high,
+        true_size=true_volume / arm**3,
+        size=volume / (found.get("arm_length_m") or nan) ** 3,
+        error=100 * (volume / true_volume - 1),
+        inside=low <= true_volume <= high,
         elevation=elevation["range_deg"] - true_range,
         covered=bool(first <= true_range <= last),
     )
@@ -136,17 +118,26 @@ def make_table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
     known = np.isfinite(errors)
     far = ~(np.abs(errors) <= row.volume)
     flagged = np.array([each.level != "ok" for each in outcomes])
-    inside = [each.low <= each.truth <= each.high for each in outcomes if np.isfinite(each.volume)]
-    covered = [each.covered for each in outcomes if np.isfinite(each.elevation)]
+    elevation = np.array([each.elevation for each in outcomes])
     head = (
         f"**{name}**, {len(outcomes)} trials, seeds from {first}: {int(known.sum())} with a volume, "
         f"{int(flagged.sum())} not `ok`, {int((far & ~flagged).sum())} beyond the limit and `ok`; "
         f"bias of the volume {np.mean(errors[known]):+.1f} %. "
         f"Codes: {harness.count_codes(code for each in outcomes for code in each.codes)}."
     )
+    size = len(SEVERITIES)
+    cohorts = [outcomes[start : start + size] for start in range(0, len(outcomes) - size + 1, size)]
+    # only cohorts whose true volumes are in order count, and neighbours whose true volumes differ clearly
+    true = [one for one in cohorts if np.all(np.diff([each.true_size for each in one]) < 0)]
+    right = sum(bool(np.all(np.diff([each.size for each in one]) < 0)) for one in true)
+    pairs = [pair for one in cohorts for pair in itertools.pairwise(one)]
+    clear = [(more, less) for more, less in pairs if more.true_size > (1 + DIFFERENT) * less.true_size]
+    ordered = f"{sum(more.size > less.size for more, less in clear)} of {len(clear)}"
     kept = format_share(~far | flagged if row.flagged else ~far)
-    elevation = np.array([each.elevation for each in outcomes])
-    different = f"neighbours that differ by more than {100 * DIFFERENT:.0f} % in order"
+    inside = format_share([each.inside for each in outcomes if np.isfinite(each.error)])
+    covered = format_share([each.covered for each in outcomes if np.isfinite(each.elevation)])
+    elevated = format_share(np.abs(elevation) <= row.elevation)
+    seconds = format_sizes([each.seconds for each in outcomes], 5, ".1f")
     rows = [
         [
             f"volume, %{', or not `ok`' * row.flagged}",
@@ -154,47 +145,26 @@ def make_table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
             kept,
             *format_sizes(errors, np.inf, ".1f")[1:],
         ],
-        ["inside the 95 % interval", "0.88–0.99", format_share(inside), "", ""],
-        [
-            *("range of elevation, °", f"{row.elevation:g}", format_share(np.abs(elevation) <= row.elevation)),
-            *format_sizes(elevation, np.inf, ".1f")[1:],
-        ],
-        ["range of elevation inside its 95 % interval", "", format_share(covered), "", ""],
-        ["five severities in order, if the true ones are", "all", _count_ordered(outcomes), "", ""],
-        [different, "all", _count_neighbours(outcomes), "", ""],
-        ["processor time, s", "5", *format_sizes([each.seconds for each in outcomes], 5, ".1f")],
+        ["inside the 95 % interval", "0.88–0.99", inside, "", ""],
+        ["range of elevation, °", f"{row.elevation:g}", elevated, *format_sizes(elevation, np.inf, ".1f")[1:]],
+        ["range of elevation inside its 95 % interval", "", covered, "", ""],
+        ["five severities in order, if the true ones are", "all", f"{right} of {len(true)}", "", ""],
+        [f"neighbours that differ by more than {100 * DIFFERENT:.0f} % in order", "all", ordered, "", ""],
+        ["processor time, s", "5", *seconds],
     ]
     columns = ["quantity", "limit", "within it", "median", "80 %"]
     return head + "\n\n" + harness.format_table(columns, rows, numbers_from=1)
 
 
-def _split_cohorts(outcomes: Sequence[Outcome]) -> list[Sequence[Outcome]]:
-    size = len(SEVERITIES)
-    return [outcomes[start : start + size] for start in range(0, len(outcomes) - size + 1, size)]
-
-
-def _count_ordered(outcomes: Sequence[Outcome]) -> str:
-    """Return how many cohorts are in the order of their severities.
-
-    Only cohorts whose true volumes are in this order count.
-    """
-    true = [one for one in _split_cohorts(outcomes) if np.all(np.diff([each.true_size for each in one]) < 0)]
-    right = sum(bool(np.all(np.diff([each.size for each in one]) < 0)) for one in true)
-    return f"{right} of {len(true)}"
-
-
-def _count_neighbours(outcomes: Sequence[Outcome]) -> str:
-    """Return how many pairs of neighbours in severity are in order.
-
-    Only pairs whose true volumes differ clearly count.
-    """
-    pairs = [pair for one in _split_cohorts(outcomes) for pair in itertools.pairwise(one)]
-    clear = [(more, less) for more, less in pairs if more.true_size > (1 + DIFFERENT) * less.true_size]
-    return f"{sum(more.size > less.size for more, less in clear)} of {len(clear)}"
-
-
 def measure_cohort(jobs: int) -> str:
-    """Return table 7.1 of the cohort that `mocap-id simulate reach-cohort` makes, by markers and by a depth camera."""
+    """Return table 7.1 of the cohort that `mocap-id simulate reach-cohort` makes, by markers and by a depth camera.
+
+    It has a row for every person: score, volumes in the thesis, in truth, by markers and by the camera.
+    """
+
+    def format_with_interval(row: Any, name: str) -> str:
+        return f"{show(row[name])} ({show(row[f'{name}_low'])} … {show(row[f'{name}_high'])})"
+
     people, about, true = [], [], {}
     with harness.temporary_folder() as place:
         for name, skeletons in (("markers", False), ("camera", True)):
@@ -202,28 +172,20 @@ def measure_cohort(jobs: int) -> str:
             folder = run_study(file, jobs).study.folder
             people.append(pd.read_parquet(folder / "people.parquet"))
             row = pd.read_parquet(folder / "correlation.parquet").iloc[0]
-            spearman = _format_with_interval(row, "spearman")
+            spearman = format_with_interval(row, "spearman")
             about.append(f"by {name} {spearman}, p = {show(row['p'], 2)}, {row['people']} people")
             true = defaultdict(list)
             for trial in load_study(file).trials:
                 truth = harness.read_truth(file.parent / "truth" / trial.name / "truth.json")
                 true[trial.subject].append(truth["reach"]["volume_m3"])
-    return make_cohort_table(people, true) + f"\n\nSpearman's correlation with the score: {'; '.join(about)}."
-
-
-def make_cohort_table(people: Sequence[pd.DataFrame], true: Mapping[str, Sequence[float]]) -> str:
-    """Return a row for every person: score, volumes in the thesis, in truth, by markers and by the camera."""
     rows = []
     for k, subject in enumerate(people[0]["subject"]):
         score = "–" if np.isnan(people[0]["score"][k]) else f"{people[0]['score'][k]:g}"
-        found = [_format_with_interval(frame.iloc[k], name) for name in ("volume", "visited") for frame in people]
+        found = [format_with_interval(frame.iloc[k], name) for name in ("volume", "visited") for frame in people]
         rows.append([subject, score, THESIS[score], show(np.mean(true[subject])), *found])
     head = ["person", "score", "thesis", "truth", "markers", "camera", "visited, markers", "visited, camera"]
-    return harness.format_table(head, rows, numbers_from=1)
-
-
-def _format_with_interval(row: Any, name: str) -> str:
-    return f"{show(row[name])} ({show(row[f'{name}_low'])} … {show(row[f'{name}_high'])})"
+    table = harness.format_table(head, rows, numbers_from=1)
+    return f"{table}\n\nSpearman's correlation with the score: {'; '.join(about)}."
 
 
 def main() -> None:

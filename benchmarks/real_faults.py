@@ -64,20 +64,6 @@ FAULTS: Mapping[str, Fault] = {
 }
 
 
-def make_table(source: Path) -> str:
-    """Return the outcomes of all faults in the real trials of a folder."""
-    rows = []
-    with harness.temporary_folder() as place:
-        for name in TRIALS:
-            clean = _run(source, place / name, name, Fault(()))
-            for case, fault in FAULTS.items():
-                found = _run(source, place / f"{name} {case}", name, fault)
-                kind, codes = judge(fault, clean, found)
-                rows.append([name, case, kind, ", ".join(f"`{code}`" for code in codes)])
-    text = harness.describe_source(__file__, "two real trials, with `subject: {mass: 60}`")
-    return f"{text}\n\n{harness.format_table(['trial', 'fault', 'outcome', 'new codes'], rows)}"
-
-
 def judge(fault: Fault, clean: Mapping[str, Any] | None, found: Mapping[str, Any] | None) -> tuple[str, list[str]]:
     """Return the kind of outcome, and the codes that the trial has only with the fault."""
     if clean is None or found is None:
@@ -95,19 +81,16 @@ def judge(fault: Fault, clean: Mapping[str, Any] | None, found: Mapping[str, Any
         return "said", codes
     if fault.forces[1] and abs(abs(found["offset"] - clean["offset"]) - fault.forces[1]) < 2e-3:
         return "corrected", codes
-    return ("harmless" if _are_alike(clean, found) else "silent"), codes
-
-
-def _are_alike(clean: Mapping[str, Any], found: Mapping[str, Any]) -> bool:
     if clean["lengths"].keys() != found["lengths"].keys():
-        return False
+        return "silent", codes
     lengths = all(abs(found["lengths"][k] / one - 1) < LENGTH for k, one in clean["lengths"].items())
     off = found["torques"] - clean["torques"]
     torques = harness.rms(off) < TORQUE
     inside = np.nanmean((off / found["torque_sd"]) ** 2, axis=0) < harness.QUANTILE**2
     angles = np.nanstd(found["angles"] - clean["angles"], axis=0) < ANGLE
     known = np.isfinite(off).any(axis=0)  # no torque inside a body
-    return bool(lengths and angles.all() and (torques | inside)[known].all())
+    alike = lengths and angles.all() and (torques | inside)[known].all()
+    return ("harmless" if alike else "silent"), codes
 
 
 def _run(source: Path, folder: Path, name: str, fault: Fault) -> dict[str, Any] | None:
@@ -163,8 +146,16 @@ def _write(source: Path, folder: Path, name: str, fault: Fault) -> None:
 
 def main() -> None:
     """Measure all faults and publish the section."""
-    given = harness.make_parser(__doc__).parse_args()
-    harness.publish({"real-faults": make_table(harness.real_recordings())}, write=given.write)
+    given, source, rows = harness.make_parser(__doc__).parse_args(), harness.real_recordings(), []
+    with harness.temporary_folder() as place:
+        for name in TRIALS:
+            clean = _run(source, place / name, name, Fault(()))
+            for case, fault in FAULTS.items():
+                kind, codes = judge(fault, clean, _run(source, place / f"{name} {case}", name, fault))
+                rows.append([name, case, kind, ", ".join(f"`{code}`" for code in codes)])
+    text = harness.describe_source(__file__, "two real trials, with `subject: {mass: 60}`")
+    table = harness.format_table(["trial", "fault", "outcome", "new codes"], rows)
+    harness.publish({"real-faults": f"{text}\n\n{table}"}, write=given.write)
 
 
 if __name__ == "__main__":

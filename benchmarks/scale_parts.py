@@ -8,15 +8,153 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
 
+import numpy as np
 import pyarrow.parquet as pq
 from harness import ROOT, find_recordings, write_real_trial
-from scale_recordings import Wanted, make
+
+from mocap_id.arrays import IntArray
+from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.recording.writer import write_c3d
+from mocap_id_simulation.bodies import PLATE, Link, MarkerSet, SimulatedBody, add_plate_markers
+from mocap_id_simulation.instruments import draw_plate
+from mocap_id_simulation.motion import motion_through, smoothstep
+from mocap_id_simulation.options import Options
+from mocap_id_simulation.scene import Scene, Streams, draw_scene, measure_scene, random_streams
+
+SEED = 930_000
+REPETITIONS = 4  # half a minute of sit-to-stands
+LINK, WIDTH = 0.30, 0.06  # m, of a chain of many joints
+STEP, PAD = 0.02, 2.0  # s
+SCATTER = 0.03  # m, between a marker and an added one
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Frames, rate and analog rate (Hz), markers, and joints (None for a sit-to-stand) of a recording to make."""
+
+    frames: int
+    rate: float = 100.0
+    analog: float = 1000.0
+    markers: int = 50
+    joints: int | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of its files."""
+        body = "sts" if self.joints is None else f"chain-{self.joints}"
+        return f"{body}-{self.rate:g}-hz-{self.markers}-markers-{self.frames}-frames"
+
+
+def make(wanted: Wanted, place: Path) -> Path:
+    """Write the recording and return its configuration; if it exists, return it unchanged."""
+    file = place / f"{wanted.name}.yaml"
+    if file.exists():
+        return file
+    options = Options(seed=SEED, rate=wanted.rate, analog_rate=wanted.analog, repetitions=REPETITIONS)
+    rng = random_streams(options.seed)
+    scene = _make_chain(wanted, rng) if wanted.joints else _make_person(wanted, options, rng)
+    made = measure_scene(scene, options, rng)
+    per_frame = round(wanted.analog / wanted.rate)
+    frames = len(made.points)
+    points = made.points[count_to_and_fro(frames, wanted.frames)]  # played forwards and backwards
+    samples = count_to_and_fro((frames - 1) * per_frame + 1, wanted.frames * per_frame)
+    signals = replace(made.signals, channels=made.signals.channels[samples])
+    write_c3d(place / f"{wanted.name}.c3d", scene.markers.labels, points, wanted.rate, plates=(signals,))
+    subject = {"mass": round(scene.body.mass, 2)}
+    if wanted.joints is None:
+        subject["height"] = round(scene.body.description["subject"]["height_m"], 3)
+    keys = {"trial": wanted.name, "recording": f"{wanted.name}.c3d", "subject": subject}
+    keys["protocol"] = "free" if wanted.joints else "sit-to-stand"
+    file.write_text(json.dumps(keys), encoding="utf-8")
+    return file
+
+
+def count_to_and_fro(own: int, count: int) -> IntArray:
+    """Return ``count`` indices that go from 0 to own - 1, back to 0, and so on."""
+    period = np.concatenate([np.arange(own), np.arange(own - 2, 0, -1)])
+    return np.resize(period, count)
+
+
+def _make_person(wanted: Wanted, options: Options, rng: Streams) -> Scene:
+    """Return a sit-to-stand with the wanted number of markers.
+
+    Fewer markers are chosen evenly; additional markers are beside the usual markers.
+    """
+    scene = draw_scene("sit-to-stand", options, rng)
+    own = scene.markers
+    if wanted.markers <= len(own.labels):
+        return replace(scene, markers=_select(own, _choose_evenly(own, wanted.markers)))
+    more = np.resize(np.flatnonzero(~own.on_plate), wanted.markers - len(own.labels))
+    added = _select(own, more)
+    rounds = np.arange(len(more)) // int((~own.on_plate).sum())
+    labels = tuple(f"{label}X{k + 1}" for label, k in zip(added.labels, rounds, strict=True))
+    moved = rng["markers"].normal(0, SCATTER, added.local.shape)
+    added = replace(added, labels=labels, local=added.local + moved, at_joint=(None,) * len(more))
+    return replace(scene, markers=_join(own, added))
+
+
+def _choose_evenly(markers: MarkerSet, count: int) -> IntArray:
+    """Return ``count`` chosen markers, in proportion to the markers of each link and at least three of each."""
+    links = [np.flatnonzero(markers.link == link) for link in np.unique(markers.link)]
+    share = [max(3, round(count * len(link) / len(markers.link))) for link in links]
+    share[-1] += count - sum(share)
+    chosen = [link[np.linspace(0, len(link) - 1, k).round().astype(int)] for link, k in zip(links, share, strict=True)]
+    return np.sort(np.concatenate(chosen))
+
+
+def _select(markers: MarkerSet, chosen: IntArray) -> MarkerSet:
+    def pick(values: Any) -> Any:
+        return tuple(values[k] for k in chosen) if isinstance(values, tuple) else values[chosen]
+
+    return MarkerSet(**{field.name: pick(getattr(markers, field.name)) for field in fields(MarkerSet)})
+
+
+def _join(one: MarkerSet, other: MarkerSet) -> MarkerSet:
+    pairs = {field.name: (getattr(one, field.name), getattr(other, field.name)) for field in fields(MarkerSet)}
+    return MarkerSet(**{k: a + b if isinstance(a, tuple) else np.concatenate([a, b]) for k, (a, b) in pairs.items()})
+
+
+def _make_chain(wanted: Wanted, rng: Streams) -> Scene:
+    """Return a chain of equal links on a plate, whose joints swing at 0.2 to 0.5 Hz by 17 to 29°, from rest to rest."""
+    joints, seconds, of = wanted.joints, wanted.frames / wanted.rate, rng["motion"]
+    assert joints
+    base = Link("base", None, (0.0, 0.0), 0.1, 5.0, (0.0, 0.05), 0.02)
+    links = [Link(f"l{k}", f"j{k}", (0.0, LINK if k > 1 else 0.1), LINK, 2.0, (0.01, LINK / 2), 0.02)
+             for k in range(1, joints + 1)]  # fmt: skip
+    plate = draw_plate(rng["plate"], "reaction", moved=False, flipped=False, noise=1.0, bias=0.0)
+    time = np.arange(-PAD, seconds + PAD, STEP)
+    frequency, size = of.uniform(0.2, 0.5, joints), of.uniform(0.3, 0.5, joints)
+    moving = smoothstep((np.minimum(time, seconds - time) - 0.5) / 1.5)
+    swing = np.sin(2 * np.pi * np.multiply.outer(time, frequency) + of.uniform(0, 2 * np.pi, joints))
+    # the plate's markers are on the plate, and the others on the links in turn
+    count = wanted.markers - len(PLATE)
+    low, high = (-WIDTH, 0.1 * LINK, -WIDTH), (WIDTH, 0.9 * LINK, WIDTH)
+    markers = add_plate_markers(
+        rng["markers"],
+        tuple(f"M{k:03}" for k in range(count)),
+        1 + np.arange(count) % joints,
+        rng["markers"].uniform(low, high, (count, 3)),
+        softness=np.full(count, 0.001),
+        hidden=np.ones(count, dtype=np.bool_),
+        at_joint=(None,) * count,
+    )
+    return Scene(
+        body=SimulatedBody((base, *links), (-0.2, 0.2), {}, {}),
+        motion=motion_through(time, moving[:, None] * size * swing, seconds),
+        chair=None,
+        markers=markers,
+        plate=plate,
+        plane=PlaneFrame(float(rng["place"].uniform(-np.pi, np.pi)), plate.centre),
+        offset=0.0,
+        protocol={"reps": []},
+    )
+
 
 HERE = Path(__file__).parent
 PROGRAM = (sys.executable, "-m", "mocap_id_cli")
@@ -140,96 +278,75 @@ def measure_starts(
 
 def measure_lengths(wanted: Sequence[Wanted], place: Path, repeats: int, say: Say) -> list[dict[str, Any]]:
     """Measure recordings: their stages in a warm process, whole runs in new processes, and the floor."""
-    return [_measure_length(one, place, repeats if one.marker_frames <= REPEATED else 1, say) for one in wanted]
-
-
-def _measure_length(wanted: Wanted, place: Path, repeats: int, say: Say) -> dict[str, Any]:
-    file, warm = make(wanted, place), make(WARM, place)
-    runs = []
-    for _ in range(repeats):
+    found = []
+    for one in wanted:
+        times = repeats if one.frames * one.markers <= REPEATED else 1
+        file, warm = make(one, place), make(WARM, place)
+        runs = []
+        for _ in range(times):
+            shutil.rmtree(place / "runs", ignore_errors=True)
+            runs.append(run_script("scale_trial.py", str(file), str(warm), place=place))
+            names = [(stage["stage"], stage["action"]) for stage in runs[-1]["stages"]]
+            if names != [(name, "computed") for name in STAGES]:
+                raise RuntimeError(f"{file}: {names}, verdict {runs[-1]['verdict']} {runs[-1]['codes']}")
+        whole = measure_in_turns({"run": partial(run_anew, file, place)}, times)["run"]
         shutil.rmtree(place / "runs", ignore_errors=True)
-        runs.append(run_script("scale_trial.py", str(file), str(warm), place=place))
-        names = [(one["stage"], one["action"]) for one in runs[-1]["stages"]]
-        if names != [(name, "computed") for name in STAGES]:
-            raise RuntimeError(f"{file}: {names}, verdict {runs[-1]['verdict']} {runs[-1]['codes']}")
-    whole = measure_in_turns({"run": partial(run_anew, file, place)}, repeats)["run"]
-    shutil.rmtree(place / "runs", ignore_errors=True)
-    floor = run_script("scale_floor.py", str(file.with_suffix(".c3d")), "--quick", place=place)
-    say(f"{wanted.name}: {whole.wall:.1f} s, {whole.peak:.0f} MB")
-    return {
-        "wanted": asdict(wanted),
-        "stages": {name: _summarise([run["stages"][k] for run in runs]) for k, name in enumerate(STAGES)},
-        "whole": asdict(whole),
-        "floor": floor,
-        **{key: runs[0][key] for key in ("verdict", "codes", "segments")},
-    }
-
-
-def _summarise(each: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
-    """Return the median times of a stage, and its largest memory and growth of memory; None where unknown."""
-    known = [one for one in each if one["peak"] is not None]
-    return {
-        **{key: median(one[key] for one in each) for key in ("wall", "cpu", "computing")},
-        "peak": max((one["peak"] for one in known), default=None),
-        "growth": max((one["peak"] - one["first"] for one in known), default=None),
-    }
+        floor = run_script("scale_floor.py", str(file.with_suffix(".c3d")), "--quick", place=place)
+        say(f"{one.name}: {whole.wall:.1f} s, {whole.peak:.0f} MB")
+        stages: dict[str, dict[str, float | None]] = {}
+        for k, name in enumerate(STAGES):  # median times, the largest memory and its largest growth, None where unknown
+            each = [run["stages"][k] for run in runs]
+            known = [stage for stage in each if stage["peak"] is not None]
+            stages[name] = {key: median(stage[key] for stage in each) for key in ("wall", "cpu", "computing")}
+            stages[name]["peak"] = max((stage["peak"] for stage in known), default=None)
+            stages[name]["growth"] = max((stage["peak"] - stage["first"] for stage in known), default=None)
+        own = {key: runs[0][key] for key in ("verdict", "codes", "segments")}
+        found.append({"wanted": asdict(one), "stages": stages, "whole": asdict(whole), "floor": floor, **own})
+    return found
 
 
 def measure_batches(place: Path, trials: int, rounds: int, say: Say) -> dict[str, Any]:
     """Measure each way to run the same trials, in turns, and return medians over the rounds."""
-    every = str(place / "batch" / "*.yaml")
-    halves = _write_trials(place / "batch", trials)
-    (place / "cluster.yml").write_text(CLUSTER, encoding="utf-8")
-    ways: Mapping[str, Callable[[], Spent]] = {
-        ONE: partial(_run_batch, place, [every], "--jobs", "1"),
-        TWO: partial(_run_batch, place, [every], "--jobs", "2"),
-        AGAIN: partial(_run_batch, place, [every], "--jobs", "2", keep=True),
-        APART: partial(_run_batch, place, halves, "--jobs", "1"),
-        DASK: partial(_run_batch, place, [every], "--cluster", str(place / "cluster.yml")),
-    }
-    found: dict[str, list[dict[str, float]]] = {name: [] for name in ways}
-    for _ in range(rounds):
-        for name, way in ways.items():
-            one = asdict(way()) | {"trial": _read_median_seconds(place)}
-            found[name].append(one)
-            say(f"{name}: {one['wall']:.1f} s, {one['trial']:.2f} s a trial")
-    keys = ("wall", "cpu", "peak", "trial")
-    medians = {name: {key: median(one[key] for one in each) for key in keys} for name, each in found.items()}
-    return {"trials": trials, "rounds": rounds, "ways": medians}
-
-
-def _write_trials(folder: Path, count: int) -> list[str]:
-    """Write trials of the sample recording, half of them called a, half b, and return their patterns."""
+    # trials of the sample recording, half of them called a, half b
+    folder = place / "batch"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     shutil.copyfile(SAMPLE / "trial.c3d", folder / "trial.c3d")
     text = (SAMPLE / "trial.yaml").read_text("utf-8")
-    for k in range(count):
+    for k in range(trials):
         name = f"{'ab'[k % 2]}-{k:05}"
         (folder / f"{name}.yaml").write_text(text.replace('trial: "sit-to-stand"', f"trial: {name}"), encoding="utf-8")
-    return [str(folder / f"{half}-*.yaml") for half in "ab"]
-
-
-def _run_batch(place: Path, patterns: Sequence[str], *how: str, keep: bool = False) -> Spent:
-    """Measure one batch for each pattern, all started together; ``keep`` keeps earlier results."""
-    if not keep:
-        shutil.rmtree(place / "batch" / "runs", ignore_errors=True)
-    for old in place.glob("batch-*.parquet"):
-        old.unlink()
-    commands = [
-        [*PROGRAM, "batch", pattern, *how, "--out", str(place / f"batch-{k}.parquet"), "--quiet"]
-        for k, pattern in enumerate(patterns)
-    ]
-    each = spend_together(commands, place)
-    return Spent(max(one.wall for one in each), sum(one.cpu for one in each), max(one.peak for one in each))
-
-
-def _read_median_seconds(place: Path) -> float:
-    """Return the median time of the trials in the tables of a batch, s."""
-    tables = [pq.read_table(file).to_pydict() for file in sorted(place.glob("batch-*.parquet"))]
-    if any(code != 0 for table in tables for code in table["exit_code"]):
-        raise RuntimeError("a trial of the batch did not go through")
-    return median(one for table in tables for one in table["seconds"])
+    (place / "cluster.yml").write_text(CLUSTER, encoding="utf-8")
+    every, halves = [str(folder / "*.yaml")], [str(folder / f"{half}-*.yaml") for half in "ab"]
+    ways: Mapping[str, tuple[list[str], list[str]]] = {
+        ONE: (every, ["--jobs", "1"]),
+        TWO: (every, ["--jobs", "2"]),
+        AGAIN: (every, ["--jobs", "2"]),
+        APART: (halves, ["--jobs", "1"]),
+        DASK: (every, ["--cluster", str(place / "cluster.yml")]),
+    }
+    found: dict[str, list[dict[str, float]]] = {name: [] for name in ways}
+    for _ in range(rounds):
+        for name, (patterns, how) in ways.items():
+            if name != AGAIN:  # which keeps earlier results
+                shutil.rmtree(folder / "runs", ignore_errors=True)
+            for old in place.glob("batch-*.parquet"):
+                old.unlink()
+            commands = [
+                [*PROGRAM, "batch", pattern, *how, "--out", str(place / f"batch-{k}.parquet"), "--quiet"]
+                for k, pattern in enumerate(patterns)
+            ]
+            each = spend_together(commands, place)  # one batch for each pattern
+            tables = [pq.read_table(file).to_pydict() for file in sorted(place.glob("batch-*.parquet"))]
+            if any(code != 0 for table in tables for code in table["exit_code"]):
+                raise RuntimeError("a trial of the batch did not go through")
+            wall, cpu, peak = max(one.wall for one in each), sum(one.cpu for one in each), max(one.peak for one in each)
+            trial = median(seconds for table in tables for seconds in table["seconds"])
+            found[name].append({"wall": wall, "cpu": cpu, "peak": peak, "trial": trial})
+            say(f"{name}: {wall:.1f} s, {trial:.2f} s a trial")
+    keys = ("wall", "cpu", "peak", "trial")
+    medians = {name: {key: median(one[key] for one in each) for key in keys} for name, each in found.items()}
+    return {"trials": trials, "rounds": rounds, "ways": medians}
 
 
 def measure_tasks(place: Path, counts: Sequence[int], dask: Sequence[int], say: Say) -> dict[str, Any]:

@@ -14,12 +14,12 @@ from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.geometry import planar
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.workflows.advice import AdviceOptions, advise
-from mocap_id_simulation import JointMotion, Options, SimulatedTrial, motion_through
-from mocap_id_simulation.bodies import Link, MarkerSet, SimulatedBody, add_plate_markers
+from mocap_id_simulation.bodies import Link, SimulatedBody, add_plate_markers
 from mocap_id_simulation.forces import TrueState
 from mocap_id_simulation.instruments import draw_plate
-from mocap_id_simulation.motion import smoothstep
-from mocap_id_simulation.scene import Scene, Streams, measure_scene, random_streams
+from mocap_id_simulation.motion import motion_through, smoothstep
+from mocap_id_simulation.options import Options
+from mocap_id_simulation.scene import Scene, SimulatedTrial, Streams, measure_scene, random_streams
 from mocap_id_simulation.trial_files import c3d_bytes, write_trial
 
 KNOWN = ("plate, without a handle", "plate", "plate and handle", "plate, handle and elbow")
@@ -128,54 +128,42 @@ def _describe_forearm(value: FloatArray, of: FloatArray) -> FloatArray:
 
 def _draw(rng: Streams, *, pulled: bool) -> Held:
     """Draw a seated person on a plate, the movement of one arm, and the spring at the handle."""
-    body, motion = _draw_body(rng["body"]), _draw_motion(rng["motion"])
+    of = rng["body"]
+    size = of.uniform(0.85, 1.15, 3)
+    upper, fore = 2.0 * size[0], 1.6 * size[1]
+    links = (
+        Link("seat", None, (0.0, 0.0), 1.0, 62.0 * size[2], (float(of.uniform(-0.05, 0.05)), 0.6), 5.0),
+        Link("upper arm", "shoulder", (0.0, 1.0), 0.30, upper, (0.0, 0.13), upper * 0.09**2),
+        Link("forearm", "elbow", (0.0, 0.30), 0.33, fore, (float(of.normal(0, 0.005)), 0.16), fore * 0.10**2),
+    )
+    of, time = rng["motion"], np.arange(-1.0, _SECONDS + 1.0, _STEP)
+    near = smoothstep(np.minimum(time - 1.0, _SECONDS - 1.0 - time) / 2.0)
+    fast = of.uniform(0.85, 1.15, 4) * [0.45, 0.85, 0.60, 1.10]  # Hz
+    waves = np.sin(2 * np.pi * (time[:, None] * fast + of.uniform(0, 1, 4))) * [0.5, 0.12, 0.55, 0.12]
+    q = np.array([np.pi - 0.5, -0.9]) + near[:, None] * np.column_stack([waves[:, :2].sum(1), waves[:, 2:].sum(1)])
+    labels, link, x, y, z, slide = zip(*_SITES, strict=True)
+    markers = add_plate_markers(
+        rng["markers"],
+        labels,
+        np.array(link, dtype=np.int64),
+        np.column_stack([x, y, z]),
+        softness=1e-3 * np.array(slide),
+        hidden=np.array(slide) > 0,
+        at_joint=(None,) * len(labels),
+    )
     plate = draw_plate(rng["plate"], "reaction", moved=False, flipped=False, noise=1.0, bias=1.0)
     of = rng["place"]
     return Held(
-        body=body,
-        motion=motion,
+        body=SimulatedBody(links, (-0.3, 0.3), {"upper arm": 0.30}, {}),
+        motion=motion_through(time, q, _SECONDS),
         chair=None,
-        markers=_place_markers(rng["markers"]),
+        markers=markers,
         plate=plate,
         plane=PlaneFrame(float(of.uniform(-np.pi, np.pi)), plate.centre),
         offset=0.0,
         protocol={"reps": []},
         anchor=(float(of.uniform(-0.5, -0.3)), float(of.uniform(0.3, 0.6))),
         stiffness=pulled * float(of.uniform(*_STIFF)),
-    )
-
-
-def _draw_body(rng: np.random.Generator) -> SimulatedBody:
-    size = rng.uniform(0.85, 1.15, 3)
-    upper, fore = 2.0 * size[0], 1.6 * size[1]
-    links = (
-        Link("seat", None, (0.0, 0.0), 1.0, 62.0 * size[2], (float(rng.uniform(-0.05, 0.05)), 0.6), 5.0),
-        Link("upper arm", "shoulder", (0.0, 1.0), 0.30, upper, (0.0, 0.13), upper * 0.09**2),
-        Link("forearm", "elbow", (0.0, 0.30), 0.33, fore, (float(rng.normal(0, 0.005)), 0.16), fore * 0.10**2),
-    )
-    return SimulatedBody(links, (-0.3, 0.3), {"upper arm": 0.30}, {})
-
-
-def _draw_motion(rng: np.random.Generator) -> JointMotion:
-    time = np.arange(-1.0, _SECONDS + 1.0, _STEP)
-    near = smoothstep(np.minimum(time - 1.0, _SECONDS - 1.0 - time) / 2.0)
-    fast = rng.uniform(0.85, 1.15, 4) * [0.45, 0.85, 0.60, 1.10]  # Hz
-    waves = np.sin(2 * np.pi * (time[:, None] * fast + rng.uniform(0, 1, 4))) * [0.5, 0.12, 0.55, 0.12]
-    q = np.array([np.pi - 0.5, -0.9]) + near[:, None] * np.column_stack([waves[:, :2].sum(1), waves[:, 2:].sum(1)])
-    return motion_through(time, q, _SECONDS)
-
-
-def _place_markers(rng: np.random.Generator) -> MarkerSet:
-    labels, link, x, y, z, slide = zip(*_SITES, strict=True)
-    count = len(labels)
-    return add_plate_markers(
-        rng,
-        labels,
-        np.array(link, dtype=np.int64),
-        np.column_stack([x, y, z]),
-        softness=1e-3 * np.array(slide),
-        hidden=np.array(slide) > 0,
-        at_joint=(None,) * count,
     )
 
 

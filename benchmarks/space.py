@@ -97,7 +97,13 @@ def compare(done: harness.Run) -> Outcome:
     """Compare a trial with its truth."""
     summary, truth = done.summary, done.truth
     confidence = summary["segments"]["confidence"] or 0.0
-    if summary["verdict"]["level"] == "refused" or not _is_assigned(summary, truth):
+    found = summary["segments"]["assignment"]
+    assigned = summary["segments"]["count"] == len(truth["segments"]) and all(
+        found.get(label) == link
+        for label, link in truth["assignment"].items()
+        if label != "AC"  # it is on the shoulder girdle
+    )
+    if summary["verdict"]["level"] == "refused" or not assigned:
         return Outcome(done.codes, confidence=confidence)
     with np.load(done.configuration.with_name("truth.npz")) as arrays:
         true = {key: arrays[key].astype(np.float64) for key in arrays}
@@ -109,17 +115,6 @@ def compare(done: harness.Run) -> Outcome:
         kinds = all(joint["kind"] in ARM_KINDS.get(joint["name"], ()) for joint in summary["joints"])
         errors, inside = _compare_arm(summary, poses, angles, truth, true)
     return Outcome(done.codes, errors, inside, right=True, kinds=kinds, confidence=confidence)
-
-
-def _is_assigned(summary: Mapping[str, Any], truth: Mapping[str, Any]) -> bool:
-    """Return whether the number of segments and all markers are right.
-
-    Marker AC is on the shoulder girdle and does not count.
-    """
-    found = {label: k for label, k in summary["segments"]["assignment"].items() if label != "AC"}
-    return summary["segments"]["count"] == len(truth["segments"]) and all(
-        found.get(label) == link for label, link in truth["assignment"].items() if label != "AC"
-    )
 
 
 def stack_columns(table: Table, segment: str, names: Iterable[str]) -> FloatArray:
@@ -190,17 +185,12 @@ def _compare_elbow_axis(
         return float("nan")
     axis = np.atleast_2d(np.array(joint["axis"], dtype=np.float64))[0]
     still = true["t"] < truth["static_s"]
-    rotation = _convert_quaternions(stack_columns(poses, "upper_arm", ("qx", "qy", "qz", "qw"))[still])
+    vector, scalar = (stack_columns(poses, "upper_arm", names)[still] for names in (("qx", "qy", "qz"), ("qw",)))
+    length = np.linalg.norm(vector, axis=1, keepdims=True)
+    rotation = so3.exp(2 * np.arctan2(length, scalar) * (vector / np.maximum(length, 1e-300)))
     there = true["seg_R"][still, 1] @ np.array(truth["subject"]["elbow_axis_in_upper_arm"]) @ TO_TRIAL.T
     cosine = np.abs(np.sum((rotation @ axis) * there, axis=1))
     return float(np.degrees(np.arccos(np.clip(np.median(cosine), 0, 1))))
-
-
-def _convert_quaternions(quaternion: FloatArray) -> FloatArray:
-    vector, scalar = quaternion[:, :3], quaternion[:, 3:]
-    angle = 2 * np.arctan2(np.linalg.norm(vector, axis=1, keepdims=True), scalar)
-    unit = vector / np.maximum(np.linalg.norm(vector, axis=1, keepdims=True), 1e-300)
-    return so3.exp(angle * unit)
 
 
 def _compare_chain(

@@ -5,8 +5,9 @@ The trials run through the stages up to ``ukf-smooth``. About two seconds per tr
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
 
 import harness
 import numpy as np
@@ -29,8 +30,7 @@ ROWS: Mapping[str, Options] = {
 STRIDE = 0.05  # s: interval of the change at the edge of a drop-out
 
 
-@dataclass(frozen=True)
-class Result:
+class Result(NamedTuple):
     """Coverage and steps of one trial."""
 
     inside: FloatArray  # (n, 3) shares of samples inside the intervals; NaN without intervals
@@ -49,40 +49,15 @@ def measure(options: Options) -> Result | None:
     sd = harness.stack_states(states, "sd_")
     error[..., 0] -= np.nanmedian(error[..., 0], axis=0)
     inside = np.where(np.isfinite(error + sd), np.abs(error) <= harness.QUANTILE * sd, np.nan)
-    seen = np.isfinite(markers.values["residual"])
-    return Result(np.nanmean(inside, axis=0), measure_change(error, seen, states["time"]))
-
-
-def measure_change(error: FloatArray, seen: FloatArray, time: FloatArray) -> FloatArray:
-    """Return (2, n, 2) mean square change of angle and velocity at the edges of drop-outs, and elsewhere."""
+    # changes of the error over STRIDE, at the edges of drop-outs and elsewhere
+    seen, time = np.isfinite(markers.values["residual"]), states["time"]
     half = max(1, round(STRIDE / 2 / float(np.median(np.diff(time)))))
     change = error[2 * half :, :, :2] - error[: -2 * half, :, :2]
     edge = np.append((seen[1:] != seen[:-1]).any(axis=1), False)[half:-half]
     near = np.convolve(edge, np.ones(2 * half + 1), mode="same") > 0
     parts = [change[edge], change[~near]]
-    return np.stack([np.nanmean(part**2, axis=0) if len(part) else np.full((3, 2), np.nan) for part in parts])
-
-
-def make_coverage_rows(row: str, results: Sequence[Result], refused: int) -> list[list[str]]:
-    """Return rows with the coverage of each joint and of all joints."""
-    inside = 100 * np.array([result.inside for result in results])
-    rows = []
-    trials = f"{len(results)}" + (f" ({refused} refused)" if refused else "")
-    every = [*np.moveaxis(inside, 1, 0), inside.mean(axis=1)]
-    for name, shares in zip((*harness.JOINTS, "**all**"), every, strict=True):
-        cells = [f"{s.mean():.1f} / {np.quantile(s, 0.1):.0f}" if np.isfinite(s).all() else "–" for s in shares.T]
-        rows.append([row, trials, name, *cells])
-    return rows
-
-
-def make_step_rows(row: str, results: Sequence[Result]) -> list[list[str]]:
-    """Return rows with the change at the edges of drop-outs, the change elsewhere, and the excess at the edges."""
-    change = np.nanmean([result.change for result in results], axis=0)  # (2, n, 2)
-    rows = []
-    for d, (name, scale) in enumerate((("angle, °", 180 / np.pi), ("velocity, rad/s", 1.0))):
-        parts = (*change, np.maximum(change[0] - change[1], 0))
-        rows.append([row, name, *(f"{scale * np.sqrt(part[:, d]).max():.3f}" for part in parts)])
-    return rows
+    means = [np.nanmean(part**2, axis=0) if len(part) else np.full((3, 2), np.nan) for part in parts]
+    return Result(np.nanmean(inside, axis=0), np.stack(means))
 
 
 def main() -> None:
@@ -94,8 +69,17 @@ def main() -> None:
         count = given.trials if row == "ordinary" else others
         tasks = [replace(options, seed=seed) for seed in range(first, first + count)]
         results = harness.measure_all(measure, tasks, given.jobs)
-        coverage += make_coverage_rows(row, results, count - len(results))
-        steps += make_step_rows(row, results)
+        refused = count - len(results)
+        trials = f"{len(results)}" + (f" ({refused} refused)" if refused else "")
+        inside = 100 * np.array([result.inside for result in results])  # (trials, n, 3)
+        every = [*np.moveaxis(inside, 1, 0), inside.mean(axis=1)]
+        for name, shares in zip((*harness.JOINTS, "**all**"), every, strict=True):
+            cells = [f"{s.mean():.1f} / {np.quantile(s, 0.1):.0f}" if np.isfinite(s).all() else "–" for s in shares.T]
+            coverage.append([row, trials, name, *cells])
+        change = np.nanmean([result.change for result in results], axis=0)  # (2, n, 2)
+        parts = (*change, np.maximum(change[0] - change[1], 0))
+        for d, (name, scale) in enumerate((("angle, °", 180 / np.pi), ("velocity, rad/s", 1.0))):
+            steps.append([row, name, *(f"{scale * np.sqrt(part[:, d]).max():.3f}" for part in parts)])
         first += count
         harness.report_progress(f"{row}: {len(results)} of {count} trials")
     source = f"{given.trials} ordinary and {others} other trials, seeds from {given.first}, two repetitions each"

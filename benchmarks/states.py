@@ -168,18 +168,21 @@ def measure_methods(moving: Moving, *, filterpy: bool) -> dict[str, Scored]:
     return {**found, FILTERPY: measure_filterpy(moving)} if filterpy else found
 
 
+def make_limit_table(found: Mapping[str, Sequence[Mapping[str, Scored]]]) -> str:
+    """Return the share of trials in which the worst joint of our method is within each limit."""
+    rows = []
+    for k, (quantity, limit) in enumerate(zip(QUANTITIES, LIMITS, strict=True)):
+        rows.append([quantity, f"{'≥' if k == 3 else '≤'} {limit:g}"])
+        for trials in found.values():
+            each = np.array([trial[OURS].worst[k] for trial in trials])
+            kept, extreme = (each >= limit, each.min()) if k == 3 else (each <= limit, each.max())
+            rows[-1].append(f"{100 * kept.mean():.0f} % (worst {format_figure(extreme, k)})")
+    return format_table(["worst joint", "required", *(f"{chain} chain" for chain in found)], rows)
+
+
 def format_figure(value: float, quantity: int) -> str:
     """Return a number with the decimals of its quantity."""
     return f"{value:.{(3, 4, 4, 5)[quantity]}f}"
-
-
-def make_trial_table(found: Mapping[str, Scored]) -> str:
-    """Return a row for each method on one trial."""
-    rows = []
-    for name, scored in found.items():
-        cells = [format_figure(value, k) for k, value in enumerate(scored.worst)]
-        rows.append([name, *cells, format_figure(rms(scored.error[:, 2]), 2), f"{scored.time:.0f}"])
-    return format_table(["method", *QUANTITIES, "acceleration, all", "µs per sample"], rows)
 
 
 def make_quantile_table(found: Sequence[Mapping[str, Scored]]) -> str:
@@ -206,32 +209,6 @@ def make_joint_table(found: Mapping[str, Sequence[Mapping[str, Scored]]]) -> str
     return format_table(["chain", f"{' / '.join(JOINTS)}", *QUANTITIES], rows)
 
 
-def make_limit_table(found: Mapping[str, Sequence[Mapping[str, Scored]]]) -> str:
-    """Return the share of trials in which the worst joint of our method is within each limit."""
-    rows = []
-    for k, (quantity, limit) in enumerate(zip(QUANTITIES, LIMITS, strict=True)):
-        cells = []
-        for trials in found.values():
-            each = np.array([trial[OURS].worst[k] for trial in trials])
-            kept = each >= limit if k == 3 else each <= limit
-            extreme = each.min() if k == 3 else each.max()
-            cells.append(f"{100 * kept.mean():.0f} % (worst {format_figure(extreme, k)})")
-        rows.append([quantity, f"{'≥' if k == 3 else '≤'} {limit:g}", *cells])
-    return format_table(["worst joint", "required", *(f"{chain} chain" for chain in found)], rows)
-
-
-def make_duel_table(found: Sequence[Mapping[str, Scored]]) -> str:
-    """Return how often, and by how much, our errors are smaller than those of each other method."""
-    rows = []
-    for name in found[0]:
-        if name == OURS:
-            continue
-        ratio = np.array([trial[OURS].error[:, :3] / trial[name].error[:, :3] for trial in found])  # (trials, n, 3)
-        share, middle = np.mean(ratio <= 1.0, axis=(0, 1)), np.median(ratio, axis=(0, 1))
-        rows.append([name, *(f"{100 * s:.0f} % ({m:.2f})" for s, m in zip(share, middle, strict=True))])
-    return format_table(["other", *(name.split(",")[0] for name in QUANTITIES[:3])], rows)
-
-
 def main() -> None:
     """Measure every method on the reference recording and on new trials, and publish the sections."""
     given = make_parser(__doc__, trials=30, first=910_000).parse_args()
@@ -242,21 +219,29 @@ def main() -> None:
         what, one = f"the simulated trial of seed {first - 1}", simulate_trial(replace(SHORT, seed=first - 1))
     for settings in METHODS.values():  # compiles, and fills the caches
         measure_method(one, settings)
-    alone = measure_methods(one, filterpy=True)
+    alone = []
+    for name, scored in measure_methods(one, filterpy=True).items():
+        cells = [format_figure(value, k) for k, value in enumerate(scored.worst)]
+        alone.append([name, *cells, format_figure(rms(scored.error[:, 2]), 2), f"{scored.time:.0f}"])
     found: dict[str, list[dict[str, Scored]]] = {"true": [], "fitted": []}
     for seed in range(first, first + trials):
         moving = simulate_trial(replace(SHORT, seed=seed))
         found["true"].append(measure_methods(moving, filterpy=True))
         found["fitted"].append(measure_methods(refit_chain(moving), filterpy=False))
         report_progress(seed)
+    duels = []  # how often, and by how much, our errors are smaller than those of each other method
+    for name in [name for name in found["true"][0] if name != OURS]:
+        ratio = np.array([trial[OURS].error[:, :3] / trial[name].error[:, :3] for trial in found["true"]])
+        share, middle = np.mean(ratio <= 1.0, axis=(0, 1)), np.median(ratio, axis=(0, 1))
+        duels.append([name, *(f"{100 * s:.0f} % ({m:.2f})" for s, m in zip(share, middle, strict=True))])
     sections = {
         "states": describe_source(__file__, f"{what} and on {trials} ordinary trials at 100 Hz, seeds from {first}"),
-        "states-one": make_trial_table(alone),
+        "states-one": format_table(["method", *QUANTITIES, "acceleration, all", "µs per sample"], alone),
         "states-true": make_quantile_table(found["true"]),
         "states-fitted": make_quantile_table(found["fitted"]),
         "states-joints": make_joint_table(found),
         "states-limits": make_limit_table(found),
-        "states-duels": make_duel_table(found["true"]),
+        "states-duels": format_table(["other", *(name.split(",")[0] for name in QUANTITIES[:3])], duels),
     }
     publish(sections, write=given.write)
 

@@ -160,6 +160,6 @@ def test_a_real_trial_is_as_printed(recordings: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_size_of_a_run_is_as_printed(tmp_path: Path) -> None:
-    parts, tables = importlib.import_module("scale_parts"), importlib.import_module("scale_tables")
+    parts, tables = importlib.import_module("scale_parts"), importlib.import_module("scale")
     fresh = tables.describe_storage(parts.measure_storage(tmp_path))
     assert_same(*(pick_rows(text, "all") for text in (read_section("scale", "scale-storage"), fresh)))

@@ -18,7 +18,7 @@ def modules():
     """The benchmarks, which import each other by name."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(BENCHMARKS)
-        names = ("dynamic_truth", "dynamic_sweep", "dynamic_sources")
+        names = ("dynamic_sweep", "dynamic_sources")
         yield {name: importlib.import_module(name) for name in names}
 
 
@@ -30,7 +30,7 @@ def clean(modules, tmp_path_factory):
 
 
 def test_the_truth_is_regrouped_as_the_simulator_writes_it_out(modules, clean) -> None:
-    truth = modules["dynamic_truth"]
+    truth = modules["dynamic_sweep"]
     written = np.array(clean.truth["base_parameters"]["values"])
     regrouped = truth.compute_true_base(clean)
     np.testing.assert_allclose(truth.compute_norms(regrouped), truth.compute_norms(written), rtol=1e-9)
@@ -52,7 +52,7 @@ def test_a_clean_trial_keeps_every_limit(modules, clean) -> None:
 
 def test_parameters_are_transferred_to_a_turned_and_shifted_frame(modules, clean) -> None:
     """Parameters transferred to a frame turned by 0.3 rad and moved describe the same body."""
-    truth = modules["dynamic_truth"]
+    truth = modules["dynamic_sweep"]
     turn, shift = np.exp(0.3j), 0.01 - 0.02j
     markers = clean.chain.data["markers"]
     local = np.array(markers["local"])

@@ -22,7 +22,7 @@ def modules():
     """The modules of the benchmark, which import each other by name."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(BENCHMARKS)
-        names = ("scale_tables", "scale_recordings", "scale_parts")
+        names = ("scale", "scale_parts")
         yield {name: importlib.import_module(name) for name in names}
 
 
@@ -49,22 +49,22 @@ def part(sizes: list[int], power: float) -> list[dict[str, Any]]:
 @pytest.mark.parametrize(("power", "held"), [(1.0, True), (1.3, False)])
 def test_powers_and_memory_are_found_and_compared_with_the_limits(modules, power: float, held: bool) -> None:
     frames = part([3_000, 12_000, 60_000, 120_000], power)
-    grown = modules["scale_tables"].fit_time(frames, "frames", "report")
+    grown = modules["scale"].fit_time(frames, "frames", "report")
     assert grown.all == pytest.approx(power)
     assert grown.larger == pytest.approx(power)
-    assert modules["scale_tables"].fit_memory(frames) == pytest.approx((40.0, 400.0, 0.0), abs=1e-6)
+    assert modules["scale"].fit_memory(frames) == pytest.approx((40.0, 400.0, 0.0), abs=1e-6)
     found = {"frames": {"found": frames, "seconds": 60.0, "load": [0.1, 1.0], "cores": 2}}
-    text = "\n".join(modules["scale_tables"].make_sections(found).values())
+    text = "\n".join(modules["scale"].make_sections(found).values())
     assert "400 MB + 40.0 MB per million" in text
     assert ("not met" in text) != held
     assert text.count("Not measured in this run.") == 7
     found["frames"]["load"] = [3.0, 3.0]
     assert "no time here is reliable" not in text
-    assert "no time here is reliable" in modules["scale_tables"].describe_machine(found)
+    assert "no time here is reliable" in modules["scale"].describe_machine(found)
 
 
 def test_a_recording_has_the_frames_markers_and_joints_that_are_wanted(modules, tmp_path) -> None:
-    made = modules["scale_recordings"]
+    made = modules["scale_parts"]
     for wanted in (
         made.Wanted(5_000, markers=20),
         made.Wanted(700, markers=80, rate=120.0, analog=240.0),
@@ -77,7 +77,7 @@ def test_a_recording_has_the_frames_markers_and_joints_that_are_wanted(modules, 
 
 def test_backwards_frames_and_samples_stay_together(modules) -> None:
     """Sample k of a frame has the same delay when the trial is played backwards."""
-    to_and_fro, per_frame = modules["scale_recordings"].count_to_and_fro, 4
+    to_and_fro, per_frame = modules["scale_parts"].count_to_and_fro, 4
     frames, samples = to_and_fro(10, 40), to_and_fro(9 * per_frame + 1, 40 * per_frame)
     np.testing.assert_array_equal(samples[::per_frame], per_frame * frames)
     assert set(np.abs(np.diff(samples))) == {1}
