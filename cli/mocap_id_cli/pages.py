@@ -18,9 +18,8 @@ from mocap_id.workflows.batch import BATCH
 from mocap_id.workflows.curl_study import tables as curl_study
 from mocap_id.workflows.reach_study import tables as reach_study
 from mocap_id.workflows.study.tables import TABLES
-from mocap_id_cli.app import build, load_command
-from mocap_id_cli.commands import COMMANDS
-from mocap_id_cli.settings import format_settings_page, format_settings_yaml
+from mocap_id_cli.commands import COMMANDS, build, load_command
+from mocap_id_cli.stages import format_settings_page, format_settings_yaml
 
 SETTINGS_MARK = "# ---- every setting, with its default ----\n"
 COLUMNS_MARK = "## Columns\n"

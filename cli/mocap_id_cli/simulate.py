@@ -21,10 +21,10 @@ from mocap_id.simulation import (
     PersonOptions,
     RobotSet,
     Strategy,
-    simulate,
     simulate_cohort,
     simulate_robot_set,
 )
+from mocap_id.simulation import simulate as simulate_plane
 from mocap_id.simulation.arm import (
     ArmOptions,
     ChainOptions,
@@ -38,7 +38,7 @@ from mocap_id.simulation.arm import (
 from mocap_id.simulation.arm.options import CurlCondition
 from mocap_id.simulation.options import FaultOptions, read_faults, read_people
 from mocap_id.simulation.space_robot import SpaceRobotOptions, simulate_space_robot
-from mocap_id_cli.console import make_group
+from mocap_id_cli.console import make_group, set_parameters
 
 _Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder.", show_default=False)]
 _AnyOptions: TypeAlias = Options | ArmOptions | ChainOptions | SpaceRobotOptions
@@ -60,34 +60,6 @@ _CURL_STUDY = ("seed", "preset", "rate", "soft_tissue", "anonymous")
 _REACH_COHORT = (*_CURL_STUDY, "cycles", "glide_mm")
 
 
-def commands() -> typer.Typer:
-    """Return the commands of ``mocap-id simulate``."""
-    plane = [each.name for each in fields(Options) if each.name != "subject"]
-    trials: tuple[tuple[str, Callable[..., Path], str, _AnyOptions], ...] = (
-        ("sit-to-stand", partial(simulate, "sit-to-stand"), "a person who stands up and sits down", Options()),
-        ("robot", partial(simulate, "robot"), "a robot that moves one joint in a vertical plane", Options()),
-        ("arm", write_arm, "an arm that reaches or curls, in space", ArmOptions()),
-        ("chain", write_chain, "a chain of bodies without names, in space", ChainOptions()),
-        ("robot-in-space", simulate_space_robot, "a robot on a force plate that moves in space", SpaceRobotOptions()),
-    )
-    made = {}
-    for name, write, text, options in trials:
-        names = plane if isinstance(options, Options) else [each.name for each in fields(options)]
-        made[name] = _make_command(_take_folder(write), f"Simulate {text}.\n\n{_TRIAL}", options, names)
-    robot_set = (
-        "Simulate the thesis's robot study.\n\nEach joint moves at two speeds in two orientations. FOLDER then "
-        "contains the recordings, their exact truth and a robot-study.yaml."
-    )
-    cohort = f"Simulate several people who stand up and sit down.\n\n{_STUDY}"
-    curls = f"Simulate people who curl with a pneumatic device.\n\n{_STUDY}"
-    made["robot-set"] = _make_command(_robot_set, robot_set, RobotSet().options, _ROBOT_SET)
-    made["cohort"] = _make_command(_cohort, cohort, Cohort().options, _COHORT)
-    reaches = f"Simulate people who reach.\n\n{_STUDY}"
-    made["reach-cohort"] = _make_command(_reach_cohort, reaches, ReachCohort().options, _REACH_COHORT)
-    made["curl-study"] = _make_command(_curl_study, curls, CurlStudy().options, _CURL_STUDY)
-    return make_group("Simulate recordings whose exact truth is known.", **made)
-
-
 def _make_command(
     write: Callable[..., Path], text: str, defaults: _AnyOptions, names: Sequence[str]
 ) -> Callable[..., None]:
@@ -102,9 +74,7 @@ def _make_command(
         typer.echo(write(options=replace(defaults, **chosen), **values))
 
     own = [each for each in inspect.signature(write, eval_str=True).parameters.values() if each.name != "options"]
-    signature = inspect.Signature([*own, *_make_parameters(defaults, names)])
-    command.__signature__ = signature  # type: ignore[attr-defined]
-    command.__annotations__ = {each.name: each.annotation for each in signature.parameters.values()}
+    set_parameters(command, [*own, *_make_parameters(defaults, names)])
     command.__doc__ = text
     return command
 
@@ -181,3 +151,33 @@ def _curl_study(
 ) -> Path:
     names = tuple(cast(CurlCondition, name.strip()) for name in conditions.split(","))
     return simulate_curl_study(folder, CurlStudy(subjects, trials, names, options))
+
+
+def _make_commands() -> dict[str, Callable[..., None]]:
+    plane = [each.name for each in fields(Options) if each.name != "subject"]
+    trials: tuple[tuple[str, Callable[..., Path], str, _AnyOptions], ...] = (
+        ("sit-to-stand", partial(simulate_plane, "sit-to-stand"), "a person who stands up and sits down", Options()),
+        ("robot", partial(simulate_plane, "robot"), "a robot that moves one joint in a vertical plane", Options()),
+        ("arm", write_arm, "an arm that reaches or curls, in space", ArmOptions()),
+        ("chain", write_chain, "a chain of bodies without names, in space", ChainOptions()),
+        ("robot-in-space", simulate_space_robot, "a robot on a force plate that moves in space", SpaceRobotOptions()),
+    )
+    made = {}
+    for name, write, text, options in trials:
+        names = plane if isinstance(options, Options) else [each.name for each in fields(options)]
+        made[name] = _make_command(_take_folder(write), f"Simulate {text}.\n\n{_TRIAL}", options, names)
+    robot_set = (
+        "Simulate the thesis's robot study.\n\nEach joint moves at two speeds in two orientations. FOLDER then "
+        "contains the recordings, their exact truth and a robot-study.yaml."
+    )
+    cohort = f"Simulate several people who stand up and sit down.\n\n{_STUDY}"
+    curls = f"Simulate people who curl with a pneumatic device.\n\n{_STUDY}"
+    made["robot-set"] = _make_command(_robot_set, robot_set, RobotSet().options, _ROBOT_SET)
+    made["cohort"] = _make_command(_cohort, cohort, Cohort().options, _COHORT)
+    reaches = f"Simulate people who reach.\n\n{_STUDY}"
+    made["reach-cohort"] = _make_command(_reach_cohort, reaches, ReachCohort().options, _REACH_COHORT)
+    made["curl-study"] = _make_command(_curl_study, curls, CurlStudy().options, _CURL_STUDY)
+    return made
+
+
+simulate = make_group("Simulate recordings whose exact truth is known.", **_make_commands())

@@ -24,8 +24,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGE_HELP
 from mocap_id.workflows.parallel import backends
 from mocap_id.workflows.sensitivity.plan import read_options
-from mocap_id_cli.app import build, load_command
-from mocap_id_cli.commands import COMMANDS
+from mocap_id_cli.commands import COMMANDS, build, load_command
 
 KEYS = {field.alias or key for key, field in build_trial_model().model_fields.items()}
 STUDY_KEYS = {"study", "subjects", "defaults", "trials", "out"}

@@ -19,7 +19,7 @@ from mocap_id.runner import run_to
 from mocap_id.simulation import Options, generate, simulate
 from mocap_id.simulation.body import draw_subject
 from mocap_id.workflows.advice import AdviceOptions, advise, make_output, parse_angle_range, parse_support
-from mocap_id_cli.app import build
+from mocap_id_cli.commands import build
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 SEED = 981_000

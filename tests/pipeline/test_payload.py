@@ -14,7 +14,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.simulation.space_robot.robot import SpaceRobotOptions
 from mocap_id.simulation.space_robot.trial import simulate_space_robot
 from mocap_id.workflows.payload import PARAMETERS, find_payload
-from mocap_id_cli.app import build
+from mocap_id_cli.commands import build
 
 
 @pytest.fixture(scope="module")

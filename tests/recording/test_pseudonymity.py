@@ -13,7 +13,7 @@ from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.runner import run
 from mocap_id.simulation import Options, simulate
-from mocap_id_cli.app import build
+from mocap_id_cli.commands import build
 
 MARK = "Qarblifoxen"
 TEXTS = (
