@@ -83,12 +83,12 @@ def _command_line() -> None:
     _return_memory()
     gc.set_threshold(50_000, 20, 20)  # saves 0.1 s of a run, because the libraries' objects are permanent
     atexit.register(gc.freeze)  # saves a tenth of a run, because Python then skips the garbage collection at the end
-    from mocap_id_cli import commands, console  # noqa: PLC0415  so that Ctrl-C during the imports is handled too
+    from mocap_id_cli import commands, progress  # noqa: PLC0415  so that Ctrl-C during the imports is handled too
 
     try:
         commands.build()(prog_name="mocap-id")
     finally:
-        console.stop()
+        progress.stop()
 
 
 def _return_memory() -> None:

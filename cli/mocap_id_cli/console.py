@@ -1,4 +1,4 @@
-"""What the commands share: their common options, the printing of results, and progress on standard error."""
+"""What the commands share: their common options, and functions that print results and progress."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
-if TYPE_CHECKING:
-    from rich.progress import Progress
+from mocap_id_cli import progress
 
+if TYPE_CHECKING:
     from mocap_id import runner
     from mocap_id.workflows.parallel import TrialRun
 
@@ -29,6 +29,7 @@ TrialFiles = Annotated[
     list[str], Argument(metavar="TRIALS...", help="Trial or study files, folders of such files, or patterns.")
 ]
 TrialPath = Annotated[Path, Argument(metavar="TRIAL", help="A trial's YAML file or run folder.")]
+_OUTCOMES = {0: "", 4: "refused"}
 
 
 @dataclass(frozen=True)
@@ -55,23 +56,23 @@ class Output:
         if self.quiet:
             return
         if step.action == "begun":
-            show(step.stage)
+            progress.show(step.stage)
             return
-        stop()
+        progress.stop()
         outcome = f"{step.seconds:8.2f} s" if step.action == "computed" else f"{step.action:>10}"
         print(f"{step.stage:<14}{outcome}", file=sys.stderr)
 
     def show_trial_count(self, trials: int) -> None:
         """Start a display for a number of trials."""
         if not self.quiet:
-            show("trials", trials)
+            progress.show("trials", trials)
 
     def report_trial(self, done: TrialRun) -> None:
         """Report a finished trial."""
         if not self.quiet:
             time = f"{done.seconds:8.2f} s" if done.computed else "reused"
-            say(f"{done.trial:<28}{_OUTCOMES.get(done.exit_code, 'failed') or time:>10}")
-            advance()
+            progress.say(f"{done.trial:<28}{_OUTCOMES.get(done.exit_code, 'failed') or time:>10}")
+            progress.advance()
 
 
 def common_options(function: Callable[..., None]) -> Callable[..., None]:
@@ -158,51 +159,3 @@ def align(rows: Sequence[Sequence[str]], *, numbers: bool = False) -> Iterator[s
             cell.rjust(width) if numbers else cell.ljust(width) for cell, width in zip(rest, widths[1:], strict=True)
         )
         yield "  ".join([first.ljust(widths[0]), *cells]).rstrip()
-
-
-_displays: list[Progress] = []
-_OUTCOMES = {0: "", 4: "refused"}
-
-
-def show(text: str, total: int | None = None) -> None:
-    """Replace the display by a new one, with a progress bar if ``total`` is given.
-
-    Parameters
-    ----------
-    text : str
-        Name of the task that is running.
-    total : int, optional
-        Number of steps, which :func:`advance` counts.
-    """
-    stop()
-    if not sys.stderr.isatty():
-        return
-    from rich.console import Console  # noqa: PLC0415  most calls show nothing
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn  # noqa: PLC0415
-
-    bar = () if total is None else (BarColumn(), MofNCompleteColumn())
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), *bar, TimeElapsedColumn())
-    display = Progress(*columns, console=Console(stderr=True), transient=True)
-    display.add_task(text, total=total)
-    display.start()
-    _displays.append(display)
-
-
-def say(line: str) -> None:
-    """Print a line on standard error, above the display if there is one."""
-    if _displays:
-        _displays[-1].console.print(line, highlight=False, markup=False, soft_wrap=True)
-    else:
-        print(line, file=sys.stderr)
-
-
-def advance() -> None:
-    """Add one step to the progress bar, if there is a display."""
-    for display in _displays:
-        display.advance(display.task_ids[0])
-
-
-def stop() -> None:
-    """Remove the display and restore the terminal."""
-    while _displays:
-        _displays.pop().stop()

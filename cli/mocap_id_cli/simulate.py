@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any, TypeAlias, cast, get_type_hints
 
 import typer
+from typer import Argument, Option
 
 from mocap_id.simulation import (
     Cohort,
@@ -40,7 +41,7 @@ from mocap_id.simulation.options import FaultOptions, read_faults, read_people
 from mocap_id.simulation.space_robot import SpaceRobotOptions, simulate_space_robot
 from mocap_id_cli.console import make_group, set_parameters
 
-_Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder.", show_default=False)]
+_Folder = Annotated[Path, Argument(metavar="FOLDER", help="A new folder.")]
 _AnyOptions: TypeAlias = Options | ArmOptions | ChainOptions | SpaceRobotOptions
 _PARSERS = {"people": read_people, "faults": read_faults}
 _HELP = {
@@ -84,9 +85,9 @@ def _make_parameters(defaults: _AnyOptions, names: Sequence[str]) -> Iterator[in
     for each in fields(defaults):
         if each.name not in names:
             continue
-        kind, option = types[each.name], typer.Option(getattr(defaults, each.name), help=each.metadata.get("help"))
+        kind, option = types[each.name], Option(getattr(defaults, each.name), help=each.metadata.get("help"))
         if each.name in _PARSERS:
-            kind, option = str, typer.Option("", metavar="NAME=VALUE,...", show_default=False, help=_HELP[each.name])
+            kind, option = str, Option("", metavar="NAME=VALUE,...", show_default=False, help=_HELP[each.name])
         yield inspect.Parameter(each.name, inspect.Parameter.KEYWORD_ONLY, default=option, annotation=kind)
 
 
@@ -102,7 +103,7 @@ def _take_folder(write: Callable[[Path, Any], Path]) -> Callable[..., Path]:
 def _robot_set(
     folder: _Folder,
     *,
-    repeats: Annotated[int, typer.Option(help="Trials of each joint, speed and orientation.")] = RobotSet.repeats,
+    repeats: Annotated[int, Option(help="Trials of each joint, speed and orientation.")] = RobotSet.repeats,
     options: Options,
 ) -> Path:
     return simulate_robot_set(folder, RobotSet(repeats, options=options))
@@ -111,11 +112,9 @@ def _robot_set(
 def _cohort(
     folder: _Folder,
     *,
-    subjects: Annotated[int, typer.Option(help="Number of people, alternately female and male.")] = Cohort.subjects,
-    strategies: Annotated[str, typer.Option(help="Strategies of rising, separated by commas.")] = ",".join(
-        Cohort.strategies
-    ),
-    trials: Annotated[int, typer.Option(help="Trials of each person and strategy.")] = Cohort.trials,
+    subjects: Annotated[int, Option(help="Number of people, alternately female and male.")] = Cohort.subjects,
+    strategies: Annotated[str, Option(help="Strategies of rising, separated by commas.")] = ",".join(Cohort.strategies),
+    trials: Annotated[int, Option(help="Trials of each person and strategy.")] = Cohort.trials,
     options: Options,
 ) -> Path:
     names = tuple(cast(Strategy, name.strip()) for name in strategies.split(","))
@@ -125,14 +124,14 @@ def _cohort(
 def _reach_cohort(
     folder: _Folder,
     *,
-    subjects: Annotated[int, typer.Option(help="Number of people, from healthy to severely limited.")] = (
+    subjects: Annotated[int, Option(help="Number of people, from healthy to severely limited.")] = (
         ReachCohort.subjects
     ),
     sessions: Annotated[
-        int, typer.Option(help="Sessions of each person; each session is for both arms.")
+        int, Option(help="Sessions of each person; each session is for both arms.")
     ] = ReachCohort.sessions,
     skeletons: Annotated[
-        bool, typer.Option("--skeletons", help="Write skeletons of a depth camera instead of markers.")
+        bool, Option("--skeletons", help="Write skeletons of a depth camera instead of markers.")
     ] = ReachCohort.skeletons,
     options: ArmOptions,
 ) -> Path:
@@ -142,9 +141,9 @@ def _reach_cohort(
 def _curl_study(
     folder: _Folder,
     *,
-    subjects: Annotated[int, typer.Option(help="Number of people.")] = CurlStudy.subjects,
-    trials: Annotated[int, typer.Option(help="Trials of each person and condition.")] = CurlStudy.trials,
-    conditions: Annotated[str, typer.Option(help="Conditions of the device, separated by commas.")] = ",".join(
+    subjects: Annotated[int, Option(help="Number of people.")] = CurlStudy.subjects,
+    trials: Annotated[int, Option(help="Trials of each person and condition.")] = CurlStudy.trials,
+    conditions: Annotated[str, Option(help="Conditions of the device, separated by commas.")] = ",".join(
         CurlStudy.conditions
     ),
     options: ArmOptions,

@@ -11,7 +11,7 @@ import typer
 from typer import Argument, Option
 
 from mocap_id import workflows
-from mocap_id_cli import console
+from mocap_id_cli import progress
 from mocap_id_cli.console import (
     Jobs,
     Output,
@@ -102,7 +102,7 @@ def study(
     code is 1.
     """
     result = workflows.study.run_study(file, jobs, begin=output.show_trial_count, tell=output.report_trial)
-    console.stop()
+    progress.stop()
     output.print_result(result.document, _describe_study(result))
     if result.failed:
         raise typer.Exit(1)

@@ -18,7 +18,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGE_HELP
 from mocap_id.store import Folder
 from mocap_id.workflows.parallel import Backend, DaskBackend, LocalBackend, OnError
-from mocap_id_cli import console
+from mocap_id_cli import progress
 from mocap_id_cli.console import (
     AsJson,
     Jobs,
@@ -29,6 +29,7 @@ from mocap_id_cli.console import (
     count_trials,
     describe_verdict,
     offer,
+    print_json,
     shorten,
 )
 
@@ -73,7 +74,7 @@ def batch(
         begin=output.show_trial_count,
         tell=output.report_trial,
     )
-    console.stop()
+    progress.stop()
     output.print_result(result.rows, _describe_batch(result))
     if result.failed:
         raise typer.Exit(1)
@@ -180,7 +181,7 @@ def status(named: TrialFiles, *, as_json: AsJson = False) -> None:
             for (trial, one), kind in zip(states, kinds, strict=True)
         ]
         entries += [{"trial": None, "file": shorten(one.file), "failure": str(one.error)} for one in unreadable]
-        console.print_json(entries)
+        print_json(entries)
         return
     width = max((len(trial.name) for trial in trials), default=0)
     for trial, one in states:

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from mocap_id_cli import console
+from mocap_id_cli import progress
 
 
 class Terminal(io.StringIO):
@@ -20,10 +20,10 @@ class Terminal(io.StringIO):
 def test_a_terminal_shows_progress_and_is_restored(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stderr", Terminal())
     monkeypatch.setenv("TERM", "xterm")
-    console.show("segment")
-    console.show("trials", total=3)
-    console.advance()
-    console.stop()
+    progress.show("segment")
+    progress.show("trials", total=3)
+    progress.advance()
+    progress.stop()
     drawn = sys.stderr.getvalue()
     assert "segment" in drawn
     assert "1/3" in drawn
@@ -31,9 +31,9 @@ def test_a_terminal_shows_progress_and_is_restored(monkeypatch: pytest.MonkeyPat
 
 
 def test_nothing_is_shown_without_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
-    console.show("segment")
-    console.advance()
-    console.stop()
+    progress.show("segment")
+    progress.advance()
+    progress.stop()
     assert capsys.readouterr() == ("", "")
 
 
@@ -41,6 +41,6 @@ def test_no_color_is_respected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stderr", Terminal())
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("NO_COLOR", "1")
-    console.show("segment")
-    console.stop()
+    progress.show("segment")
+    progress.stop()
     assert "\x1b[3" not in sys.stderr.getvalue()
