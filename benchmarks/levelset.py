@@ -14,8 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.protocols.reach.reachable_set import compute_reachable_states
-from mocap_id_assist.level_set import JointDynamics, Scheme, StateGrid, make_grid, solve_level_set
+from mocap_id_assist.level_set import (
+    JointDynamics,
+    Scheme,
+    StateGrid,
+    compute_reachable_states,
+    make_grid,
+    solve_level_set,
+)
 from mocap_id_assist.one_joint import OneJoint
 
 HORIZON = 2.0

@@ -83,11 +83,10 @@ def _command_line() -> None:
     _return_memory()
     gc.set_threshold(50_000, 20, 20)  # saves 0.1 s of a run, because the libraries' objects are permanent
     atexit.register(gc.freeze)  # saves a tenth of a run, because Python then skips the garbage collection at the end
-    from mocap_id_cli import progress  # noqa: PLC0415  so that Ctrl-C during the imports is handled too
-    from mocap_id_cli.app import build  # noqa: PLC0415
+    from mocap_id_cli import commands, progress  # noqa: PLC0415  so that Ctrl-C during the imports is handled too
 
     try:
-        build()(prog_name="mocap-id")
+        commands.build()(prog_name="mocap-id")
     finally:
         progress.stop()
 

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
 from rich.console import Console
 from rich.table import Table
+from typer import Argument, Option
 
 from mocap_id.recording.c3d_package import compare_with_package
 from mocap_id.workflows.recording_summary import describe_recording, read_content
@@ -17,24 +17,19 @@ from mocap_id_cli.console import AsJson, print_json
 
 def inspect(
     file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE", help="C3D or TRC file, a QTM, Motive or Nexus export, or a skeleton.", show_default=False
-        ),
+        Path, Argument(metavar="FILE", help="C3D or TRC file, a QTM, Motive or Nexus export, or a skeleton.")
     ],
     *,
     forces: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             metavar="MOT", help="MOT file with the ground forces; default: the MOT file of the same name beside it."
         ),
     ] = None,
-    units: Annotated[str | None, typer.Option(help="Length unit, if the file does not declare it.")] = None,
-    vertical: Annotated[
-        str | None, typer.Option(help="Axis that points up, such as Z or -Y; detected if omitted.")
-    ] = None,
-    force_unit: Annotated[str | None, typer.Option(help="Unit of the plates' forces, such as N or lbf.")] = None,
-    moment_unit: Annotated[str | None, typer.Option(help="Unit of the plates' moments, such as Nmm.")] = None,
+    units: Annotated[str | None, Option(help="Length unit, if the file does not declare it.")] = None,
+    vertical: Annotated[str | None, Option(help="Axis that points up, such as Z or -Y; detected if omitted.")] = None,
+    force_unit: Annotated[str | None, Option(help="Unit of the plates' forces, such as N or lbf.")] = None,
+    moment_unit: Annotated[str | None, Option(help="Unit of the plates' moments, such as Nmm.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Print what a recording contains.

@@ -18,9 +18,8 @@ from mocap_id.workflows.batch import BATCH
 from mocap_id.workflows.study import curls as curl_study
 from mocap_id.workflows.study import reach as reach_study
 from mocap_id.workflows.study.sit_to_stand import TABLES
-from mocap_id_cli.app import build, load_command
-from mocap_id_cli.commands import COMMANDS
-from mocap_id_cli.settings import format_settings_page, format_settings_yaml
+from mocap_id_cli.commands import COMMANDS, build, load_command
+from mocap_id_cli.stages import format_settings_page, format_settings_yaml
 
 SETTINGS_MARK = "# ---- every setting, with its default ----\n"
 COLUMNS_MARK = "## Columns\n"
@@ -51,36 +50,24 @@ def make_pages(root: Path) -> dict[Path, str]:
 
 
 def format_commands_page() -> str:
-    """Return the help of every command as Markdown."""
+    """Return the help of every command as Markdown; the commands of a group follow the group."""
+    names = [""]
+    for entry in COMMANDS:
+        names += [entry.name, *(f"{entry.name} {inner}" for inner in getattr(load_command(entry), "commands", ()))]
     parts = ["# Commands\n"]
-    for command in _list_commands():
+    for command in names:
         title = f"mocap-id {command}".strip()
         parts.append(f"## `{title}`\n\n```text\n{_read_help(command)}\n```\n")
     return "\n".join(parts)
 
 
-def _list_commands() -> Iterator[str]:
-    """Yield the names of all commands; the commands of a group follow the group."""
-    yield ""
-    for entry in COMMANDS:
-        yield entry.name
-        yield from (f"{entry.name} {inner}" for inner in getattr(load_command(entry), "commands", ()))
-
-
 def columns() -> str:
     """Return the schemas of all artefacts and of the tables of studies and batches, as Markdown."""
-    artefacts = (line for schema in SCHEMAS.values() for line in _describe_schema(schema, schema.file))
-    tables = [
-        line
-        for kind, own in _STUDIES.items()
-        for part in (
-            [f"\n## Tables of a study{kind}"],
-            *(_describe_schema(schema, f"{name}{kind}") for name, schema in own.items()),
-        )
-        for line in part
-    ]
-    batch = _describe_schema(BATCH, BATCH.file)
-    return "\n".join([*artefacts, *tables, "\n## The table of a batch", *batch]) + "\n"
+    lines = [line for schema in SCHEMAS.values() for line in _describe_schema(schema, schema.file)]
+    for kind, own in _STUDIES.items():
+        lines.append(f"\n## Tables of a study{kind}")
+        lines += [line for name, schema in own.items() for line in _describe_schema(schema, f"{name}{kind}")]
+    return "\n".join([*lines, "\n## The table of a batch", *_describe_schema(BATCH, BATCH.file)]) + "\n"
 
 
 def _describe_schema(schema: TableSchema | TreeSchema, title: str) -> Iterator[str]:

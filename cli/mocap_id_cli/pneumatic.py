@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from mocap_id.arrays import NORMAL_95
 from mocap_id.config.device import load_device
@@ -16,37 +16,23 @@ from mocap_id.errors import ConfigError
 from mocap_id.stages.device import Condition
 from mocap_id.workflows.run_folder import describe_sources
 from mocap_id_assist import pneumatic as workflow
-from mocap_id_cli.console import AsJson, align, make_group, print_json
+from mocap_id_cli.console import AsJson, Output, align, make_group
 
-Device = Annotated[
-    Path,
-    typer.Argument(metavar="DEVICE.yaml", help="The device's description (docs/assist.md).", show_default=False),
-]
-_Pressure = Annotated[float | None, typer.Option(metavar="PA", help="Sealed absolute pressure.", show_default=False)]
-_ROWS = 7
-
-
-def commands() -> typer.Typer:
-    """Return the commands of ``mocap-id pneumatic``."""
-    text = "Describe a pneumatic spring, and choose its pressures."
-    return make_group(text, curve=_curve, pressures=_pressures, identify=_identify, budget=_budget)
+Device = Annotated[Path, Argument(metavar="DEVICE.yaml", help="The device's description (docs/assist.md).")]
+_Pressure = Annotated[float | None, Option(metavar="PA", help="Sealed absolute pressure.")]
+_ROWS = 7  # of the printed curve
+_COLUMNS = ("angle_rad", "torque_Nm", "sd_torque_Nm", "stiffness_Nm_rad")
 
 
 def _curve(
     device: Device,
     *,
-    condition: Annotated[
-        str | None, typer.Option(help="Name of a condition in the file; default: `sealed:`.", show_default=False)
-    ] = None,
+    condition: Annotated[str | None, Option(help="Name of a condition in the file; default: `sealed:`.")] = None,
     flexion: _Pressure = None,
     extension: _Pressure = None,
-    polytropic: Annotated[
-        float | None, typer.Option(help="Polytropic exponent, 1 (slow) to 1.4 (fast).", show_default=False)
-    ] = None,
-    angles: Annotated[int, typer.Option(min=2, max=100_000, help="Number of angles.")] = 181,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Folder for JSON and a figure.", show_default=False)
-    ] = None,
+    polytropic: Annotated[float | None, Option(help="Polytropic exponent, 1 (slow) to 1.4 (fast).")] = None,
+    angles: Annotated[int, Option(min=2, max=100_000, help="Number of angles.")] = 181,
+    out: Annotated[Path | None, Option(metavar="FOLDER", help="Folder for JSON and a figure.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Compute torque and stiffness over the stroke, and rest angle."""
@@ -62,108 +48,102 @@ def _curve(
     if out is not None:
         found = replace(found, made_from=describe_sources(out, device))
     files = () if out is None else found.write(out)
-    if as_json:
-        print_json(found.document)
-        return
-    curve = found.content
-    shown = range(0, angles, max(1, (angles - 1) // (_ROWS - 1)))
-    rows = [["angle", "torque", "± 95 %", "stiffness"], *(_sample(curve, k) for k in shown)]
-    typer.echo("\n".join(align(rows, numbers=True)))
+    Output(as_json).print_result(found.document, _describe_curve(found.content, out, files))
+
+
+def _describe_curve(curve: Mapping[str, Any], out: Path | None, files: Sequence[str]) -> Iterator[str]:
+    count = len(curve["angle_rad"])
+    rows = [["angle", "torque", "± 95 %", "stiffness"]]
+    for k in range(0, count, max(1, (count - 1) // (_ROWS - 1))):
+        angle, torque, sd, stiffness = (curve[name][k] for name in _COLUMNS)
+        torques = [f"{torque:.2f} N·m", f"{NORMAL_95 * sd:.2f} N·m"]
+        rows.append([f"{math.degrees(angle):.1f}°", *torques, f"{stiffness:.2f} N·m/rad"])
+    yield from align(rows, numbers=True)
     rest = curve["rest_angle_rad"]
-    typer.echo(curve["why"] if rest is None else f"rest angle: {math.degrees(rest):.1f}°")
+    yield curve["why"] if rest is None else f"rest angle: {math.degrees(rest):.1f}°"
     if files:
-        typer.echo(f"written to {out}: {', '.join(files)}")
-
-
-def _sample(curve: Mapping[str, Any], k: int) -> list[str]:
-    return [
-        f"{math.degrees(curve['angle_rad'][k]):.1f}°",
-        f"{curve['torque_Nm'][k]:.2f} N·m",
-        f"{NORMAL_95 * curve['sd_torque_Nm'][k]:.2f} N·m",
-        f"{curve['stiffness_Nm_rad'][k]:.2f} N·m/rad",
-    ]
+        yield f"written to {out}: {', '.join(files)}"
 
 
 def _pressures(
     device: Device,
     *,
-    stiffness: Annotated[float, typer.Option(metavar="N·m/rad", help="Desired stiffness.", show_default=False)],
-    rest_angle: Annotated[float, typer.Option(metavar="RAD", help="Desired rest angle.", show_default=False)],
+    stiffness: Annotated[float, Option(metavar="N·m/rad", help="Desired stiffness.")],
+    rest_angle: Annotated[float, Option(metavar="RAD", help="Desired rest angle.")],
     span: Annotated[
         tuple[float, float] | None,
-        typer.Option(
+        Option(
             "--range",
             metavar="LOW HIGH",
             help="Range in which the torques should agree, rad; default: only at the rest angle.",
-            show_default=False,
         ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Find the two pressures that come nearest to a desired spring."""
     found = workflow.spring_pressures(load_device(device), stiffness, rest_angle, span)
-    if as_json:
-        print_json(found)
-        return
+    Output(as_json).print_result(found, _describe_pressures(found))
+
+
+def _describe_pressures(found: Mapping[str, Any]) -> Iterator[str]:
     achieved = found["achieved"]
-    typer.echo(f"flexion side {found['flexion_Pa']:.0f} Pa, extension side {found['extension_Pa']:.0f} Pa (absolute)")
+    yield f"flexion side {found['flexion_Pa']:.0f} Pa, extension side {found['extension_Pa']:.0f} Pa (absolute)"
     if achieved["rest_angle_rad"] is None:
-        typer.echo("the torque is not zero at any angle of the stroke")
+        yield "the torque is not zero at any angle of the stroke"
     else:
         rest = math.degrees(achieved["rest_angle_rad"])
-        typer.echo(f"this gives {achieved['stiffness_Nm_rad']:.4g} N·m/rad at {rest:.1f}°")
+        yield f"this gives {achieved['stiffness_Nm_rad']:.4g} N·m/rad at {rest:.1f}°"
     low, high = (math.degrees(end) for end in achieved["range_rad"])
     error = achieved["largest_torque_error_Nm"]
     difference = f"the torque differs from that of the linear spring by up to {error:.2f} N·m"
-    typer.echo(f"from {low:.1f}° to {high:.1f}° {difference}")
+    yield f"from {low:.1f}° to {high:.1f}° {difference}"
     if found["why"]:
-        typer.echo(f"the desired spring is not attainable, this is the nearest one: {found['why']}")
+        yield f"the desired spring is not attainable, this is the nearest one: {found['why']}"
 
 
 def _identify(
     device: Device,
     log: Annotated[
-        Path,
-        typer.Argument(
-            metavar="LOG",
-            help="CSV file of angle and torque, or a trial's YAML file or run folder.",
-            show_default=False,
-        ),
+        Path, Argument(metavar="LOG", help="CSV file of angle and torque, or a trial's YAML file or run folder.")
     ],
     *,
-    joint: Annotated[int, typer.Option(min=1, help="Number of the joint, for a trial in the plane.")] = 1,
+    joint: Annotated[int, Option(min=1, help="Number of the joint, for a trial in the plane.")] = 1,
     as_json: AsJson = False,
 ) -> None:
     """Estimate the parameters of a cylinder from angles and torques."""
     found = workflow.identify_device(load_device(device), log, joint)
-    if as_json:
-        print_json(found)
-        return
-    rows = [["parameter", "estimate", "95 % interval", "described"], *map(_row, found["parameters"])]
-    typer.echo("\n".join(align(rows)))
+    Output(as_json).print_result(found, _describe_parameters(found))
+
+
+def _describe_parameters(found: Mapping[str, Any]) -> Iterator[str]:
+    rows = [["parameter", "estimate", "95 % interval", "described"]]
+    for parameter in found["parameters"]:
+        estimate = ["–", parameter["why"]]
+        if parameter["value"] is not None:
+            low, high = parameter["interval"]
+            estimate = [f"{parameter['value']:.4g}", f"{low:.4g} to {high:.4g}"]
+        rows.append([parameter["name"], *estimate, f"{parameter['described']:.4g}"])
+    yield from align(rows)
     left_out = f", {found['left_out']} samples with empty cells are left out" if found["left_out"] else ""
-    typer.echo(f"residual {found['residual_Nm']:.3f} N·m over {found['samples']} samples{left_out}")
-    for caution in found["cautions"]:
-        typer.echo(f"caution: {caution}")
-
-
-def _row(parameter: dict[str, Any]) -> list[str]:
-    described = f"{parameter['described']:.4g}"
-    if parameter["value"] is None:
-        return [parameter["name"], "–", parameter["why"], described]
-    low, high = parameter["interval"]
-    return [parameter["name"], f"{parameter['value']:.4g}", f"{low:.4g} to {high:.4g}", described]
+    yield f"residual {found['residual_Nm']:.3f} N·m over {found['samples']} samples{left_out}"
+    yield from (f"caution: {caution}" for caution in found["cautions"])
 
 
 def _budget(device: Device, *, as_json: AsJson = False) -> None:
     """Compute the gas for every change between two conditions."""
     found = workflow.gas_budget(load_device(device))
-    if as_json:
-        print_json(found)
-        return
     rows = [["from", "to", "gas", "at 0 °C and 1 atm", "changes"]]
     for change in found["changes"]:
         times = "–" if change["changes_per_reservoir"] is None else str(change["changes_per_reservoir"])
         litres = f"{change['normal_litres']:.3f} l"
         rows.append([change["from"], change["to"], f"{change['gas_g']:.3f} g", litres, times])
-    typer.echo("\n".join(align(rows)))
+    Output(as_json).print_result(found, align(rows))
+
+
+pneumatic = make_group(
+    "Describe a pneumatic spring, and choose its pressures.",
+    curve=_curve,
+    pressures=_pressures,
+    identify=_identify,
+    budget=_budget,
+)

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from mocap_id import runner
-    from mocap_id.workflows.parallel import TrialRun
-
 _displays: list[Progress] = []
-_OUTCOMES = {0: "", 4: "refused"}
 
 
 def show(text: str, total: int | None = None) -> None:
@@ -58,33 +53,3 @@ def stop() -> None:
     """Remove the display and restore the terminal."""
     while _displays:
         _displays.pop().stop()
-
-
-def report_stages(quiet: bool) -> runner.Progress:
-    """Return a callback that reports each stage of a run; it does nothing if ``quiet``."""
-
-    def report(step: runner.Step) -> None:
-        if step.action == "begun":
-            show(step.stage)
-            return
-        stop()
-        outcome = f"{step.seconds:8.2f} s" if step.action == "computed" else f"{step.action:>10}"
-        print(f"{step.stage:<14}{outcome}", file=sys.stderr)
-
-    return (lambda step: None) if quiet else report
-
-
-def show_trial_count(quiet: bool) -> Callable[[int], None]:
-    """Return a callback that starts a display for a number of trials; it does nothing if ``quiet``."""
-    return (lambda trials: None) if quiet else (lambda trials: show("trials", trials))
-
-
-def report_trials(quiet: bool) -> Callable[[TrialRun], None]:
-    """Return a callback that reports each finished trial; it does nothing if ``quiet``."""
-
-    def report(done: TrialRun) -> None:
-        time = f"{done.seconds:8.2f} s" if done.computed else "reused"
-        say(f"{done.trial:<28}{_OUTCOMES.get(done.exit_code, 'failed') or time:>10}")
-        advance()
-
-    return (lambda done: None) if quiet else report

@@ -8,44 +8,33 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import typer
+from typer import Argument, Option
 
 from mocap_id.workflows.run_folder import describe_sources
 from mocap_id_assist import workspaces as workflow
-from mocap_id_assist.workspace import Overlay
-from mocap_id_cli import progress
-from mocap_id_cli.console import AsJson, Quiet, Verbose, log_to_stderr, print_json
+from mocap_id_cli.console import Output, common_options
 
 
+@common_options
 def workspace(
     trial: Annotated[
-        Path,
-        typer.Argument(
-            metavar="TRIAL", help="A trial's YAML file or run folder, or a chain's YAML file.", show_default=False
-        ),
+        Path, Argument(metavar="TRIAL", help="A trial's YAML file or run folder, or a chain's YAML file.")
     ],
     *,
-    compare: Annotated[
-        Path | None,
-        typer.Option(metavar="TRIAL", help="A later session to compare with the first.", show_default=False),
-    ] = None,
+    compare: Annotated[Path | None, Option(metavar="TRIAL", help="A later session to compare with the first.")] = None,
     tip: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="MARKER", help="Marker of the last segment, or x,y in its frame, m.", show_default="farthest marker"
         ),
     ] = None,
     quantile: Annotated[
-        float, typer.Option(help="Fraction of samples that is excluded at each end of an angle's range.")
+        float, Option(help="Fraction of samples that is excluded at each end of an angle's range.")
     ] = 0.0,
-    samples: Annotated[int, typer.Option(help="Number of postures to sample.")] = 10_000,
-    seed: Annotated[int, typer.Option(help="Seed of the samples.")] = 0,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Folder for JSON, CSV and figures.", show_default=False)
-    ] = None,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    samples: Annotated[int, Option(help="Number of postures to sample.")] = 10_000,
+    seed: Annotated[int, Option(help="Seed of the samples.")] = 0,
+    out: Annotated[Path | None, Option(metavar="FOLDER", help="Folder for JSON, CSV and figures.")] = None,
+    output: Output,
 ) -> None:
     """Compute what the tip of a chain reaches within its limits.
 
@@ -53,9 +42,8 @@ def workspace(
     a trial's YAML file, missing or outdated stages up to the joint states are computed first; a run folder is read
     unchanged.
     """
-    log_to_stderr(quiet, verbose)
     paths = [trial] if compare is None else [trial, compare]
-    subjects = [workflow.read_arm(path, tip, quantile, progress.report_stages(quiet)) for path in paths]
+    subjects = [workflow.read_arm(path, tip, quantile, output.report_stage) for path in paths]
     reaches = [workflow.measure_workspace(subject, samples, seed) for subject in subjects]
     change = workflow.compare_workspaces(*reaches) if compare is not None else None
     later = reaches[1] if compare is not None else None
@@ -63,15 +51,16 @@ def workspace(
     if out is not None:
         result = replace(result, made_from=describe_sources(out, *paths))
     files = () if out is None else result.write(out)
-    if as_json:
-        print_json(result.document)
-        return
-    for reach in reaches:
-        typer.echo("\n".join(_lines(reach)))
+    lines = [line for reach in reaches for line in _lines(reach)]
     if change is not None:
-        typer.echo(_change(change))
+        unit = "m²" if change.points.shape[1] == 2 else "m³"
+        lines.append(
+            f"from the first to the second: gained {change.gained:.5f} {unit}, lost {change.lost:.5f}, kept "
+            f"{change.kept:.5f}; both are aligned at the first joint"
+        )
     if files:
-        typer.echo(f"written to {out}: {', '.join(files)}")
+        lines.append(f"written to {out}: {', '.join(files)}")
+    output.print_result(result.document, lines)
 
 
 def _lines(reach: workflow.ArmWorkspace) -> Iterator[str]:
@@ -84,11 +73,3 @@ def _lines(reach: workflow.ArmWorkspace) -> Iterator[str]:
     steps = ", ".join(f"{value:.5f} with {count}" for count, _, value in found.convergence)
     yield f"  samples: {steps}"
     yield from (f"  note: {note}" for note in subject.notes)
-
-
-def _change(change: Overlay) -> str:
-    unit = "m²" if change.points.shape[1] == 2 else "m³"
-    return (
-        f"from the first to the second: gained {change.gained:.5f} {unit}, lost {change.lost:.5f}, kept "
-        f"{change.kept:.5f}; both are aligned at the first joint"
-    )

@@ -16,7 +16,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.store import Table
 from mocap_id_assist import pneumatic as identification
 from mocap_id_assist.devices import TorqueLog, predict_torque
-from mocap_id_cli.app import build
+from mocap_id_cli.commands import build
 
 DEVICE = Path(__file__).resolve().parents[2] / "configs" / "devices" / "elbow.yaml"
 

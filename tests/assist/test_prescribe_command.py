@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from mocap_id.errors import ConfigError
-from mocap_id_cli.app import build
+from mocap_id_cli.commands import build
 
 ROOT = Path(__file__).resolve().parents[2]
 SHOULDER = ROOT / "configs" / "prescriptions" / "shoulder.yaml"

@@ -12,8 +12,7 @@ import pytest
 
 from mocap_id import __version__
 from mocap_id.stages import STAGES
-from mocap_id_cli.app import load_command
-from mocap_id_cli.commands import COMMANDS, Entry
+from mocap_id_cli.commands import COMMANDS, Entry, load_command
 from swinging_link import pendulum
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,7 +10,7 @@ import pytest
 
 from mocap_id.workflows.doctor import Finding, checks, machine
 from mocap_id.workflows.doctor.packages import check_package, check_packages, parse_version
-from mocap_id_cli.doctor import simulate_small_trial
+from mocap_id_cli.help import simulate_small_trial
 
 
 def test_this_installation_works(cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

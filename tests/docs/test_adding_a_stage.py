@@ -53,7 +53,7 @@ import pyarrow.parquet as pq
 from typer.testing import CliRunner
 import test_stages_and_pages as house
 from mocap_id.stages import STAGES
-from mocap_id_cli.app import build
+from mocap_id_cli.commands import build
 
 said = {}
 for command in json.loads(sys.argv[1]):

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from mocap_id.config.device import load_device
 from mocap_id_assist.devices import TorqueLog, predict_torque
-from mocap_id_cli.app import build
+from mocap_id_cli.commands import build
 
 PAGE = DOCS / "assist.md"
 

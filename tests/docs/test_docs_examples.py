@@ -24,8 +24,7 @@ from mocap_id.workflows import parallel as backends
 from mocap_id.workflows.sensitivity.study import read_options
 from mocap_id_assist.files import load_prescription
 from mocap_id_assist.workspaces import load_chain
-from mocap_id_cli.app import build, load_command
-from mocap_id_cli.commands import COMMANDS
+from mocap_id_cli.commands import COMMANDS, build, load_command
 
 KEYS = {field.alias or key for key, field in build_trial_model().model_fields.items()}
 STUDY_KEYS = {"study", "subjects", "defaults", "trials", "out"}

@@ -15,7 +15,7 @@ from mocap_id.stages.base import Stage
 from mocap_id.stages.trial_keys import TrialKeys
 from mocap_id.store.schemas import SCHEMAS
 from mocap_id_cli.pages import SETTINGS_MARK, make_pages
-from mocap_id_cli.settings import list_settings
+from mocap_id_cli.stages import list_settings
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))

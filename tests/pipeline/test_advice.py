@@ -17,7 +17,7 @@ from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.writer import write_c3d
 from mocap_id.runner import run_to
 from mocap_id.workflows.advice import AdviceOptions, advise, make_output, parse_angle_range, parse_support
-from mocap_id_cli.app import build
+from mocap_id_cli.commands import build
 from mocap_id_simulation import Options, generate, simulate
 from mocap_id_simulation.options import draw_subject
 

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from mocap_id.errors import ConfigError
 from mocap_id.workflows.payload import PARAMETERS, find_payload
-from mocap_id_cli.app import build
+from mocap_id_cli.commands import build
 from mocap_id_simulation import SpaceRobotOptions, simulate_space_robot
 
 

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.runner import run
-from mocap_id_cli.app import build
+from mocap_id_cli.commands import build
 from mocap_id_simulation import Options, simulate
 
 MARK = "Qarblifoxen"
