@@ -158,27 +158,23 @@ def test_contact_converges(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_alternating_contact_is_excluded(monkeypatch: pytest.MonkeyPatch) -> None:
     recorded, _ = sit_to_stand(4)
-    steady, thresholds = protocol.contact_rules.compute_contact_threshold, iter([1.0, 60.0] * 10)
-    monkeypatch.setattr(
-        protocol.contact_rules, "compute_contact_threshold", lambda *given: next(thresholds) * steady(*given)
-    )
+    steady, thresholds = protocol.compute_contact_threshold, iter([1.0, 60.0] * 10)
+    monkeypatch.setattr(protocol, "compute_contact_threshold", lambda *given: next(thresholds) * steady(*given))
     flickering = read(recorded)
     assert flickering.contact.converged is False
-    monkeypatch.setattr(protocol.contact_rules, "compute_contact_threshold", steady)
+    monkeypatch.setattr(protocol, "compute_contact_threshold", steady)
     assert np.mean(flickering.free & ~read(recorded).free) < 0.005
 
 
 def test_a_round_with_too_few_samples_keeps_the_previous_contact(monkeypatch: pytest.MonkeyPatch) -> None:
     recorded, _ = sit_to_stand(4)
     before = read(recorded, "weight").contact
-    rules = iter(
-        [protocol.contact_rules.find_contact_in_low_phases, lambda body, signs: np.ones(len(signs), dtype=bool)]
-    )
+    rules = iter([protocol.find_contact_in_low_phases, lambda body, signs: np.ones(len(signs), dtype=bool)])
 
     def in_turn(body: Posture, signs: np.ndarray) -> np.ndarray:
         return next(rules)(body, signs)
 
-    monkeypatch.setattr(protocol.contact_rules, "find_contact_in_low_phases", in_turn)
+    monkeypatch.setattr(protocol, "find_contact_in_low_phases", in_turn)
     found = read(recorded).contact
     assert found.converged is False
     assert found.free.sum() > 100

@@ -46,7 +46,7 @@ def cut(recorded: TrialData, begin: float, finish: float) -> TrialData:
 def attempts(recorded: TrialData, movement: Movement) -> list[float]:
     vertical = recorded.wrench[:, 1] / WEIGHT
     found = find_failed_attempts(recorded.time, movement.posture, vertical, movement.repetitions, chair=True)
-    return [one.time for one in found]
+    return [one.time_s for one in found]
 
 
 def test_a_recording_that_starts_in_a_rise_has_an_unknown_start() -> None:
