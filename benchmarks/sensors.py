@@ -436,7 +436,7 @@ _ALONE = {
     "joint accelerations, rad/s²": 0.15,
     "clock between sensors, ms": 10.0,
 }
-_ON = "sit-to-stand, sensors on shank, thigh and trunk"
+_SENSED = "sit-to-stand, sensors on shank, thigh and trunk"
 TABLES: Mapping[str, Sequence[Row]] = {
     "boards": [
         Row("place found by the model", measure_board, _BOARD, (False,)),
@@ -447,7 +447,7 @@ TABLES: Mapping[str, Sequence[Row]] = {
         for speed in ("fast", "slow")
         for sensor, instruments in ((False, "plate alone"), (True, "plate and sensor in the joint"))
     ],
-    "inertial": [Row(_ON, measure_inertial, _INERTIAL)],
+    "inertial": [Row(_SENSED, measure_inertial, _INERTIAL)],
     "arms": [
         Row(
             f"reaches, {preset} errors, a sensor on every segment",
@@ -457,7 +457,7 @@ TABLES: Mapping[str, Sequence[Row]] = {
         )
         for preset in ACCELERATION
     ],
-    "alone": [Row(f"{_ON}, no markers", run_alone, _ALONE)],
+    "alone": [Row(f"{_SENSED}, no markers", run_alone, _ALONE)],
 }
 
 
