@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 import test_stage_identify_dim
 from dynamics_cases import CENTRES
-from pose_cases import BODIES, hip_gap, moving, recorded_of
+from pose_cases import BODIES, HIP, hip_gap, moving, recorded_of
 from test_stage_identify_dim import LOCAL, SEGMENT, codes, context
 
 from mocap_id.dynamics.base_parameters import structural_base
 from mocap_id.dynamics.body_prior import average_transform
+from mocap_id.dynamics.cross_validation import LeftOutPrediction
+from mocap_id.dynamics.cutoffs import Cutoffs
 from mocap_id.dynamics.measured_motion import USUAL
 from mocap_id.dynamics.motion import PlanarMotion
 from mocap_id.dynamics.preparation import TrialData
@@ -23,6 +25,8 @@ from mocap_id.geometry import planar
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
 from mocap_id.stages.identify_dim.joint_positions import remove_previous_errors
+from mocap_id.stages.identify_dim.measured_bodies import bridge_gaps, read_bodies
+from mocap_id.stages.identify_dim.model_selection import RepetitionPredictor, pin_joints_that_hold
 from mocap_id.stages.identify_dim.motion_comparison import explain_motion
 from mocap_id.stages.trial_keys import Subject
 from mocap_id.store import Table, Tree, hdf5, parquet
@@ -264,6 +268,47 @@ def test_a_hip_that_hardly_gives_way_is_unpinned_where_that_predicts_better() ->
     hip = found.facts["motion"]["joints"]["hip"]
     assert 0.05 < hip["acceleration_m_s2"] < 0.1
     assert found.facts["motion"]["source"] == "segments"
+
+
+class _Indifferent:
+    """Predictor of repetitions that predicts all motions equally well, so that the forces open no joint."""
+
+    def predict_on_poses(self, cutoffs: Cutoffs) -> LeftOutPrediction:
+        del cutoffs
+        ones, part = np.ones((len(TIME), 3)), np.zeros(len(TIME), dtype=np.int64)
+        return LeftOutPrediction(part == 0, part, ones, 0 * ones, ones, 0 * ones, np.zeros((2, 9)), np.zeros(2))
+
+
+def opened_by(motion: PlanarMotion, *, skin: float = CAMERA, shift: float = 0.0) -> list[int]:
+    """Joints that are open although the forces open none; ``skin`` is the markers' misfit, ``shift`` a bend, m."""
+    bodies = bridge_gaps(read_bodies(poses_table(motion), CENTRES, range(5), CAMERA))
+    poses = replace(bodies.poses, shift=np.array([[0.0, 0.0], [0.0, 0.0], [shift, 0.0]]))
+    bodies = replace(bodies, poses=poses, residual=(skin,) * 5)
+    assert HIP in bodies.loose
+    return pin_joints_that_hold(bodies, lambda _: cast("RepetitionPredictor", _Indifferent()), HIP).loose
+
+
+def test_a_hip_that_gives_way_is_open_whatever_the_forces_say() -> None:
+    """The distance from the knee on the shank to the hip on the trunk shows it."""
+    assert opened_by(moving(TIME)) == [HIP]
+
+
+def test_skin_of_the_thigh_opens_no_hip() -> None:
+    """The thigh's markers slide, the shank and the trunk turn about joints that hold."""
+    motion = moving(TIME, size=0.0)
+    origin = motion.origin.copy()
+    origin[:, HIP] += hip_gap(TIME)[0]
+    assert opened_by(replace(motion, origin=origin)) == []
+
+
+def test_other_causes_of_the_distance_open_no_hip() -> None:
+    """Skin of shank and trunk, a trunk that bends, or a knee that gives way more."""
+    assert opened_by(moving(TIME), skin=0.02) == []
+    assert opened_by(moving(TIME), shift=0.01) == []
+    motion = moving(TIME, size=0.004)
+    origin = motion.origin.copy()
+    origin[:, HIP:] += 2 * hip_gap(TIME)[0][:, None]
+    assert opened_by(replace(motion, origin=origin)) == []
 
 
 def test_samples_without_a_pose_are_left_out() -> None:

@@ -14,9 +14,10 @@ from mocap_id.dynamics.cutoffs import Cutoffs, choose_cutoffs
 from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.lowpass import LowPass
-from mocap_id.dynamics.measured_motion import USUAL, BodyPoses, PoseFilter, close_gaps
+from mocap_id.dynamics.measured_motion import USUAL, BodyPoses, PoseFilter, close_gaps, measure_stretch
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData, prepare
 from mocap_id.dynamics.sample_choice import number_parts, shorten_rests
+from mocap_id.kinematics.joint_corrections import BENDS_M
 from mocap_id.protocols.movement import Movement
 from mocap_id.stages.identify_dim import validation
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies
@@ -25,6 +26,8 @@ _RATE = 50.0  # Hz; smallest reduced rate
 _SKIN = 0.05  # m/s², rms acceleration of a gap above the noise that skin often causes; it reaches twice as much
 _CLEARLY = 0.2  # clear decrease of the cost, the sum of the logarithms of errors of Fx, Fy, tauz: 7 % of each
 _SURELY = 0.1  # m/s², rms acceleration of a gap that skin does not cause
+_STRETCHED = 0.5  # stretch above the noise of a hip that surely gives way, in limits of the noise: 1.12 limits in all
+_STRETCHED_SKIN = 7.0  # 1/s², the same, relative to the rms distance of the markers from rigid bodies due to skin
 
 
 class RepetitionPredictor:
@@ -89,7 +92,7 @@ class RepetitionPredictor:
 
 
 def pin_joints_that_hold(
-    bodies: MeasuredBodies, make_predictor: Callable[[MeasuredBodies], RepetitionPredictor]
+    bodies: MeasuredBodies, make_predictor: Callable[[MeasuredBodies], RepetitionPredictor], hip: int | None = None
 ) -> MeasuredBodies:
     """Return the bodies, pinned at all joints but those whose two sides surely separate.
 
@@ -100,14 +103,20 @@ def pin_joints_that_hold(
     are predicted clearly better with the same bodies, prior and search of cut-offs. A gap that is smaller than those
     that skin often causes needs more. If no repetition can be left out, the gap alone decides.
 
+    A hip is open, whatever the left-out repetitions say, if the distance from the knee on the shank to the hip on the
+    trunk changes surely: skin of the thigh, which causes most gaps, does not change it. The left-out repetitions often
+    do not show such a hip, because other parameters of the bodies replace the missing motion.
+
     Parameters
     ----------
     bodies : MeasuredBodies
         Bodies without pins.
     make_predictor
         Function that returns the predictor of repetitions for bodies.
+    hip : int, optional
+        Number of the hip, from 0; None without a hip.
     """
-    opened: list[int] = []
+    opened = [joint for joint in bodies.loose if joint == hip and _stretches(bodies, joint)]
 
     def close_others(*joints: int) -> BodyPoses:
         return close_gaps(bodies.poses, [joint for joint in bodies.poses.joints if joint not in joints])
@@ -115,8 +124,10 @@ def pin_joints_that_hold(
     def predict(*joints: int) -> float:
         return choose_cutoffs(make_predictor(replace(bodies, poses=close_others(*joints))).predict_on_poses).cost
 
-    pinned = predict()
+    pinned = predict(*opened)
     for joint in bodies.loose:
+        if joint in opened:
+            continue
         size = bodies.gap[joint].above_noise
         if not np.isfinite(pinned):
             opened += [joint] * (size > _SURELY)
@@ -127,6 +138,27 @@ def pin_joints_that_hold(
             pinned = cost
     gap = {joint: replace(each, holds=joint not in opened) for joint, each in bodies.gap.items()}
     return replace(bodies, poses=close_others(*opened), gap=gap)
+
+
+def _stretches(bodies: MeasuredBodies, hip: int) -> bool:
+    """Return whether the distance from the knee on the shank to the hip on the trunk shows that the hip gives way.
+
+    The distance also changes if the knee gives way, or if the trunk bends between its markers and the hip. It is
+    therefore not used if the knee has the larger gap, or if the trunk bends. Skin of shank and trunk changes it too, by
+    up to 5 1/s² times the rms distance of their markers from rigid bodies.
+    """
+    poses, knee = bodies.poses, hip - 1
+    if knee not in bodies.gap or bodies.gap[knee].above_noise > bodies.gap[hip].above_noise:
+        return False
+    if poses.shift is not None and np.linalg.norm(poses.shift[hip]) >= BENDS_M:
+        return False
+    skin = 0.0
+    for body in (int(poses.body[knee]), int(poses.body[hip + 1])):
+        count = len(bodies.markers[body])
+        noise = 0.0 if poses.camera is None else (2 * count - 3) * poses.camera[body, 0]
+        skin += max(bodies.residual[body] ** 2 - noise, 0.0)
+    found = measure_stretch(poses, hip)
+    return found.above_noise > max(_STRETCHED * found.noise, _STRETCHED_SKIN * float(np.sqrt(skin)))
 
 
 def _number_repetitions(prepared: PreparedTrial, movement: Movement) -> IntArray:

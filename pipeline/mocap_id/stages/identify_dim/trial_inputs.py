@@ -84,7 +84,8 @@ def read_inputs(context: Context) -> TrialInputs:
     if settings.motion == "segments":
         bodies = pin_joints(bodies)
     else:
-        bodies = pin_joints_that_hold(bodies, lambda each: _make_predictor(context, inputs, prepared, each))
+        hip = chain.joints.index("hip") if "hip" in chain.joints else None
+        bodies = pin_joints_that_hold(bodies, lambda each: _make_predictor(context, inputs, prepared, each), hip)
     if settings.motion == "chain" or not bodies.loose:
         why = "the gap of a joint is above the noise, but left-out repetitions are not predicted better without its pin"
         why = ASKED_FOR if settings.motion else why
