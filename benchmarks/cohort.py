@@ -42,8 +42,8 @@ from ruamel.yaml import YAML
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
-from mocap_id.dynamics.comparison import centre_of_pressure
 from mocap_id.dynamics.parameter_transfer import transfer_parameters
+from mocap_id.dynamics.prediction import centre_of_pressure
 from mocap_id.runner import run_stage
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.matched_bodies import match_bodies

@@ -17,8 +17,7 @@ from harness import QUANTILE, Run, format_share, format_sizes, rms
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import MocapIdError
-from mocap_id.protocols.curl.compensation import fit_part_in_step
-from mocap_id.protocols.curl.repetitions import Curl
+from mocap_id.protocols.curl import Curl, fit_part_in_step
 from mocap_id_simulation import ArmOptions, write_arm
 from mocap_id_simulation.options import CurlCondition, Preset
 

@@ -16,9 +16,9 @@ from dynamic_sweep import find_last_frame_turn, regroup_truth
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config import load
+from mocap_id.design.predicted_covariance import Trajectory
 from mocap_id.design.proposal import Proposal
-from mocap_id.design.trajectory import Trajectory
-from mocap_id.dynamics.excitation import classify
+from mocap_id.dynamics.cautions import classify
 from mocap_id.errors import MocapIdError
 from mocap_id.runner import run_to
 from mocap_id.workflows.advice import AdviceOptions, advise

@@ -18,7 +18,7 @@ import numpy as np
 from harness import format_table, make_parser, publish
 
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.estimation import compiled_filter, filterpy_engine, smooth
+from mocap_id.estimation import filter_problem, filterpy_engine, smooth
 from mocap_id.estimation.filter_problem import FilterProblem, SigmaPoints, Track
 from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
 from mocap_id.geometry.planar import marker_positions
@@ -73,7 +73,7 @@ def make_problem(
 
 def run_filterpy(given: FilterProblem) -> tuple[float, Track]:
     """Return time and result of filterpy's predict, update and rts_smoother, with our initial state and no gate."""
-    first = compiled_filter.filter_forwards(given)
+    first = filter_problem.filter_forwards(given)
     ukf = filterpy_engine._make_filter(given)
     ukf.x, ukf.P = first.mean[0].copy(), first.covariance[0].copy()
     mean, covariance = [ukf.x.copy()], [ukf.P.copy()]
@@ -93,7 +93,7 @@ def run_filterpy(given: FilterProblem) -> tuple[float, Track]:
 def run_compiled(given: FilterProblem) -> tuple[float, Track]:
     """Return time and result of the compiled engine."""
     start = perf_counter()
-    track = compiled_filter.smooth_backwards(given, compiled_filter.filter_forwards(given))
+    track = filter_problem.smooth_backwards(given, filter_problem.filter_forwards(given))
     return perf_counter() - start, track
 
 

@@ -12,18 +12,17 @@ from harness import JOINTS, format_table, make_parser, publish, real_recordings,
 
 from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
 from mocap_id.config import load
-from mocap_id.dynamics.comparison import centre_of_pressure
 from mocap_id.dynamics.measured_motion import close_gaps
+from mocap_id.dynamics.prediction import centre_of_pressure
 from mocap_id.geometry import planar
 from mocap_id.protocols.reference_body import make_empty_reference
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
-from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, bridge_gaps, read_bodies
-from mocap_id.stages.identify_dim.motion_comparison import predict_on_chain
 from mocap_id.stages.identify_dim.plane import fit_chain
-from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, build_reference_bodies
-from mocap_id.stages.identify_dim.segment_fit import SegmentFit, filter_measured, fit_segments
+from mocap_id.stages.identify_dim.segment_fit import SegmentFit, filter_measured, fit_segments, predict_on_chain
+from mocap_id.stages.identify_dim.trial_data import ReferenceBodies, build_reference_bodies
 from mocap_id.stages.identify_dim.trial_inputs import read_inputs
+from mocap_id.stages.identify_dim.validation import MeasuredBodies, bridge_gaps, read_bodies
 from mocap_id.store import Folder
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.transfer import HELD_OUT, OWN, SERIES, TRANSFERRED, apply_model, rms_error

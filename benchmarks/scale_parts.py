@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from harness import ROOT, find_recordings, write_real_trial
 
 from mocap_id.arrays import IntArray
-from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.recording.writer import write_c3d
 from mocap_id_simulation.bodies import PLATE, Link, MarkerSet, SimulatedBody, add_plate_markers
 from mocap_id_simulation.instruments import draw_plate

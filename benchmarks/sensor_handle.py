@@ -12,7 +12,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.geometry import planar
-from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.workflows.advice import AdviceOptions, advise
 from mocap_id_simulation.bodies import Link, SimulatedBody, add_plate_markers
 from mocap_id_simulation.forces import TrueState

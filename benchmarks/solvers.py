@@ -35,12 +35,9 @@ from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.dynamics import consistency, identification
 from mocap_id.dynamics.base_parameters import structural_base
-from mocap_id.dynamics.cone_solver import solve_links
-from mocap_id.dynamics.consistency_cone import ConeBodies
+from mocap_id.dynamics.cone_solver import ConeBodies, SolverAnswer, check_optimality, solve_links
+from mocap_id.dynamics.consistency import GridBodies, PointGrid, build_grid, run_osqp, solve_nnls, solve_osqp
 from mocap_id.dynamics.least_squares import CompressedProblem
-from mocap_id.dynamics.optimality import SolverAnswer, check_optimality
-from mocap_id.dynamics.point_grid import PointGrid, build_grid
-from mocap_id.dynamics.point_masses import GridBodies, run_osqp, solve_nnls, solve_osqp
 from mocap_id.runner import run
 from mocap_id_simulation import Options, simulate
 

@@ -29,7 +29,7 @@ from harness import (
 from scipy.optimize import minimize_scalar
 
 from mocap_id.arrays import FloatArray
-from mocap_id.estimation import FilterSettings, compiled_filter, smooth
+from mocap_id.estimation import FilterSettings, filter_problem, smooth
 from mocap_id.estimation.filter_problem import FilterProblem
 from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
 from mocap_id.estimation.noise import estimate_marker_noise
@@ -154,7 +154,7 @@ def measure_filterpy(moving: Moving) -> Scored:
 
     def miss(log_sigma: float) -> float:
         given = tuned(log_sigma)
-        mean, _ = compiled_filter.smooth_backwards(given, compiled_filter.filter_forwards(given)).by_joint()
+        mean, _ = filter_problem.smooth_backwards(given, filter_problem.filter_forwards(given)).by_joint()
         return float(np.mean((mean[..., 2] - moving.truth[..., 2]) ** 2))
 
     best = minimize_scalar(miss, bounds=(np.log(10.0), np.log(1e5)), method="bounded", options={"xatol": 0.02})

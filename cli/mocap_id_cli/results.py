@@ -19,7 +19,7 @@ from mocap_id.reporting.contents import PdfFonts
 from mocap_id_cli.console import Output, Quiet, TrialPath, Verbose, align, common_options, log_to_stderr, shorten
 
 if TYPE_CHECKING:
-    from mocap_id.dynamics.comparison import Agreement
+    from mocap_id.dynamics.prediction import Agreement
 
 _LONGEST = 40  # characters of a text in the table of `compare`
 _VERDICTS = {

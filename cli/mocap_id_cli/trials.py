@@ -13,7 +13,7 @@ from typer import Argument, Option
 
 from mocap_id import runner, workflows
 from mocap_id.config import Trial
-from mocap_id.config.source import read
+from mocap_id.config.parsing import read
 from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGE_HELP
 from mocap_id.store import Folder

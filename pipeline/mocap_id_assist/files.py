@@ -8,8 +8,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from mocap_id.config.parsing import parse, raise_mistakes
-from mocap_id.config.source import Location, Source, read
+from mocap_id.config.parsing import Location, Source, parse, raise_mistakes, read
 from mocap_id.config.trial import make_absolute
 from mocap_id.stages.base import Settings
 

@@ -15,8 +15,7 @@ from pydantic import Field
 
 from mocap_id import __version__, runner
 from mocap_id.arrays import FloatArray
-from mocap_id.config.parsing import parse, raise_mistakes, suggest_name
-from mocap_id.config.source import read
+from mocap_id.config.parsing import parse, raise_mistakes, read, suggest_name
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry import Chain, Revolute, se3
 from mocap_id.reporting import paper_figures, style

@@ -15,7 +15,7 @@ import numpy as np
 
 from mocap_id.anatomy.skin_motion import draw_skin_motion
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.allometry import look_up_arm
+from mocap_id.dynamics.priors import look_up_arm
 from mocap_id.geometry import so3
 from mocap_id.stages.curl_keys import Body
 from mocap_id.stages.device import Condition, DeviceFile

@@ -10,10 +10,15 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.regressor import torque_regressor
-from mocap_id.dynamics.space.base_parameters import name_parameters, structural_base
+from mocap_id.dynamics.space.consistency import point_mass
 from mocap_id.dynamics.space.instrument_errors import SpatialCalibration, make_exact
-from mocap_id.dynamics.space.motion import SpatialMotion, move_joints, segment_regressor
-from mocap_id.dynamics.space.pseudo_inertia import point_mass
+from mocap_id.dynamics.space.preparation import (
+    SpatialMotion,
+    move_joints,
+    name_parameters,
+    segment_regressor,
+    structural_base,
+)
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import PlaneFrame, se3, so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint

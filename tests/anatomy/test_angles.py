@@ -12,12 +12,12 @@ from mocap_id.anatomy.angles import (
     SHOULDER,
     WRIST,
     JointAngles,
+    RelativeMotion,
     elbow_angles,
     joint_coordinates,
     shoulder_angles,
     wrist_angles,
 )
-from mocap_id.anatomy.coordinates import RelativeMotion
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialJoint

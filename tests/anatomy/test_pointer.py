@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mocap_id.anatomy.frames import PALPATION
-from mocap_id.anatomy.pointer import Pointer, calibrate_pointer, locate_pointed_landmark, locate_tip
+from mocap_id.anatomy.landmarks import Pointer, calibrate_pointer, locate_pointed_landmark, locate_tip
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.geometry import so3

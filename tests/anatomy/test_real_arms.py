@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mocap_id.anatomy.angles import JointAngles, elbow_angles, shoulder_angles, wrist_angles
-from mocap_id.anatomy.coordinates import RelativeMotion
+from mocap_id.anatomy.angles import JointAngles, RelativeMotion, elbow_angles, shoulder_angles, wrist_angles
 from mocap_id.anatomy.frames import (
     DEFINITIONS,
     FOREARM,
@@ -20,9 +19,15 @@ from mocap_id.anatomy.frames import (
     build_frame,
     mirror_points,
 )
-from mocap_id.anatomy.landmark_names import SEGMENTS, find_landmarks
-from mocap_id.anatomy.pointer import Pointer, calibrate_pointer, find_pointer_markers, locate_pointed_landmark
-from mocap_id.anatomy.still_pose import find_still_pose, locate_landmarks
+from mocap_id.anatomy.landmarks import (
+    Pointer,
+    calibrate_pointer,
+    find_pointer_markers,
+    find_still_pose,
+    locate_landmarks,
+    locate_pointed_landmark,
+)
+from mocap_id.anatomy.names import SEGMENTS, find_landmarks
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.recording import read

@@ -5,8 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.anatomy.frames import FOREARM, PALPATION, THORAX, UPPER_ARM, build_frame, frame_covariance
-from mocap_id.anatomy.segment_frames import SegmentPoses, fit_segment_frames, rotate_to_midline, set_middle_covariance
+from mocap_id.anatomy.frames import (
+    FOREARM,
+    PALPATION,
+    THORAX,
+    UPPER_ARM,
+    SegmentPoses,
+    build_frame,
+    fit_segment_frames,
+    frame_covariance,
+    rotate_to_midline,
+    set_middle_covariance,
+)
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint, change_frames

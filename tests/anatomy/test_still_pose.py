@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.anatomy.still_pose import find_still_pose, locate_landmarks
+from mocap_id.anatomy.landmarks import find_still_pose, locate_landmarks
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.geometry import so3

@@ -15,7 +15,7 @@ import pytest
 from batch_cases import trials
 
 from mocap_id.config import Trial
-from mocap_id.config import source as source_module
+from mocap_id.config import parsing as source_module
 from mocap_id.workflows import batch, parallel
 from mocap_id.workflows.batch import find_trials
 from mocap_id.workflows.parallel import Backend, TrialRun, Workers, run_trials

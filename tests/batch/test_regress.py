@@ -14,8 +14,7 @@ from batch_cases import trials
 from mocap_id.arrays import NORMAL_95
 from mocap_id.errors import RecordingError
 from mocap_id.workflows.parallel import LocalBackend
-from mocap_id.workflows.regress import Baseline, regress, update
-from mocap_id.workflows.regress.quantities import Quantity, quantities
+from mocap_id.workflows.regress import Baseline, Quantity, quantities, regress, update
 
 
 @pytest.fixture(scope="module")

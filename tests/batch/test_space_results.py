@@ -13,10 +13,9 @@ from mocap_id.reporting.summary import summarise, to_json
 from mocap_id.stages.report.function import report_data
 from mocap_id.store.views import Skeleton
 from mocap_id.workflows.batch import BatchTrial, make_row
-from mocap_id.workflows.compare.results import compare_results
-from mocap_id.workflows.compare.series import compare_series
+from mocap_id.workflows.compare import compare_results, compare_series
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.regress.quantities import quantities
+from mocap_id.workflows.regress import quantities
 from mocap_id.workflows.run_folder import RunFolder
 from spatial_trial import SpatialTrial, context
 

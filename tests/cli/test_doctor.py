@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from mocap_id.workflows.doctor import Finding, checks, machine
-from mocap_id.workflows.doctor.packages import check_package, check_packages, parse_version
+from mocap_id.workflows import doctor
+from mocap_id.workflows.doctor import Finding, check_package, check_packages, parse_version
 from mocap_id_cli.help import simulate_small_trial
 
 
@@ -37,7 +37,7 @@ def test_the_line_before_compiling_is_printed_before_it(cli, monkeypatch: pytest
     def killed() -> Finding:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("mocap_id.workflows.doctor.machine.compile_filter", killed)
+    monkeypatch.setattr("mocap_id.workflows.doctor.compile_filter", killed)
     assert "about a minute" in cli("doctor", "--warm").err
 
 
@@ -46,12 +46,12 @@ def test_modules_are_compiled_although_python_writes_no_bytecode(
 ) -> None:
     (tmp_path / "module.py").write_text("ANSWER = 42\n")
     monkeypatch.setattr("sys.dont_write_bytecode", True)
-    assert machine.compile_modules([tmp_path]).level == "ok"
+    assert doctor.compile_modules([tmp_path]).level == "ok"
     assert len(list(tmp_path.glob("__pycache__/module.*.pyc"))) == 1
     (tmp_path / "no_folder" / "module.py").parent.mkdir()
     (tmp_path / "no_folder" / "module.py").write_text("ANSWER = 42\n")
     (tmp_path / "no_folder" / "__pycache__").touch()
-    found = machine.compile_modules([tmp_path])
+    found = doctor.compile_modules([tmp_path])
     assert (found.level, str(tmp_path) in found.found) == ("warn", True)
 
 
@@ -92,7 +92,7 @@ def test_versions_are_ordered(newer: str, older: str) -> None:
 
 
 def test_a_failure_is_told_with_exit_code_1(cli, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(checks, "check_machine", lambda folder: iter([Finding("disk", "fail", "full", "make room")]))
+    monkeypatch.setattr(doctor, "check_machine", lambda folder: iter([Finding("disk", "fail", "full", "make room")]))
     said = cli("doctor")
     assert said.code == 1
     assert "these checks failed: disk" in said.out
@@ -100,7 +100,7 @@ def test_a_failure_is_told_with_exit_code_1(cli, monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
-    found = list(machine.check_files(tmp_path / "nowhere"))
+    found = list(doctor.check_files(tmp_path / "nowhere"))
     assert [check.level for check in found] == ["fail"]
     assert "out:" in found[0].advice
 
@@ -108,34 +108,34 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
 def test_a_full_disk(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     usage = type("Usage", (), {"free": 5e7})
     monkeypatch.setattr("shutil.disk_usage", lambda folder: usage)
-    assert machine.check_space(tmp_path).level == "fail"
+    assert doctor.check_space(tmp_path).level == "fail"
 
 
 def test_threads_that_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "8")
-    assert machine.check_threads().level == "warn"
+    assert doctor.check_threads().level == "warn"
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         monkeypatch.setenv(name, "1")
-    assert machine.check_threads().level == "ok"
+    assert doctor.check_threads().level == "ok"
 
 
 def test_an_opensim_that_is_named_but_not_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("MOCAP_ID_OPENSIM_PYTHON", str(tmp_path / "python"))
-    assert checks.find_opensim(tmp_path).level == "warn"
+    assert doctor.find_opensim(tmp_path).level == "warn"
     monkeypatch.delenv("MOCAP_ID_OPENSIM_PYTHON")
-    assert checks.find_opensim(tmp_path).level == "ok"
+    assert doctor.find_opensim(tmp_path).level == "ok"
 
 
 def test_a_small_trial_that_breaks_is_a_finding() -> None:
     def broken(folder: Path) -> Path:
         raise RuntimeError("a library is missing\nand more")
 
-    found = checks.run_small_trial(broken)
+    found = doctor.run_small_trial(broken)
     assert (found.level, found.found) == ("fail", "RuntimeError: a library is missing")
 
 
 def test_a_small_trial_runs() -> None:
-    found = checks.run_small_trial(simulate_small_trial)
+    found = doctor.run_small_trial(simulate_small_trial)
     assert found.level == "ok", found
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from mocap_id.config import build_trial_model, load
 from mocap_id.config import study as study_module
-from mocap_id.config.source import Source, read
+from mocap_id.config.parsing import Source, read
 from mocap_id.config.study import build_study_schema, load_study
 from mocap_id.errors import ConfigError
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from dynamics_cases import BODY, CENTRES, waves
 
-from mocap_id.dynamics.excitation import Excitation, measure_excitation
+from mocap_id.dynamics.cautions import Excitation, measure_excitation
+from mocap_id.dynamics.consistency import build_grid
 from mocap_id.dynamics.identification import Identification, identify
-from mocap_id.dynamics.kinematic_error import KinematicError
-from mocap_id.dynamics.point_grid import build_grid
+from mocap_id.dynamics.instrument_errors import KinematicError
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
 from mocap_id.dynamics.regressor import planar_regressor
 

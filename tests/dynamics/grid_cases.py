@@ -6,8 +6,8 @@ import numpy as np
 from dynamics_cases import BODY, CENTRES
 
 from mocap_id.dynamics.base_parameters import structural_base
+from mocap_id.dynamics.consistency import build_grid
 from mocap_id.dynamics.least_squares import CompressedProblem
-from mocap_id.dynamics.point_grid import build_grid
 
 SEGMENT = np.repeat([0, 1, 2, 3], 4)
 LOCAL = np.array(

@@ -8,9 +8,8 @@ import numpy as np
 from dynamics_cases import BODY, CENTRES, waves
 
 from mocap_id.dynamics.measured_motion import BodyPoses
-from mocap_id.dynamics.motion import PlanarMotion, move_chain
 from mocap_id.dynamics.preparation import TrialData
-from mocap_id.dynamics.regressor import wrench_regressor
+from mocap_id.dynamics.regressor import PlanarMotion, move_chain, wrench_regressor
 from mocap_id.geometry import planar
 
 SHOULDER = np.array([0.03, 0.42])

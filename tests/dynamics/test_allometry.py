@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.dynamics.allometry import _DE_LEVA, _SHOULDER, estimate_height, look_up_table, scale_reference
+from mocap_id.dynamics.priors import _DE_LEVA, _SHOULDER, estimate_height, look_up_table, scale_reference
 from mocap_id.dynamics.regressor import planar_regressor
 
 TABLES = [("winter", None), ("de-leva", "female"), ("de-leva", "male"), ("de-leva", None)]

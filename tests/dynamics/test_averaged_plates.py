@@ -9,8 +9,7 @@ import pytest
 from dynamics_cases import BODY, CENTRES, moving_body, waves
 
 from mocap_id.dynamics.fit import fit
-from mocap_id.dynamics.lowpass import LowPass, undo_averaging
-from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
+from mocap_id.dynamics.preparation import FitSettings, LowPass, TrialData, prepare, undo_averaging
 from mocap_id.dynamics.regressor import planar_regressor
 
 RATE = 100.0

@@ -7,7 +7,7 @@ import pytest
 from dynamics_cases import BODY
 from scipy.stats import multivariate_normal
 
-from mocap_id.dynamics.body_prior import (
+from mocap_id.dynamics.priors import (
     OTHERS_SHARE,
     average_transform,
     build_even_prior,

@@ -8,17 +8,16 @@ from dynamics_cases import BODY, CENTRES, random_chain
 from pose_cases import BODIES, CENTROID, INFORMATION, SHOULDER, moving, poses_of, slow
 
 from mocap_id.dynamics.base_parameters import structural_base
-from mocap_id.dynamics.body_prior import average_transform
-from mocap_id.dynamics.chain_parameters import (
+from mocap_id.dynamics.measured_motion import (
+    BodyPoses,
     map_to_chain,
     measure_relative_pose,
     merge_segments,
     propagate_centres,
     propagate_to_base,
 )
-from mocap_id.dynamics.measured_motion import BodyPoses
-from mocap_id.dynamics.motion import move_chain
-from mocap_id.dynamics.reference_prior import compute_reference_sd
+from mocap_id.dynamics.priors import average_transform, compute_reference_sd
+from mocap_id.dynamics.regressor import move_chain
 from mocap_id.geometry import planar
 
 TIME = np.arange(600) / 100

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from dynamics_cases import BODY, CENTRES, moving_body, waves
 
-from mocap_id.dynamics.clock_offset import SampledWrench, profile_offset
 from mocap_id.dynamics.fit import fit
-from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
+from mocap_id.dynamics.preparation import FitSettings, SampledWrench, TrialData, prepare, profile_offset
 from mocap_id.dynamics.regressor import planar_regressor
 
 

@@ -7,8 +7,7 @@ import pytest
 from dynamics_cases import BODY, CENTRES, random_chain
 
 from mocap_id.dynamics.base_parameters import regroup_columns
-from mocap_id.dynamics.composite_inertia import composite_inertia
-from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
+from mocap_id.dynamics.regressor import composite_inertia, planar_regressor, planar_torque_regressor
 from mocap_id.geometry import planar
 
 

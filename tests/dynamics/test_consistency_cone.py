@@ -7,9 +7,8 @@ import pytest
 from dynamics_cases import BODY
 from grid_cases import GRID, B, M, impossible, problem
 
-from mocap_id.dynamics.cone_solver import find_closest_links, solve_links
-from mocap_id.dynamics.consistency_cone import ConeBodies
-from mocap_id.dynamics.reference_prior import compute_reference_sd
+from mocap_id.dynamics.cone_solver import ConeBodies, find_closest_links, solve_links
+from mocap_id.dynamics.priors import compute_reference_sd
 
 ANYWHERE = ConeBodies(np.eye(16))
 INSIDE = ConeBodies(np.eye(16), GRID.boxes())

@@ -7,8 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from mocap_id.dynamics.cross_validation import LeftOutPrediction
-from mocap_id.dynamics.cutoffs import Cutoffs, choose_cutoffs, score_left_out
+from mocap_id.dynamics.identification import Cutoffs, LeftOutPrediction, choose_cutoffs, score_left_out
 from mocap_id.dynamics.measured_motion import CUTOFFS, USUAL
 
 SAMPLES = 40

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from excitation_cases import EXACT, SLIDING, identified, recorded
 
-from mocap_id.design.recommendation import FACTOR, Recommendation, recommend_changes
-from mocap_id.dynamics.excitation import NOT_IDENTIFIABLE, WEAK
-from mocap_id.dynamics.kinematic_error import KinematicError
+from mocap_id.design.proposal import FACTOR, Recommendation, recommend_changes
+from mocap_id.dynamics.cautions import NOT_IDENTIFIABLE, WEAK
+from mocap_id.dynamics.instrument_errors import KinematicError
 
 SMALL = np.array([1.0, 0.4, 0.05])
 

@@ -10,13 +10,24 @@ from dynamics_cases import BODY, CENTRES
 from excitation_cases import EXACT, SLIDING, identified, recorded
 
 from mocap_id.design.experiment import ExperimentDesign, design_experiment
-from mocap_id.design.movement_limits import MovementLimits, derive_limits, find_resting_posture
-from mocap_id.design.predicted_covariance import CovariancePredictor, IdentifiedBody
-from mocap_id.design.proposal import OBJECTIVES, compute_objective
-from mocap_id.design.recommendation import change_movement
-from mocap_id.design.trajectory import Trajectory, concatenate, fit_trajectory, get_recorded_trajectory
-from mocap_id.design.wave_movement import balance, hold_posture, static_centre_of_pressure
-from mocap_id.dynamics.kinematic_error import KinematicError
+from mocap_id.design.movements import balance, hold_posture, static_centre_of_pressure
+from mocap_id.design.predicted_covariance import (
+    CovariancePredictor,
+    IdentifiedBody,
+    Trajectory,
+    concatenate,
+    fit_trajectory,
+    get_recorded_trajectory,
+)
+from mocap_id.design.proposal import (
+    OBJECTIVES,
+    MovementLimits,
+    change_movement,
+    compute_objective,
+    derive_limits,
+    find_resting_posture,
+)
+from mocap_id.dynamics.instrument_errors import KinematicError
 from mocap_id.dynamics.preparation import TrialData
 from mocap_id.dynamics.regressor import planar_regressor
 

@@ -9,15 +9,14 @@ import pytest
 from dynamics_cases import BODY, CENTRES, independent, moving_body, waves
 
 from mocap_id.dynamics.built_in_sensors import fit_sensor
-from mocap_id.dynamics.external_wrenches import SEAT, ExternalWrench
+from mocap_id.dynamics.consistency import build_grid
 from mocap_id.dynamics.fit import fit
 from mocap_id.dynamics.identification import Identification, identify
-from mocap_id.dynamics.kinematic_error import KinematicError
-from mocap_id.dynamics.point_grid import build_grid
+from mocap_id.dynamics.instrument_errors import KinematicError
 from mocap_id.dynamics.prediction import estimate_chain_noise, predict
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
-from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
-from mocap_id.dynamics.wrench_gains import estimate_gains
+from mocap_id.dynamics.regressor import SEAT, ExternalWrench, planar_regressor, planar_torque_regressor
+from mocap_id.dynamics.scale_check import estimate_gains
 from mocap_id.geometry import planar
 
 MASS = float(BODY[:, 0].sum())

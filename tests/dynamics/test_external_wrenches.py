@@ -7,7 +7,6 @@ import pinocchio as pin
 import pytest
 from dynamics_cases import random_chain
 
-from mocap_id.dynamics.external_wrenches import sum_external
 from mocap_id.dynamics.regressor import (
     LINK_PARAMETERS,
     PLANAR_PARAMETERS,
@@ -17,6 +16,7 @@ from mocap_id.dynamics.regressor import (
     project_on_joints,
     spatial_regressor,
     spatial_torque_regressor,
+    sum_external,
 )
 from mocap_id.geometry import Chain, Revolute, planar, se3, so3, spatial_jacobian
 

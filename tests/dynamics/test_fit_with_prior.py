@@ -11,19 +11,13 @@ from pose_cases import BODIES, CENTROID, INFORMATION, moving, poses_of, recorded
 from scipy.linalg import block_diag
 
 from mocap_id.dynamics.base_parameters import structural_base
-from mocap_id.dynamics.body_prior import BodyPrior, build_table_prior
-from mocap_id.dynamics.chain_parameters import map_to_chain
-from mocap_id.dynamics.clock_offset import profile_offset
-from mocap_id.dynamics.cross_validation import predict_left_out
-from mocap_id.dynamics.fit import Fit, determines_parameters, fit
-from mocap_id.dynamics.least_squares import CompressedProblem
-from mocap_id.dynamics.measured_motion import BodyPoses
-from mocap_id.dynamics.motion import move_chain
-from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
-from mocap_id.dynamics.prior_weight import REFERENCE
-from mocap_id.dynamics.regressor import wrench_regressor
-from mocap_id.dynamics.sample_choice import number_parts
-from mocap_id.dynamics.uncertainty import estimate_covariance, number_blocks
+from mocap_id.dynamics.fit import REFERENCE, Fit, determines_parameters, fit, number_parts
+from mocap_id.dynamics.identification import predict_left_out
+from mocap_id.dynamics.least_squares import CompressedProblem, estimate_covariance, number_blocks
+from mocap_id.dynamics.measured_motion import BodyPoses, map_to_chain
+from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare, profile_offset
+from mocap_id.dynamics.priors import BodyPrior, build_table_prior
+from mocap_id.dynamics.regressor import move_chain, wrench_regressor
 from mocap_id.geometry import planar
 
 TIME = np.arange(3000) / 100

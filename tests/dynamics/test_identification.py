@@ -10,20 +10,17 @@ import numpy as np
 import pytest
 from dynamics_cases import BODY, CENTRES, independent, moving_body
 
-from mocap_id.design.recommendation import describe_recommendations, recommend_if_doubtful
+from mocap_id.design.proposal import describe_recommendations, recommend_if_doubtful
 from mocap_id.dynamics.base_parameters import base_names
-from mocap_id.dynamics.cautions import find_cautions
-from mocap_id.dynamics.comparison import agreement, centre_of_pressure
-from mocap_id.dynamics.excitation import measure_excitation
-from mocap_id.dynamics.fit import determines_parameters, fit
+from mocap_id.dynamics.cautions import find_cautions, measure_excitation
+from mocap_id.dynamics.cone_solver import Optimality
+from mocap_id.dynamics.consistency import build_grid
+from mocap_id.dynamics.fit import determines_parameters, fit, select_samples
 from mocap_id.dynamics.identification import Identification, identify
-from mocap_id.dynamics.kinematic_error import KinematicError
-from mocap_id.dynamics.optimality import Optimality
-from mocap_id.dynamics.point_grid import build_grid
-from mocap_id.dynamics.prediction import estimate_chain_noise, predict
+from mocap_id.dynamics.instrument_errors import KinematicError
+from mocap_id.dynamics.prediction import agreement, centre_of_pressure, estimate_chain_noise, predict
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, measure_arcs, prepare
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
-from mocap_id.dynamics.sample_choice import select_samples
 from mocap_id.verdict import Reason
 
 GRID = build_grid(

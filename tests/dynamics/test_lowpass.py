@@ -8,7 +8,7 @@ from dynamics_cases import moving_body
 from scipy.signal import butter, sosfiltfilt
 
 from mocap_id.arrays import find_runs
-from mocap_id.dynamics.lowpass import LowPass, choose_cutoff, erode
+from mocap_id.dynamics.preparation import LowPass, choose_cutoff, erode
 from mocap_id.dynamics.regressor import planar_regressor
 
 RATE = 100.0

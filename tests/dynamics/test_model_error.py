@@ -10,13 +10,10 @@ import pytest
 from dynamics_cases import CENTRES, independent, moving_body, random_chain
 from scipy.signal import butter, sosfiltfilt
 
-from mocap_id.dynamics.acceleration_noise import correlate_errors
-from mocap_id.dynamics.comparison import centre_of_pressure
+from mocap_id.dynamics.consistency import build_grid
 from mocap_id.dynamics.identification import identify
-from mocap_id.dynamics.kinematic_error import KinematicError
-from mocap_id.dynamics.model_error import estimate_model_error
-from mocap_id.dynamics.point_grid import build_grid
-from mocap_id.dynamics.prediction import Prediction, estimate_chain_noise, predict
+from mocap_id.dynamics.instrument_errors import KinematicError, correlate_errors, estimate_model_error
+from mocap_id.dynamics.prediction import Prediction, centre_of_pressure, estimate_chain_noise, predict
 from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.estimation import smooth

@@ -8,8 +8,13 @@ import pytest
 from dynamics_cases import CENTRES, random_chain, waves
 from pose_cases import SHOULDER, moving
 
-from mocap_id.dynamics.motion import PlanarMotion, move_chain
-from mocap_id.dynamics.regressor import planar_torque_regressor, torque_regressor, wrench_regressor
+from mocap_id.dynamics.regressor import (
+    PlanarMotion,
+    move_chain,
+    planar_torque_regressor,
+    torque_regressor,
+    wrench_regressor,
+)
 from mocap_id.geometry import planar
 
 TIME = np.arange(40) / 20

@@ -7,10 +7,8 @@ import pytest
 from dynamics_cases import BODY
 from grid_cases import GRID, B, M, impossible, problem
 
-from mocap_id.dynamics.cone_solver import solve_links
-from mocap_id.dynamics.consistency_cone import ConeBodies
-from mocap_id.dynamics.optimality import BodyCone, check_optimality
-from mocap_id.dynamics.point_masses import GridBodies, solve_nnls
+from mocap_id.dynamics.cone_solver import BodyCone, ConeBodies, check_optimality, solve_links
+from mocap_id.dynamics.consistency import GridBodies, solve_nnls
 
 CONE, BOUNDED = ConeBodies(M), ConeBodies(M, GRID.boxes())
 

@@ -7,9 +7,8 @@ import pytest
 from dynamics_cases import BODY, CENTRES
 from grid_cases import BASE, GRID, LOCAL, NO_REFERENCE, SEGMENT, B, M, problem
 
-from mocap_id.dynamics.point_grid import PointGrid, build_grid
-from mocap_id.dynamics.point_masses import solve_nnls, spread_masses
-from mocap_id.dynamics.reference_prior import compute_reference_sd
+from mocap_id.dynamics.consistency import PointGrid, build_grid, solve_nnls, spread_masses
+from mocap_id.dynamics.priors import compute_reference_sd
 
 
 def test_moments_of_a_point() -> None:

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from pose_cases import BODIES, moving, poses_of, recorded_of
 
-from mocap_id.dynamics.body_prior import build_table_prior
 from mocap_id.dynamics.fit import Fit, fit
+from mocap_id.dynamics.instrument_errors import PoseErrors, SlidingBody, propagate_pose_errors, propagate_slides
 from mocap_id.dynamics.measured_motion import BodyPoses, filter_motion
-from mocap_id.dynamics.pose_error import PoseErrors, SlidingBody, propagate_pose_errors, propagate_slides
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, prepare
+from mocap_id.dynamics.priors import build_table_prior
 from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
 from mocap_id.geometry import planar
-from mocap_id.kinematics.rigid_body import rigid_poses
+from mocap_id.kinematics.joint import rigid_poses
 
 TIME = np.arange(2000) / 100
 INNER = slice(300, -300)

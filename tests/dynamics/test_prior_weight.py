@@ -8,11 +8,19 @@ import numpy as np
 import pytest
 from pose_cases import BODIES, moving, recorded_of
 
-from mocap_id.dynamics.body_prior import BodyPrior, build_table_prior
-from mocap_id.dynamics.fit import Fit, fit
+from mocap_id.dynamics.fit import (
+    MEMORIES,
+    REFERENCE,
+    Fit,
+    choose_memory,
+    estimate_memory,
+    fit,
+    number_parts,
+    score_memories,
+    select_samples,
+)
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, prepare
-from mocap_id.dynamics.prior_weight import MEMORIES, REFERENCE, choose_memory, estimate_memory, score_memories
-from mocap_id.dynamics.sample_choice import number_parts, select_samples
+from mocap_id.dynamics.priors import BodyPrior, build_table_prior
 
 TIME = np.arange(3000) / 100
 EVERYTHING = np.ones(len(TIME), dtype=bool)

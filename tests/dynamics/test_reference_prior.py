@@ -11,9 +11,9 @@ from grid_cases import GRID, NO_REFERENCE, M, problem
 
 from mocap_id.dynamics.consistency import fit_consistent
 from mocap_id.dynamics.identification import identify
-from mocap_id.dynamics.kinematic_error import KinematicError
+from mocap_id.dynamics.instrument_errors import KinematicError
 from mocap_id.dynamics.preparation import FitSettings, prepare
-from mocap_id.dynamics.reference_prior import ReferencePrior, compute_reference_sd
+from mocap_id.dynamics.priors import ReferencePrior, compute_reference_sd
 
 NO_ERROR = KinematicError.none(3)
 NOISE = (0.5, 0.5, 0.15)

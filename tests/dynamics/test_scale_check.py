@@ -10,14 +10,18 @@ import pytest
 from dynamics_cases import BODY, CENTRES, moving_body
 
 from mocap_id.config import load
-from mocap_id.dynamics.body_ratios import find_body_ratios
+from mocap_id.dynamics.consistency import build_grid
 from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.identification import Identification, identify
-from mocap_id.dynamics.instrument_errors import Calibration, ScaleCheck, compute_scale_variance, propagate_calibration
-from mocap_id.dynamics.kinematic_error import KinematicError
-from mocap_id.dynamics.point_grid import build_grid
+from mocap_id.dynamics.instrument_errors import (
+    Calibration,
+    KinematicError,
+    ScaleCheck,
+    compute_scale_variance,
+    propagate_calibration,
+)
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
-from mocap_id.dynamics.scale_check import check_scales
+from mocap_id.dynamics.scale_check import check_scales, find_body_ratios
 from mocap_id.runner import run_stage
 from mocap_id.store import Folder
 from mocap_id_simulation import Options, simulate

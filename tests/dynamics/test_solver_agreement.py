@@ -11,13 +11,9 @@ import pytest
 from grid_cases import GRID, NO_REFERENCE, B, M, impossible, problem
 
 from mocap_id.dynamics import consistency as consistency_module
-from mocap_id.dynamics.cone_solver import solve_links
-from mocap_id.dynamics.consistency import fit_consistent
-from mocap_id.dynamics.consistency_cone import ConeBodies
+from mocap_id.dynamics.cone_solver import ConeBodies, Optimality, SolverAnswer, solve_links
+from mocap_id.dynamics.consistency import PointGrid, build_grid, fit_consistent, solve_nnls, solve_osqp
 from mocap_id.dynamics.least_squares import CompressedProblem
-from mocap_id.dynamics.optimality import Optimality, SolverAnswer
-from mocap_id.dynamics.point_grid import PointGrid, build_grid
-from mocap_id.dynamics.point_masses import solve_nnls, solve_osqp
 from mocap_id.errors import NumericalError
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
@@ -154,7 +150,7 @@ def off(answer: SolverAnswer, optimality: Optimality) -> SolverAnswer:
 
 
 def test_osqp_that_says_solved_and_is_not_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    wrong = "mocap_id.dynamics.point_masses.run_osqp"
+    wrong = "mocap_id.dynamics.consistency.run_osqp"
     monkeypatch.setattr(wrong, lambda mapped, *_, **__: (np.full(mapped.shape[1], 0.4), "solved", 1))
     found = solve_osqp(problem(6, 1.0, impossible(6)), B)
     assert found.status == "solved"
@@ -175,7 +171,7 @@ def test_an_active_set_that_does_not_settle_is_said(monkeypatch: pytest.MonkeyPa
     def stuck(*_: object, **__: object) -> None:
         raise RuntimeError("Maximum number of iterations reached.")
 
-    monkeypatch.setattr("mocap_id.dynamics.point_masses.nnls", stuck)
+    monkeypatch.setattr("mocap_id.dynamics.consistency.nnls", stuck)
     with pytest.raises(NumericalError, match="could not be distributed"):
         fit_consistent(problem(6, 1.0), M, GRID, NO_REFERENCE)
     failed = solve_nnls(problem(6, 1.0), B)

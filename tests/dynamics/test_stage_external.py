@@ -12,9 +12,8 @@ from dynamics_cases import BODY, CENTRES
 from test_external_fit import CHAIR, HAND, supported
 from test_stage_identify_dim import MASS, codes, context
 
-from mocap_id.dynamics.external_wrenches import SEAT
 from mocap_id.dynamics.preparation import TrialData
-from mocap_id.dynamics.regressor import planar_regressor
+from mocap_id.dynamics.regressor import SEAT, planar_regressor
 from mocap_id.errors import ConfigError
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE

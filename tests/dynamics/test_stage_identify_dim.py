@@ -15,7 +15,7 @@ from mocap_id.dynamics.preparation import TrialData
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.errors import Refused, StoreError
 from mocap_id.kinematics import ChainState, skin_from_residuals
-from mocap_id.stages import skin_artefact
+from mocap_id.stages import skin_motion
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE, IdentifyDimSettings
 from mocap_id.stages.trial_keys import Files, Subject, TrialKeys
@@ -65,7 +65,7 @@ def context(
         "wrench.parquet": Table.from_frame(WRENCH, wrench, told),
         "chain.h5": Tree(CHAIN, chain),
         "poses.parquet": Table(POSES, {"time": recorded.time}, {"bodies": []}),
-        "skin.h5": skin_artefact.make_skin_tree(skin, [f"M{k}" for k in range(moves.sum())], 5e-4, "supposed"),
+        "skin.h5": skin_motion.make_skin_tree(skin, [f"M{k}" for k in range(moves.sum())], 5e-4, "supposed"),
     }
     return Context(keys, IdentifyDimSettings(**settings), inputs)
 

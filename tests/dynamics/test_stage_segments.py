@@ -14,20 +14,22 @@ from pose_cases import BODIES, HIP, hip_gap, moving, recorded_of
 from test_stage_identify_dim import LOCAL, SEGMENT, codes, context
 
 from mocap_id.dynamics.base_parameters import structural_base
-from mocap_id.dynamics.body_prior import average_transform
-from mocap_id.dynamics.cross_validation import LeftOutPrediction
-from mocap_id.dynamics.cutoffs import Cutoffs
+from mocap_id.dynamics.identification import Cutoffs, LeftOutPrediction
 from mocap_id.dynamics.measured_motion import USUAL
-from mocap_id.dynamics.motion import PlanarMotion
 from mocap_id.dynamics.preparation import TrialData
-from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
+from mocap_id.dynamics.priors import average_transform
+from mocap_id.dynamics.regressor import PlanarMotion, torque_regressor, wrench_regressor
 from mocap_id.geometry import planar
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
-from mocap_id.stages.identify_dim.joint_positions import remove_previous_errors
-from mocap_id.stages.identify_dim.measured_bodies import bridge_gaps, read_bodies
-from mocap_id.stages.identify_dim.model_selection import RepetitionPredictor, pin_joints_that_hold
-from mocap_id.stages.identify_dim.motion_comparison import explain_motion
+from mocap_id.stages.identify_dim.segment_fit import explain_motion
+from mocap_id.stages.identify_dim.validation import (
+    RepetitionPredictor,
+    bridge_gaps,
+    pin_joints_that_hold,
+    read_bodies,
+    remove_previous_errors,
+)
 from mocap_id.stages.trial_keys import Subject
 from mocap_id.store import Table, Tree, hdf5, parquet
 from mocap_id.store.schemas import CHAIN, POSES

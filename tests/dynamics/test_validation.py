@@ -9,7 +9,7 @@ import pytest
 from dynamics_cases import moving_body
 from test_stage_identify_dim import codes, run, with_
 
-from mocap_id.protocols.posture import compute_posture
+from mocap_id.protocols.repetitions import compute_posture
 from mocap_id.protocols.sit_to_stand import find_sit_to_stand_repetitions
 from mocap_id.stages.identify_dim.validation import SERIES, explain_validation
 

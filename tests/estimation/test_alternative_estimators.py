@@ -10,10 +10,9 @@ from simulated_chains import Moving, measured, rms, swinging
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError
-from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE, compiled_filter, filterpy_engine
+from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE, filter_problem, filterpy_engine
 from mocap_id.estimation.alternative_estimators import LEAST_SAMPLES, average_two_passes, smooth_butterworth
-from mocap_id.estimation.filter_problem import START_SD, Anchors
-from mocap_id.estimation.process_model import noise_shape, transition
+from mocap_id.estimation.filter_problem import START_SD, Anchors, noise_shape, transition
 
 SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
 RIVALS = ("two-filter", *FRAMEWISE)
@@ -70,7 +69,7 @@ def off_by_stated(seed: int) -> FloatArray:
         truth[k, 0] = transition(dt) @ truth[k - 1, 0]
         truth[k, 0] += np.linalg.cholesky(noise_shape(dt)) @ rng.standard_normal(4) * 10.0 * np.sqrt(dt)
     problem = measured(truth, 1.0 / dt, 1e-3, rng).problem(marker_sd=1e-3, sigma_v=10.0)
-    found = average_two_passes(problem, compiled_filter.filter_forwards)
+    found = average_two_passes(problem, filter_problem.filter_forwards)
     return np.asarray((found.mean - truth) / found.sd)
 
 

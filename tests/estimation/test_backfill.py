@@ -9,8 +9,8 @@ import pytest
 from simulated_chains import Moving, swinging
 
 from mocap_id.config import load
-from mocap_id.estimation.backfill import backfill
-from mocap_id.estimation.compiled_filter import filter_forwards, smooth_backwards
+from mocap_id.estimation.filter_problem import filter_forwards, smooth_backwards
+from mocap_id.estimation.smoothing import backfill
 from mocap_id.runner import run_stage
 from mocap_id.store import Folder, Table
 

@@ -11,10 +11,13 @@ from simulated_chains import Moving, measured, rms, swinging
 from test_ukf_smooth_stage import NO_SEGMENTS, STAGE, Context, Files, Path, TrialKeys, chain, planar
 
 from mocap_id.estimation import States
-from mocap_id.estimation.chain_residuals import ChainResiduals
-from mocap_id.estimation.lasting_errors import add_lasting_errors, estimate_camera_sd
-from mocap_id.estimation.residual_spectrum import compute_residual_spectrum
-from mocap_id.stages.ukf_smooth.state_errors import estimate_lasting_errors, estimate_skin
+from mocap_id.estimation.lasting_errors import (
+    ChainResiduals,
+    add_lasting_errors,
+    compute_residual_spectrum,
+    estimate_camera_sd,
+)
+from mocap_id.stages.ukf_smooth.plane import estimate_lasting_errors, estimate_skin
 from mocap_id.store.parquet import conform
 
 FLOOR = 5e-5

@@ -14,9 +14,12 @@ from test_state_errors import camera, told
 from test_ukf_smooth_stage import NO_SEGMENTS, chain, planar
 
 from mocap_id.arrays import FloatArray
-from mocap_id.estimation.chain_residuals import ChainResiduals
-from mocap_id.estimation.lasting_errors import add_lasting_errors
-from mocap_id.estimation.residual_spectrum import ResidualSpectrum, compute_residual_spectrum
+from mocap_id.estimation.lasting_errors import (
+    ChainResiduals,
+    ResidualSpectrum,
+    add_lasting_errors,
+    compute_residual_spectrum,
+)
 from mocap_id.stages.base import Context
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE

@@ -15,8 +15,8 @@ from simulated_chains import swinging
 
 from mocap_id.compilation import compiled
 from mocap_id.estimation.filter_kernels import refine, run_filter, run_smoother
+from mocap_id.estimation.filter_problem import noise_shape, transition
 from mocap_id.estimation.noise import log_likelihood
-from mocap_id.estimation.process_model import noise_shape, transition
 
 RUN = """
 import sys

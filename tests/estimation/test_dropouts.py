@@ -9,7 +9,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 from simulated_chains import Moving, rms, swinging
 
-from mocap_id.estimation import dropouts
+from mocap_id.estimation import smoothing
 from mocap_id.estimation.inverse_kinematics import FrameAngles, MarkerChain, find_frame_angles
 from mocap_id.geometry.planar import marker_positions, rotate, segment_poses
 
@@ -29,7 +29,7 @@ def compensated(moving: Moving, markers: np.ndarray) -> tuple[np.ndarray, FrameA
     """Return the compensated markers and angles, and the angles before."""
     chain, moved = MarkerChain(moving.centres, moving.segment, moving.local), markers.copy()
     frames = find_frame_angles(markers, chain, 1e3, 5e-5)
-    return moved, dropouts.compensate_dropouts(moved, frames, chain, MARKER_SD, moving.rate), frames
+    return moved, smoothing.compensate_dropouts(moved, frames, chain, MARKER_SD, moving.rate), frames
 
 
 def test_without_gaps_nothing_changes(slid: Moving) -> None:
@@ -81,7 +81,7 @@ def test_the_bridge_is_the_conditional_mean_of_a_markov_process() -> None:
     values = np.array([[0.004, -0.001], [-0.002, 0.003]])
     expected = between @ np.linalg.solve(among, values)
     gap, until = np.zeros(length - 1, dtype=np.int64), (length - since) / memory
-    gaps = dropouts.Gaps(since, gap, since / memory, until, (since[:0], since[:0]))
+    gaps = smoothing.Gaps(since, gap, since / memory, until, (since[:0], since[:0]))
     found = gaps.bridge(values[:1], values[1:])
     np.testing.assert_allclose(found, expected, atol=1e-12)
     alone = replace(gaps, until=np.full(length - 1, np.inf)).bridge(values[:1], values[1:])

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from simulated_chains import Moving, kicked, rms, swinging
 
-from mocap_id.estimation import compiled_filter, filterpy_engine
+from mocap_id.estimation import filter_problem, filterpy_engine
 from mocap_id.estimation.filter_problem import START_SD, FilterProblem, Track
 
 EQUAL = 1e-9
@@ -57,15 +57,15 @@ def test_filter_and_smoother_equal_filterpy(
 ) -> None:
     moving = swinging(joints=joints, per_segment=per_segment, seconds=100 / rate, rate=rate, seed=seed)
     problem = damaged(moving, seed).problem(marker_sd=1e-3, sigma_v=3e5 / rate, kappa=kappa)
-    ours, theirs = compiled_filter.filter_forwards(problem), filterpy_engine.filter_forwards(problem)
+    ours, theirs = filter_problem.filter_forwards(problem), filterpy_engine.filter_forwards(problem)
     assert_same(ours, theirs)
-    ours, theirs = compiled_filter.smooth_backwards(problem, ours), filterpy_engine.smooth_backwards(problem, theirs)
+    ours, theirs = filter_problem.smooth_backwards(problem, ours), filterpy_engine.smooth_backwards(problem, theirs)
     assert_same(ours, theirs)
 
 
 def tracked() -> tuple[FilterProblem, Track]:
     problem = swinging(joints=2, seconds=1.0).problem(marker_sd=1e-3, sigma_v=3e3)
-    return problem, compiled_filter.filter_forwards(problem)
+    return problem, filter_problem.filter_forwards(problem)
 
 
 def test_the_smoother_equals_filterpys_without_restarts() -> None:
@@ -73,7 +73,7 @@ def test_the_smoother_equals_filterpys_without_restarts() -> None:
     mean, covariance, _ = filterpy_engine._make_filter(problem).rts_smoother(track.mean, track.covariance)
     theirs = replace(track, mean=mean, covariance=covariance)
     # filterpy subtracts covariances, with cancellation at the first frames
-    assert_same(compiled_filter.smooth_backwards(problem, copied(track)), theirs, deviation=1e-7)
+    assert_same(filter_problem.smooth_backwards(problem, copied(track)), theirs, deviation=1e-7)
 
 
 def test_a_marker_without_weight_changes_nothing() -> None:
@@ -83,8 +83,8 @@ def test_a_marker_without_weight_changes_nothing() -> None:
     markers, variance = moving.markers.copy(), problem.variance.copy()
     markers[:, 3] = np.nan
     variance[3] = 1e12
-    without = compiled_filter.filter_forwards(replace(problem, observed=markers))
-    inflated = compiled_filter.filter_forwards(replace(problem, variance=variance))
+    without = filter_problem.filter_forwards(replace(problem, observed=markers))
+    inflated = filter_problem.filter_forwards(replace(problem, variance=variance))
     np.testing.assert_allclose(inflated.mean, without.mean, rtol=0, atol=1e-8)
     np.testing.assert_allclose(inflated.sd, without.sd, rtol=1e-8)
 
@@ -100,6 +100,6 @@ def test_both_engines_can_be_selected_and_agree() -> None:
 def test_both_engines_follow_a_movement_that_outruns_the_process_noise() -> None:
     fast = kicked(seconds=1.5, noise=5e-4)
     problem = fast.problem(marker_sd=1e-3, sigma_v=1e3)
-    ours, theirs = compiled_filter.filter_forwards(problem), filterpy_engine.filter_forwards(problem)
+    ours, theirs = filter_problem.filter_forwards(problem), filterpy_engine.filter_forwards(problem)
     assert_same(ours, theirs)
     assert ours.used.mean() > 0.99

@@ -10,11 +10,10 @@ from scipy.linalg import solve_triangular
 from simulated_chains import Moving, swinging
 
 from mocap_id.arrays import FloatArray
-from mocap_id.estimation import compiled_filter, filterpy_engine
-from mocap_id.estimation.filter_problem import START_SD, Track
+from mocap_id.estimation import filter_problem, filterpy_engine
+from mocap_id.estimation.filter_problem import START_SD, Track, joint_noise, joint_transition, noise_shape, transition
 from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
 from mocap_id.estimation.noise import log_likelihood
-from mocap_id.estimation.process_model import joint_noise, joint_transition, noise_shape, transition
 from mocap_id.geometry.planar import marker_jacobian, marker_positions
 
 DT, NOISE = 0.04, 1e-2
@@ -80,7 +79,7 @@ def batch(angles: FloatArray) -> tuple[FloatArray, FloatArray]:
     return mean.reshape(frames, size), sd.reshape(frames, size)
 
 
-@pytest.mark.parametrize("engine", [compiled_filter, filterpy_engine], ids=["compiled", "filterpy"])
+@pytest.mark.parametrize("engine", [filter_problem, filterpy_engine], ids=["compiled", "filterpy"])
 def test_smoother_is_batch_least_squares(engine: object) -> None:
     angles = measured_angles()
     problem = replace(

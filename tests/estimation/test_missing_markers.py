@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from simulated_chains import swinging
 
-from mocap_id.estimation import missing_markers
-from mocap_id.estimation.dropouts import compute_forgotten_share
-from mocap_id.estimation.missing_markers import compute_variance_growth
+from mocap_id.estimation import lasting_errors
+from mocap_id.estimation.lasting_errors import compute_variance_growth
+from mocap_id.estimation.smoothing import compute_forgotten_share
 from mocap_id.geometry.planar import marker_jacobian
 
 
@@ -25,7 +25,7 @@ def test_the_growth_equals_that_of_least_squares() -> None:
     for kept in (np.ones(12, dtype=bool), used[0]):
         rows = jacobian[0][kept].reshape(-1, 3)
         errors.append(np.linalg.lstsq(rows, slides[:, kept].reshape(len(slides), -1).T, rcond=None)[0].var(axis=1))
-    found = missing_markers._compute_growth(
+    found = lasting_errors._compute_growth(
         jacobian, used, often=np.ones(12), slide=sd**2, forgotten=np.ones((1, 12)), marker_sd=1e-3
     )
     np.testing.assert_allclose(found[0], np.maximum(errors[1] / errors[0], 1.0), rtol=0.05)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from simulated_chains import Moving, measured, rms, swinging
 
-from mocap_id.estimation import compiled_filter
+from mocap_id.estimation import filter_problem
+from mocap_id.estimation.filter_problem import noise_shape, transition
 from mocap_id.estimation.noise import SIGMA_V_BOUNDS
-from mocap_id.estimation.process_model import noise_shape, transition
 
 
 def random_walk(sigma_v: tuple[float, ...], marker_sd: float, seconds: float, rate: float = 100.0) -> Moving:
@@ -44,7 +44,7 @@ def test_the_search_on_single_angles_agrees_with_the_whole_filter() -> None:
 
     def likelihood(factor: float) -> float:
         density = (factor * found.sigma_v) ** 2 * problem.dt
-        return compiled_filter.filter_forwards(replace(problem, density=density)).log_likelihood
+        return filter_problem.filter_forwards(replace(problem, density=density)).log_likelihood
 
     assert likelihood(1.0) > max(likelihood(0.8), likelihood(1.25))
 

@@ -10,8 +10,7 @@ from scipy.integrate import quad
 from scipy.linalg import expm
 
 from mocap_id.errors import ConfigError
-from mocap_id.estimation.filter_problem import SigmaPoints
-from mocap_id.estimation.process_model import joint_noise, joint_transition, noise_shape, transition
+from mocap_id.estimation.filter_problem import SigmaPoints, joint_noise, joint_transition, noise_shape, transition
 
 steps = st.floats(1e-3, 0.5)
 

@@ -12,13 +12,17 @@ from simulated_chains import Moving, measured, swinging
 from test_ukf_smooth_stage import NO_SEGMENTS, chain, planar
 
 from mocap_id.estimation import States
-from mocap_id.estimation.chain_residuals import ChainResiduals
-from mocap_id.estimation.lasting_errors import LastingErrors, add_lasting_errors, estimate_camera_sd
-from mocap_id.estimation.process_model import noise_shape, transition
-from mocap_id.estimation.residual_spectrum import compute_residual_spectrum
+from mocap_id.estimation.filter_problem import noise_shape, transition
+from mocap_id.estimation.lasting_errors import (
+    ChainResiduals,
+    LastingErrors,
+    add_lasting_errors,
+    compute_residual_spectrum,
+    estimate_camera_sd,
+)
 from mocap_id.stages.base import Context
 from mocap_id.stages.trial_keys import Files, TrialKeys
-from mocap_id.stages.ukf_smooth import STAGE, state_errors
+from mocap_id.stages.ukf_smooth import STAGE, plane
 
 FLOOR = 5e-5
 
@@ -101,11 +105,11 @@ def test_a_gap_stays_as_uncertain_as_the_filter_says() -> None:
 
 def told(states: States, moving: Moving) -> LastingErrors | None:
     rested = np.where(states.used[..., None], moving.markers, np.nan)
-    skin = state_errors.estimate_skin(states, rested, camera(states, moving))
+    skin = plane.estimate_skin(states, rested, camera(states, moving))
     if skin is None:
         return None
     spectrum = compute_residual_spectrum(ChainResiduals(states, rested, moving.rate))
-    return state_errors.estimate_lasting_errors(states, rested, skin, camera(states, moving), spectrum)
+    return plane.estimate_lasting_errors(states, rested, skin, camera(states, moving), spectrum)
 
 
 def test_skin_widens_the_angles() -> None:
@@ -125,7 +129,7 @@ def test_a_segment_never_seen_has_no_lasting_errors() -> None:
 
 @pytest.mark.parametrize(
     ("estimator", "holds"),
-    [("bundle", state_errors.SKIN), ("circle", state_errors.NOISE), ("rigid-body", state_errors.NOISE)],
+    [("bundle", plane.SKIN), ("circle", plane.NOISE), ("rigid-body", plane.NOISE)],
 )
 def test_the_table_states_the_parts_of_its_standard_deviations(estimator: str, holds: str) -> None:
     moving = swinging(joints=2, seconds=3)

@@ -9,8 +9,7 @@ import pytest
 from mocap_id import recording
 from mocap_id.recording.sensor_logs import read_angles
 from mocap_id.workflows.export.files import make_legal
-from mocap_id.workflows.export.forces import convert_planar_wrench
-from mocap_id.workflows.export.motions import find_known_rows
+from mocap_id.workflows.export.opensim_tables import convert_planar_wrench, find_known_rows
 
 
 def grid(frame: pd.DataFrame, *names: str) -> np.ndarray:

@@ -15,7 +15,7 @@ from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.runner import run_to
 from mocap_id.workflows.export import FORMATS, Export, export
-from mocap_id.workflows.export.motions import format_motion
+from mocap_id.workflows.export.opensim_tables import format_motion
 from mocap_id_simulation import Options, PersonOptions, simulate
 
 NAMES = ("foot", "shank", "thigh", "torso")

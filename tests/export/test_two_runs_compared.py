@@ -13,9 +13,7 @@ import pytest
 from mocap_id.errors import StoreError
 from mocap_id.store.artefacts import Table
 from mocap_id.store.schemas import STATES
-from mocap_id.workflows.compare import Comparison, compare
-from mocap_id.workflows.compare.difference import compare_numbers, flatten
-from mocap_id.workflows.compare.series import compare_series
+from mocap_id.workflows.compare import Comparison, compare, compare_numbers, compare_series, flatten
 from mocap_id.workflows.run_folder import RunFolder, open_run
 
 

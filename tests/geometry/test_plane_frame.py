@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.geometry.planar import PlaneFrame
 
 ANGLES = st.floats(-np.pi, np.pi)
 VECTORS = st.tuples(*[st.floats(-10, 10)] * 3).map(np.array)

@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mocap_id.config import load
-from mocap_id.config.source import read
+from mocap_id.config.parsing import read
 from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.recording.text_tables import parse_table

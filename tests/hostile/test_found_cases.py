@@ -232,7 +232,7 @@ def test_giants_in_a_mot_table(tmp_path: Path, cell: str, row: int) -> None:
     ],
 )
 def test_configurations_that_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, told: str) -> None:
-    monkeypatch.setattr("mocap_id.config.source._MAX_VALUES", 500)  # 40,000 take seconds
+    monkeypatch.setattr("mocap_id.config.parsing._MAX_VALUES", 500)  # 40,000 take seconds
     path = tmp_path / "trial.yaml"
     path.write_text(text)
     if not told:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from mocap_id.arrays import FloatArray
-from mocap_id.kinematics.base_motion import BaseMotion, find_base_motion
-from mocap_id.kinematics.heel_lift import find_heel_lift
+from mocap_id.kinematics.base_motion import BaseMotion, find_base_motion, find_heel_lift
 from mocap_id_simulation.motion import smoothstep
 
 RATE = 100.0

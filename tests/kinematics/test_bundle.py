@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mocap_id.errors import Refused
-from mocap_id.kinematics import chain_equations as room
+from mocap_id.kinematics import chain_fit as room
 from mocap_id.kinematics import fit_chain, joint_angles, orient_frames
-from mocap_id.kinematics.links import rigid_body_links
+from mocap_id.kinematics.bundle import rigid_body_links
 
 
 @pytest.mark.parametrize("joints", [1, 2, 3, 4])

@@ -7,16 +7,19 @@ import pytest
 from scipy import stats
 
 from mocap_id.kinematics import fit_chain
-from mocap_id.kinematics.centre_covariance import centre_covariance, slide_responses, slide_shapes, slide_variances
-from mocap_id.kinematics.chain_equations import (
+from mocap_id.kinematics.bundle import rigid_body_links
+from mocap_id.kinematics.chain_fit import (
     ChainProblem,
     ChainState,
     apply_step,
+    centre_covariance,
     eliminate_angles,
     joint_positions,
     predict_markers,
+    slide_responses,
+    slide_shapes,
+    slide_variances,
 )
-from mocap_id.kinematics.links import rigid_body_links
 
 TOO_FEW, TOO_MANY = 0.88, 0.99  # share of 95 % intervals that contain the truth
 

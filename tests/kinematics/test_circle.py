@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize
 
-from mocap_id.kinematics.circle import fit_circles, fit_common_centre
+from mocap_id.kinematics.joint import fit_circles, fit_common_centre
 
 SEEDS = st.integers(0, 10_000)
 METHODS = ["kasa", "taubin", "pratt", "geometric"]

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mocap_id.kinematics.confidence import Confidence, assess_confidence, explained_share
 from mocap_id.kinematics.joint import PairJoint
+from mocap_id.kinematics.segmentation import Confidence, assess_confidence, explained_share
 
 
 def reading(segments: int, cost: float, wander: float = 2e-3) -> Any:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mocap_id.kinematics import SegmentationRules, segment_markers
-from mocap_id.kinematics.constraints import Constraints
+from mocap_id.kinematics.clusters import Constraints
 
 
 @pytest.mark.parametrize("seed", range(4))

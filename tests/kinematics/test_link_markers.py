@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from mocap_id.kinematics import Segmentation, SegmentationRules, fit_chain, frames_along_motion, segment_markers
-from mocap_id.kinematics.chain_equations import ChainState
-from mocap_id.kinematics.link_markers import group_points
-from mocap_id.kinematics.links import chain_angles
+from mocap_id.kinematics.bundle import chain_angles
+from mocap_id.kinematics.chain_fit import ChainState
+from mocap_id.kinematics.link_fit import group_points
 from mocap_id_simulation import Options, generate
 
 RULES = SegmentationRules(longest=5)

@@ -11,8 +11,8 @@ from scipy import optimize
 
 from mocap_id.errors import NumericalError, Refused
 from mocap_id.kinematics import LinkMethod, fit_chain, fit_links, joint_angles, orient_frames
-from mocap_id.kinematics.circle import fit_common_centre
-from mocap_id.kinematics.links import circle_links, rigid_body_links
+from mocap_id.kinematics.bundle import circle_links, rigid_body_links
+from mocap_id.kinematics.joint import fit_common_centre
 from mocap_id.stages.base import Context
 from mocap_id.stages.fit_joints import STAGE
 from mocap_id.stages.trial_keys import Files, TrialKeys

@@ -13,8 +13,13 @@ import pytest
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.kinematics import SegmentationRules, frames_along_motion, segment_markers
-from mocap_id.kinematics.marker_faults import RecordedMarkers, find_bad_stretches, sample_rows
-from mocap_id.kinematics.simple_faults import find_lone_markers, find_repeats
+from mocap_id.kinematics.marker_faults import (
+    RecordedMarkers,
+    find_bad_stretches,
+    find_lone_markers,
+    find_repeats,
+    sample_rows,
+)
 from mocap_id.runner import run_stage
 from mocap_id.store import Folder, LongTable, Table
 from mocap_id_simulation import Options, generate, simulate

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mocap_id.geometry import planar
-from mocap_id.kinematics.chain_equations import ChainState
+from mocap_id.kinematics.chain_fit import ChainState
 from mocap_id.kinematics.skin_slides import SkinModel, fit_skin, predict_skin
 
 CENTRES = np.array([0.0 + 0.1j, 0.0 + 0.4j])

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocap_id.kinematics.joint import PairJoint, fit_joint
-from mocap_id.kinematics.rigid_body import RigidBody, fit_body, marker_residuals, still_body
+from mocap_id.kinematics.joint import PairJoint, RigidBody, fit_body, fit_joint, marker_residuals, still_body
 
 SEEDS = st.integers(0, 1000)
 RADIUS, FRAMES, MARKERS = 0.35, 200, 3

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mocap_id.kinematics import skin_slides
-from mocap_id.kinematics.chain_equations import ChainProblem, ChainState, apply_step, eliminate_angles
+from mocap_id.kinematics.chain_fit import ChainProblem, ChainState, apply_step, eliminate_angles
 
 JOINTS, MARKERS, FRAMES = 3, 3, 40
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.geometry.planar import marker_positions
-from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.geometry.planar import PlaneFrame, marker_positions
 from mocap_id.kinematics.static_pose import fit_static_pose
 
 CENTRES = np.array([[0.02, 0.08], [0.0, 0.41], [0.0, 0.42]])

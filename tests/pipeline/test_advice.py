@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from mocap_id.config import load
-from mocap_id.dynamics.excitation import classify
+from mocap_id.dynamics.cautions import classify
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.writer import write_c3d
 from mocap_id.runner import run_to

@@ -16,7 +16,7 @@ from mocap_id.recording import read
 from mocap_id.recording.writer import write_c3d
 from mocap_id.runner import run
 from mocap_id.runner.execution import run_to
-from mocap_id.stages.fit_joints.landmark_checks import check_lengths
+from mocap_id.stages.fit_joints.anatomy import check_lengths
 from mocap_id.store import Folder
 from mocap_id.verdict import Reason
 from mocap_id_simulation import ArmOptions, write_arm

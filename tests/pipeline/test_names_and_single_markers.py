@@ -12,7 +12,7 @@ import pytest
 
 from mocap_id.config import load
 from mocap_id.runner import run_stage
-from mocap_id.stages.segment.known_names import check_marker_names
+from mocap_id.stages.segment.hints import check_marker_names
 from mocap_id.store import Folder
 from mocap_id_simulation import Options, simulate
 from mocap_id_simulation.options import FaultOptions

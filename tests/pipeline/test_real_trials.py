@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from mocap_id.dynamics.lowpass import LowPass
+from mocap_id.dynamics.preparation import LowPass
 from mocap_id.recording import read_table
 
 pytestmark = pytest.mark.recordings

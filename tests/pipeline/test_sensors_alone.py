@@ -20,7 +20,7 @@ from mocap_id.runner.dependencies import collect_parameters, find_user_files
 from mocap_id.runner.execution import run
 from mocap_id.stages import STAGES
 from mocap_id.stages.base import Context
-from mocap_id.stages.ukf_smooth.sensors_alone import _calibrate_chain
+from mocap_id.stages.ukf_smooth.inertial import _calibrate_chain
 from mocap_id.store import Folder
 from mocap_id.store.views import Skeleton
 from mocap_id.workflows.sensitivity.study import sensitivity

@@ -16,15 +16,24 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.interpolate import CubicSpline
 
-from mocap_id.dynamics.comparison import centre_of_pressure
 from mocap_id.dynamics.parameter_transfer import register_bodies, transfer_parameters
+from mocap_id.dynamics.prediction import centre_of_pressure
 from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.runner import Step
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.matched_bodies import match_bodies
-from mocap_id.workflows.transfer import SERIES, Transfer, TrialTransfer, apply_model, rms_error, transfer
-from mocap_id.workflows.transfer.table import as_frame, as_json, write
+from mocap_id.workflows.transfer import (
+    SERIES,
+    Transfer,
+    TrialTransfer,
+    apply_model,
+    as_frame,
+    as_json,
+    rms_error,
+    transfer,
+    write,
+)
 from mocap_id_cli.__main__ import main
 from mocap_id_simulation import Options, Strategy, simulate
 

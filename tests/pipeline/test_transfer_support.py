@@ -9,16 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mocap_id.dynamics.comparison import centre_of_pressure
 from mocap_id.dynamics.parameter_transfer import register_bodies, transfer_covariance, transfer_parameters
-from mocap_id.dynamics.reference_prior import ReferencePrior
+from mocap_id.dynamics.prediction import centre_of_pressure
+from mocap_id.dynamics.priors import ReferencePrior
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
-from mocap_id.workflows.transfer import SERIES, TRANSFERRED, TrialTransfer, apply_model, rms_error
-from mocap_id.workflows.transfer.support import (
+from mocap_id.workflows.transfer import (
+    SERIES,
+    TRANSFERRED,
     TransferredBody,
+    TrialTransfer,
+    apply_model,
     find_support,
+    rms_error,
     share_inside,
     stated_sd,
     warn_if_worse_than_stated,

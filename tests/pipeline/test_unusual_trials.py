@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from mocap_id.config import load
-from mocap_id.protocols.posture import compute_posture
+from mocap_id.protocols.repetitions import compute_posture
 from mocap_id.protocols.sit_to_stand import find_sit_to_stand_repetitions
 from mocap_id.runner import run
 from mocap_id_simulation import Options, simulate

@@ -16,8 +16,7 @@ from scipy.spatial.transform import Rotation
 from mocap_id import plates, recording
 from mocap_id.kinematics import propose_window
 from mocap_id.plates.direction import compare_directions
-from mocap_id.plates.feet import find_standing_feet, measure_outside
-from mocap_id.plates.placement import compare_with_feet, measure_lean
+from mocap_id.plates.placement import compare_with_feet, find_standing_feet, measure_lean, measure_outside
 from mocap_id.recording import Plate, PlateSamples, Recording
 from mocap_id.recording.lab_plates import compute_centre_of_pressure
 from mocap_id.recording.plate_types import compute_plate_axes

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_plate_choice import CHAIR, FEET, RATE, RISE, TIME, WEIGHT, carrying, choose, person
 
-from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.plates import PlateChoice, choose_plates, find_contradictions, measure_empty_chair
 from mocap_id.recording import PlateSamples, ThinnedFrames
 from mocap_id.stages.planarise.wrenches import ExternalWrenches, UsedFrames, measure_seat

@@ -5,10 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.protocols.curl.compensation import fit_part_in_step, measure_compensation
-from mocap_id.protocols.curl.elbow_torque import Mass, SegmentMotion, compute_elbow_torque
-from mocap_id.protocols.curl.repetitions import Curl, CurlRules, find_curls, fit_trend
-from mocap_id.protocols.curl.trial_end import find_trial_end
+from mocap_id.protocols.curl import (
+    Curl,
+    CurlRules,
+    Mass,
+    SegmentMotion,
+    compute_elbow_torque,
+    find_curls,
+    find_trial_end,
+    fit_part_in_step,
+    fit_trend,
+    measure_compensation,
+)
 
 TIME = np.arange(0, 24, 0.01)
 RULES = CurlRules(metronome=0.5)

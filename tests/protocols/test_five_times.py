@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from protocol_cases import CENTRES, sit_to_stand
 
-from mocap_id.protocols.five_times import PUBLISHED, compute_five_times
-from mocap_id.protocols.load_share import compute_load_share, find_foot_plates
-from mocap_id.protocols.posture import compute_posture
-from mocap_id.protocols.repetitions import Repetition, RiseDetails
+from mocap_id.protocols.five_times import PUBLISHED, compute_five_times, compute_load_share, find_foot_plates
+from mocap_id.protocols.repetitions import Repetition, RiseDetails, compute_posture
 from mocap_id.protocols.sit_to_stand import estimate_event_sd, find_sit_to_stand_repetitions
 
 

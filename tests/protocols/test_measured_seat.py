@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from protocol_cases import WEIGHT, sit_to_stand
 
-from mocap_id.dynamics.external_wrenches import SEAT, ExternalWrench
 from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
+from mocap_id.dynamics.regressor import SEAT, ExternalWrench
 from mocap_id.protocols.movement import Movement, find_movement
 
 

@@ -10,11 +10,11 @@ import pandas as pd
 import pytest
 
 from mocap_id.errors import ConfigError, RecordingError
-from mocap_id.protocols.phases import GRID, average_repetitions, compare_angles, resample_repetitions
+from mocap_id.protocols.movement import GRID, average_repetitions, compare_angles, resample_repetitions
 from mocap_id.recording import read_angles
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import IdentifyDimSettings
-from mocap_id.stages.identify_dim.repetition_averages import average_signals
+from mocap_id.stages.identify_dim.events import average_signals
 from mocap_id.stages.trial_keys import Compare, Files, TrialKeys
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import CHAIN, DYNAMICS_TABLE, EVENTS, STATES

@@ -8,13 +8,18 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mocap_id.protocols.reach.arm_geometry import ANGLES, RecordedArm, UnknownReach, measure_arm
-from mocap_id.protocols.reach.ranges import measure_ranges
 from mocap_id.protocols.reach.reachable_set import ReachArm
 from mocap_id.protocols.reach.reaches import find_reaches, locate_body_targets
-from mocap_id.protocols.reach.workspace import compute_workspace
+from mocap_id.protocols.reach.workspace import (
+    ANGLES,
+    RecordedArm,
+    UnknownReach,
+    compute_workspace,
+    measure_arm,
+    measure_ranges,
+)
 from mocap_id.store import Table, Tree
-from mocap_id.store.spatial_views import SegmentPoses, SpatialAngles, SpatialSkeleton
+from mocap_id.store.views import SegmentPoses, SpatialAngles, SpatialSkeleton
 from spatial_trial import SpatialTrial
 
 

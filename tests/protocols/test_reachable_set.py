@@ -15,8 +15,8 @@ from mocap_id.protocols.reach.reachable_set import (
     ReachArm,
     compute_reach_surface,
     compute_reachable_set,
+    find_visited_region,
 )
-from mocap_id.protocols.reach.visited_region import find_visited_region
 from mocap_id_simulation.arm import draw_arm
 
 X, Y, Z = np.eye(3)

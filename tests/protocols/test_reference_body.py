@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from protocol_cases import CENTRES, HIGH, sit_to_stand
 
-from mocap_id.protocols.posture import compute_posture, measure_standing_angles
 from mocap_id.protocols.reference_body import build_reference_body
+from mocap_id.protocols.repetitions import compute_posture, measure_standing_angles
 
 KNOWN = {"height": 1.75, "mass": 70.0, "sex": "female", "plate_mass": 71.0}
 

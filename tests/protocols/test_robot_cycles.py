@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mocap_id.protocols.robot_joint import find_robot_cycles
+from mocap_id.protocols.movement import find_robot_cycles
 
 TIME = np.arange(0, 12, 0.01)
 

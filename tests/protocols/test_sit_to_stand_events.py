@@ -10,7 +10,7 @@ from protocol_cases import WEIGHT, sit_to_stand
 from mocap_id.dynamics.preparation import FitSettings, prepare
 from mocap_id.protocols.movement import find_movement
 from mocap_id.protocols.repetitions import SUPPORT_LIMIT
-from mocap_id.stages.identify_dim.sit_to_stand_events import compute_missing_force, make_sit_to_stand_events
+from mocap_id.stages.identify_dim.events import compute_missing_force, make_sit_to_stand_events
 from mocap_id.store import Table
 from mocap_id.store.schemas import WRENCH
 

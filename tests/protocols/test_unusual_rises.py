@@ -10,19 +10,19 @@ from protocol_cases import CENTRES, RATE, RISE, WEIGHT, sit_to_stand
 from scipy.signal import find_peaks
 
 from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
-from mocap_id.protocols.attempts import _find_peaks, find_failed_attempts
+from mocap_id.protocols.five_times import _find_peaks, find_failed_attempts
 from mocap_id.protocols.movement import Movement, find_movement
-from mocap_id.protocols.posture import compute_posture
-from mocap_id.protocols.remarks import add_remarks, explain_repetitions
 from mocap_id.protocols.repetitions import (
     SUPPORT_LIMIT,
     RiseDetails,
+    compute_posture,
     find_greatest_height,
     find_model_agreement,
     find_share_crossing,
     measure_paused_time,
     measure_support,
 )
+from mocap_id.protocols.sit_to_stand import add_remarks, explain_repetitions
 
 
 def read(recorded: TrialData) -> Movement:

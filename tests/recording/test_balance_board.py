@@ -11,7 +11,7 @@ import pytest
 
 from mocap_id.config import load
 from mocap_id.errors import ConfigError, RecordingError
-from mocap_id.recording.balance_board import calibrate_cells, read_board
+from mocap_id.recording.sensor_logs import calibrate_cells, read_board
 from mocap_id.runner import run
 from mocap_id.store import Folder
 from mocap_id_simulation import Options, simulate

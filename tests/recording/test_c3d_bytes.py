@@ -19,8 +19,7 @@ from recording_cases import body, build_c3d, save
 
 from mocap_id import recording
 from mocap_id.errors import RecordingError
-from mocap_id.recording.c3d_data import decode, find_layout, read_calibration
-from mocap_id.recording.c3d_file import open_c3d
+from mocap_id.recording.c3d_file import decode, find_layout, open_c3d, read_calibration
 from mocap_id.recording.c3d_package import compare_with_package
 
 INTEL, DEC, MIPS = 84, 85, 86
@@ -148,7 +147,7 @@ def test_the_block_size_has_no_influence(monkeypatch: pytest.MonkeyPatch) -> Non
     data = made(INTEL, 0.08)
     whole = ours(data)
     for size in (1, 1000, 7777):
-        monkeypatch.setattr("mocap_id.recording.c3d_data._BLOCK_BYTES", size)
+        monkeypatch.setattr("mocap_id.recording.c3d_file._BLOCK_BYTES", size)
         for part, expected in zip(ours(data), whole, strict=True):
             np.testing.assert_array_equal(part, expected)
 

@@ -179,7 +179,7 @@ def test_the_vertical_axis(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("axis", ["X", "Y", "Z", "-X", "-Y", "-Z"])
 def test_the_upward_axis_is_rotated_to_z(axis: str) -> None:
-    from mocap_id.recording.axes import axis_vector, nearest_axis, to_z_up
+    from mocap_id.recording.model import axis_vector, nearest_axis, to_z_up
 
     turn = to_z_up(axis)
     np.testing.assert_allclose(turn @ axis_vector(axis), [0, 0, 1])

@@ -14,9 +14,9 @@ from test_facing import sitting_down
 
 from mocap_id import recording
 from mocap_id.errors import ConfigError, RecordingError
-from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.kinematics import find_bursts
-from mocap_id.recording import resampling as decimation
+from mocap_id.recording import lab_plates as decimation
 from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.stages.trial_keys import Files, PlateUse, TrialKeys

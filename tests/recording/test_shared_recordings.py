@@ -13,7 +13,7 @@ import pytest
 
 from mocap_id import plates, recording
 from mocap_id.errors import RecordingError
-from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.recording.lab_plates import compute_centre_of_pressure
 from mocap_id.workflows.recording_summary import describe_recording
 

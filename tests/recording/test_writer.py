@@ -64,8 +64,7 @@ def test_another_library_reads_the_same(tmp_path: Path) -> None:
 
 
 def test_missing_markers_are_written_as_residual_minus_one(tmp_path: Path) -> None:
-    from mocap_id.recording.c3d_data import find_layout, read_frames
-    from mocap_id.recording.c3d_file import open_c3d
+    from mocap_id.recording.c3d_file import find_layout, open_c3d, read_frames
 
     labels, positions = trial()
     path = tmp_path / "trial.c3d"

@@ -13,7 +13,7 @@ import pandas as pd
 from mocap_id.errors import Refused
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.stages.base import Context
-from mocap_id.stages.identify_dim.repetition_averages import average_signals
+from mocap_id.stages.identify_dim.events import average_signals
 from mocap_id.stages.report import STAGE, ReportSettings
 from mocap_id.stages.trial_keys import Files, Subject, TrialKeys
 from mocap_id.store import Artefact, Document, Facts, LongTable, Table, TableSchema, Tree

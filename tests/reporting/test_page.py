@@ -17,7 +17,7 @@ import pytest
 from reporting_cases import LOST, Trial, contents, context, healthy
 
 from mocap_id.errors import Refused
-from mocap_id.kinematics.confidence import Evidence
+from mocap_id.kinematics.segmentation import Evidence
 from mocap_id.reporting.grids import list_facts
 from mocap_id.reporting.page import read_figures
 from mocap_id.reporting.report import make_documents

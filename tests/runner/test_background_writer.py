@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from mocap_id.runner.background_writer import BackgroundWriter
+from mocap_id.runner.execution import BackgroundWriter
 
 
 def test_jobs_are_done_in_their_order_by_one_thread() -> None:

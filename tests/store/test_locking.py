@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from mocap_id.errors import StoreError
-from mocap_id.store import Folder, locking
+from mocap_id.store import Folder, atomic
 
 fcntl = pytest.importorskip("fcntl")
 WITHOUT = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
@@ -43,18 +43,18 @@ def test_one_run_at_a_time(disk: Path) -> None:
         pass
     with Folder(disk).locked():
         pass
-    assert {path.name for path in (disk / ".mocap-id").iterdir()} <= {locking.LOCK}
+    assert {path.name for path in (disk / ".mocap-id").iterdir()} <= {atomic.LOCK}
 
 
 @pytest.mark.parametrize("number", WITHOUT)
 def test_a_killed_run_keeps_no_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int) -> None:
     ended = subprocess.run([sys.executable, "-c", SCRIPT, str(number), tmp_path], check=False)
     assert ended.returncode == -signal.SIGKILL
-    assert (tmp_path / ".mocap-id" / locking.MARKER).exists()
+    assert (tmp_path / ".mocap-id" / atomic.MARKER).exists()
     monkeypatch.setattr(fcntl, "flock", lambda *_: (_ for _ in ()).throw(OSError(number, "none here")))
     with Folder(tmp_path).locked():
         pass
-    assert not (tmp_path / ".mocap-id" / locking.MARKER).exists()
+    assert not (tmp_path / ".mocap-id" / atomic.MARKER).exists()
 
 
 def test_a_run_that_writes_nothing_leaves_nothing_there_either(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

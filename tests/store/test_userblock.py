@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mocap_id.store import Column, Origin, Tree, TreeSchema, hdf5, userblock
+from mocap_id.store import Column, Origin, Tree, TreeSchema, hdf5
 from mocap_id.store.schemas import CHAIN
 
 ORIGIN = Origin("fit-joints", 3, {"segment": {"count": 4}}, {"planar.parquet": "ab" * 32}, "key-1", 1.25)
@@ -128,7 +128,7 @@ def test_a_wrong_place_in_the_index_is_not_written(monkeypatch: pytest.MonkeyPat
     """With a wrong place the file could not be read, so it must not be written."""
     write = hdf5._write
 
-    def elsewhere(*given: Any) -> tuple[bytes, dict[str, userblock.Place]]:
+    def elsewhere(*given: Any) -> tuple[bytes, dict[str, hdf5.Place]]:
         content, places = write(*given)
         return content, {path: replace(place, start=place.start ^ 8) for path, place in places.items()}
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.config.study import Landmarks, Person
-from mocap_id.dynamics.comparison import Agreement
+from mocap_id.dynamics.prediction import Agreement
 from mocap_id.workflows.parallel import TrialRun
 from mocap_id.workflows.study.sit_to_stand import BaseParameter, TrialResult, find_length_reference
 from mocap_id.workflows.transfer import BodyErrors

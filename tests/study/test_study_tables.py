@@ -10,7 +10,7 @@ import pytest
 from study_cases import Made, body, landmarks
 
 from mocap_id.config.study import Person
-from mocap_id.dynamics.comparison import Agreement
+from mocap_id.dynamics.prediction import Agreement
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.results.columns import ResultTable
 from mocap_id.workflows.study import sit_to_stand

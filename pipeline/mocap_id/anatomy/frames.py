@@ -14,6 +14,8 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import RecordingError
+from mocap_id.geometry import so3
+from mocap_id.verdict import Reason
 
 PALPATION = 0.005
 """Standard deviation of a palpated landmark along each axis, m."""
@@ -172,3 +174,205 @@ def _differentiate_rotation(
     else:
         about_y_up, about_y_across = (lean / reach)[..., None] * along_x, -z / reach[..., None]
     return np.stack([along_x, about_y_up, along_z], axis=-2), np.stack([zero, about_y_across, zero], axis=-2)
+
+
+@dataclass(frozen=True)
+class SegmentPoses:
+    """Poses of all clusters at one moment."""
+
+    rotations: FloatArray  # (S, 3, 3) cluster to trial
+    origins: FloatArray  # (S, 3) m
+
+    def place(self, local: FloatArray, segment: int) -> FloatArray:
+        """Return the position (3,) in the trial, m, of the point ``local`` (3,), m, in the frame of a cluster."""
+        return np.asarray(self.rotations[segment] @ local + self.origins[segment])
+
+
+@dataclass(frozen=True)
+class AnatomicalFrames:
+    """Anatomical frames relative to the clusters of their segments.
+
+    The sensitivities of the frames refer to displacements of landmarks in the axes of the landmarks' own segments.
+    """
+
+    frames: dict[str, SegmentFrame]  # thorax, upper_arm, forearm, hand
+    covariances: Mapping[str, FloatArray | float]  # (3, 3), m², or standard deviation, m, of landmarks
+    reasons: tuple[Reason, ...]  # why frames could not be built
+
+    def covariance(self, parent: str, child: str) -> FloatArray:
+        """Return the covariance (6, 6) of the errors of two frames, each in its own axes, rad²."""
+        return frame_covariance((self.frames[parent], self.frames[child]), self.covariances)
+
+
+@dataclass(frozen=True)
+class ElbowAxis:
+    """Flexion axis of the elbow, estimated from the motion."""
+
+    direction: FloatArray  # (3,) unit vector in the frame of the upper arm's cluster, to the right
+    covariance: FloatArray  # (3, 3) covariance of the unit vector
+
+
+def fit_segment_frames(
+    places: Mapping[str, FloatArray],
+    segment: Mapping[str, int],
+    still: SegmentPoses,
+    *,
+    covariances: Mapping[str, FloatArray | float] | None = None,
+    bent: SegmentPoses | None = None,
+) -> AnatomicalFrames:
+    """Return the anatomical frames of the segments from landmarks in the frames of clusters.
+
+    Frames that use landmarks of two segments (the forearm uses the elbow centre) are built in the still pose.
+
+    Parameters
+    ----------
+    places : mapping
+        Position (3,) of each landmark in the frame of its segment's cluster, m. GH is the centre of the shoulder joint,
+        in the frame of the upper arm.
+    segment : mapping
+        Number of the segment of each landmark, and of ``thorax``, ``upper_arm``, ``forearm`` and ``hand``.
+    still : SegmentPoses
+        Still pose.
+    covariances : mapping, optional
+        Covariances of landmarks as in :class:`AnatomicalFrames`. Other landmarks have the standard deviation of
+        palpation.
+    bent : SegmentPoses, optional
+        Pose with the elbow near 90°, for option 2 of the upper arm. Option 1 is used by default.
+    """
+    reasons: list[Reason] = []
+    frames: dict[str, SegmentFrame] = {}
+    standing = _locate_in_trial(places, segment, still)
+    for name, definition in DEFINITIONS.items():
+        if name not in segment:
+            continue
+        missing = [each for each in definition.landmarks if each not in places]
+        if not missing:
+            frame = _express_in_segment(build_frame(definition, standing), name, segment, still)
+            if name == "thorax":
+                frame = rotate_to_midline(frame, places)
+            elif name == "upper_arm":
+                frame = _apply_second_option(frame, places, segment, bent, reasons)
+            frames[name] = frame
+        elif name == "hand" and "forearm" in frames:
+            frames[name] = _express_in_segment(
+                build_straight_hand(build_frame(FOREARM, standing), standing), name, segment, still
+            )
+            message = (
+                f"the hand has no landmarks {', '.join(missing)}; the wrist is assumed to be straight in the still pose"
+            )
+            reasons.append(Reason("wrist-at-rest", message, level="ok"))
+        else:
+            message = f"the {name.replace('_', ' ')} has no ISB frame: the landmarks {', '.join(missing)} are missing"
+            reasons.append(Reason("no-isb-frame", f"{message}; name them under `landmarks:`"))
+    return AnatomicalFrames(frames, covariances or {}, tuple(reasons))
+
+
+def rotate_to_midline(thorax: SegmentFrame, places: Mapping[str, FloatArray]) -> SegmentFrame:
+    """Return the thorax frame, rotated so that Z is normal to the plane that fits IJ, C7, PX and T8 best.
+
+    The four landmarks lie in the sagittal plane. The ISB defines Z by IJ, C7 and the mean of PX and T8, so its
+    direction depends strongly on IJ and C7, which are only 0.1 m apart. The error about Y is half as large with a
+    least-squares plane through all four landmarks. In the ISB's frame, the plane is z = a x + b y + c, with the normal
+    (-a, -b, 1). See docs/concepts/isb-frames.md. Frame and landmarks, m, are in the axes of the thorax's cluster.
+    """
+    names = tuple(THORAX.up)
+    at = np.array([places[name] for name in names]) @ thorax.rotation
+    slopes = np.linalg.pinv(np.column_stack([at[:, :2], np.ones(len(at))]))[:2]  # (2, 4) d(a, b)/dz
+    along_x, along_y = slopes @ at[:, 2]
+    steep = float(np.hypot(along_x, along_y))
+    turn = np.array([along_y, -along_x, 0.0]) * (np.arctan(steep) / steep if steep else 1.0)
+    turned = thorax.rotation @ so3.exp(turn)
+    sensitivity = {}
+    for name, (by_x, by_y) in zip(names, slopes.T, strict=True):
+        across = np.outer([by_y, -by_x, 0.0], thorax.rotation[:, 2])
+        sensitivity[name] = across + np.diag([0.0, 0.0, 1.0]) @ thorax.sensitivity[name]
+    return SegmentFrame(thorax.origin, turned, sensitivity)
+
+
+AXIS_SPREAD = np.radians(4.7)
+"""Standard deviation of the angle between elbow axis and epicondyle line in each of two planes, rad (total: 6.6°)."""
+
+_AXIS = "elbow axis"
+
+
+def rotate_to_elbow_axis(anatomical: AnatomicalFrames, axis: ElbowAxis) -> AnatomicalFrames:
+    """Return the frames, with the frame of the upper arm rotated about Y towards the flexion axis of the elbow.
+
+    The line of the palpated epicondyles and the axis from the motion are both near Z. Their mean is weighted by their
+    inverse variances; the variance of the axis includes :data:`AXIS_SPREAD`.
+    """
+    frame = anatomical.frames["upper_arm"]
+    x, y, z = frame.rotation.T
+    direction = axis.direction * np.sign(axis.direction @ z)
+    angle = float(np.arctan2(direction @ x, direction @ z))
+    palpated = float(frame_covariance((frame,), anatomical.covariances)[1, 1])
+    across = np.cross(y, direction)
+    shown = float(across @ axis.covariance @ across) / max(float(across @ across), 0.1) + AXIS_SPREAD**2
+    share = palpated / (palpated + shown)
+    turned = frame.rotation @ so3.exp(np.array([0.0, share * angle, 0.0]))
+    less = np.diag([1.0, 1.0 - share, 1.0])
+    sensitivity = {name: less @ part for name, part in frame.sensitivity.items()}
+    sensitivity[_AXIS] = np.diag([0.0, share, 0.0])
+    upper = SegmentFrame(frame.origin, turned, sensitivity)
+    covariances = {**anatomical.covariances, _AXIS: float(np.sqrt(shown))}
+    return AnatomicalFrames({**anatomical.frames, "upper_arm": upper}, covariances, anatomical.reasons)
+
+
+def set_middle_covariance(
+    anatomical: AnatomicalFrames, pair: tuple[str, str], covariance: FloatArray
+) -> AnatomicalFrames:
+    """Return the frames with the uncertainty of two landmarks (such as EL and EM) whose midpoint is a joint centre.
+
+    The landmarks were moved together, so that their midpoint is the centre. The covariance (3, 3), m², of the centre is
+    in the axes of the landmarks' segment.
+    """
+    middle, apart = f"middle of {pair[0]} and {pair[1]}", f"half from {pair[0]} to {pair[1]}"
+    frames = {}
+    for name, frame in anatomical.frames.items():
+        sensitivity = dict(frame.sensitivity)
+        one, other = (sensitivity.pop(each, np.zeros((3, 3))) for each in pair)
+        sensitivity |= {middle: one + other, apart: one - other}
+        frames[name] = SegmentFrame(frame.origin, frame.rotation, sensitivity)
+    half = np.mean([np.mean(np.square(anatomical.covariances.get(each, PALPATION))) for each in pair]) / 2
+    known = {**anatomical.covariances, middle: covariance, apart: float(np.sqrt(half))}
+    return AnatomicalFrames(frames, known, anatomical.reasons)
+
+
+def _locate_in_trial(
+    places: Mapping[str, FloatArray], segment: Mapping[str, int], pose: SegmentPoses
+) -> dict[str, FloatArray]:
+    """Return the positions of all landmarks in the trial."""
+    return {name: pose.place(local, segment[name]) for name, local in places.items()}
+
+
+def _apply_second_option(
+    first: SegmentFrame,
+    places: Mapping[str, FloatArray],
+    segment: Mapping[str, int],
+    bent: SegmentPoses | None,
+    reasons: list[Reason],
+) -> SegmentFrame:
+    """Return the upper arm's frame by option 2, or the frame ``first`` (option 1) if there is no suitable pose.
+
+    If the pose ``bent`` is given but not suitable, a caution is appended to ``reasons``.
+    """
+    if bent is None:
+        return first
+    if all(name in places for name in UPPER_ARM_2.landmarks):
+        points = _locate_in_trial(places, segment, bent)
+        if bool(has_bent_elbow(points)):
+            return _express_in_segment(build_frame(UPPER_ARM_2, points), "upper_arm", segment, bent)
+    message = "option 2 of the upper arm needs US and a pose with the elbow bent by 60 to 120°, so option 1 was used"
+    reasons.append(Reason("elbow-not-bent", message))
+    return first
+
+
+def _express_in_segment(frame: SegmentFrame, name: str, segment: Mapping[str, int], pose: SegmentPoses) -> SegmentFrame:
+    """Return a frame relative to its segment, with sensitivities to displacements of landmarks in their segments."""
+    k = segment[name]
+    turn = pose.rotations[k]
+    return SegmentFrame(
+        turn.T @ (frame.origin - pose.origins[k]),
+        turn.T @ frame.rotation,
+        {each: part @ pose.rotations[segment[each]] for each, part in frame.sensitivity.items()},
+    )

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from mocap_id.config.parsing import parse, raise_mistakes, suggest_name
-from mocap_id.config.source import Source, read
+from mocap_id.config.parsing import Source, parse, raise_mistakes, read, suggest_name
 from mocap_id.errors import ConfigError
 from mocap_id.stages.device import Condition, DeviceFile
 

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from pydantic import Field
 
-from mocap_id.config.parsing import parse
-from mocap_id.config.source import Source, read
+from mocap_id.config.parsing import Source, parse, read
 from mocap_id.config.trial import Trial, load, make_absolute
 from mocap_id.errors import ConfigError
 from mocap_id.stages.base import Settings

@@ -10,8 +10,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from mocap_id.config.parsing import build_json_schema, parse, raise_mistakes, suggest_name
-from mocap_id.config.source import Location, Source, read
+from mocap_id.config.parsing import Location, Source, build_json_schema, parse, raise_mistakes, read, suggest_name
 from mocap_id.config.trial import Trial, build_trial_model, compose, make_absolute
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.contents import COHORT

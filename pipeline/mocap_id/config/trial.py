@@ -12,8 +12,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, Discriminator, Field, Tag, WithJsonSchema, create_model
 
 from mocap_id import plain_files
-from mocap_id.config.parsing import build_json_schema, parse, raise_mistakes
-from mocap_id.config.source import Location, Source, read
+from mocap_id.config.parsing import Location, Source, build_json_schema, parse, raise_mistakes, read
 from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Settings

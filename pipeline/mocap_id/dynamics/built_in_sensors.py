@@ -16,15 +16,12 @@ from scipy.linalg import solve_triangular
 
 from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
 from mocap_id.dynamics.base_parameters import regroup_columns
-from mocap_id.dynamics.consistency import Consistency, fit_consistent
-from mocap_id.dynamics.external_wrenches import ExternalWrench
+from mocap_id.dynamics.consistency import Consistency, PointGrid, fit_consistent
+from mocap_id.dynamics.fit import select_samples
 from mocap_id.dynamics.identification import Identification
-from mocap_id.dynamics.least_squares import CompressedProblem
-from mocap_id.dynamics.point_grid import PointGrid
+from mocap_id.dynamics.least_squares import CompressedProblem, estimate_covariance, number_blocks
 from mocap_id.dynamics.preparation import PreparedTrial
-from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, planar_regressor
-from mocap_id.dynamics.sample_choice import select_samples
-from mocap_id.dynamics.uncertainty import estimate_covariance, number_blocks
+from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, ExternalWrench, planar_regressor
 from mocap_id.geometry.planar import marker_positions
 
 _ZEROS = (0, 2)  # components whose constant error is fitted; that of Fy cannot be separated from the weight

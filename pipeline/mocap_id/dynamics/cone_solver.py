@@ -2,19 +2,237 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 
 import numpy as np
 from scipy import sparse
 from scipy.linalg import null_space
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.consistency_cone import LENGTH, ConeBodies
 from mocap_id.dynamics.least_squares import CompressedProblem
-from mocap_id.dynamics.optimality import SolverAnswer, check_optimality
 
 if TYPE_CHECKING:
     from mocap_id.dynamics.space.consistency import SemidefiniteBodies
+
+PROVEN = 1e-6
+"""Possible decrease of the cost, relative to the cost, below which a solution counts as optimal."""
+_INSIDE = 1e-9  # relative violation that counts as rounding
+_HEAVIER = 2.0  # the bound is valid for bodies of up to this multiple of the mass
+
+
+class BodyCone(Protocol):
+    """A convex cone of bodies; v numbers describe a body and map linearly to the first b parameters of a problem."""
+
+    @property
+    def mapping(self) -> FloatArray:
+        """Matrix (b, v) from the numbers to the parameters."""
+
+    def measure_violation(self, body: FloatArray) -> float:
+        """Return how much a body (v,) violates the cone's conditions, relative to its size; 0 inside the cone."""
+
+    def mass(self, body: FloatArray) -> float:
+        """Return the total mass of a body (v,), kg."""
+
+    def find_cheapest(self, prices: FloatArray) -> FloatArray:
+        """Return q bodies (v, q) of 1 kg at single points; one of them has the lowest price for the prices (v,)."""
+
+
+@dataclass(frozen=True)
+class Optimality:
+    """Deviation of a solution from each optimality condition."""
+
+    primal: float  # violation of the cone, relative to the body
+    # stationarity, dual, complementarity: decrease of the cost that is still possible by a change of the free
+    # parameters, by additional masses and by a change of the present masses, relative to the cost
+    stationarity: float
+    dual: float
+    complementarity: float
+
+    @property
+    def excess(self) -> float:
+        """Upper bound of the cost's distance to the least cost, relative to the cost."""
+        return self.stationarity + self.dual + self.complementarity
+
+    @property
+    def proven(self) -> bool:
+        """Whether all four conditions hold within their tolerances; false if a value is NaN."""
+        return self.primal <= _INSIDE and self.excess <= PROVEN
+
+
+@dataclass(frozen=True)
+class SolverAnswer:
+    """The solution of a solver and its report."""
+
+    solver: str  # name of the solver
+    body: FloatArray  # (v,) numbers of the body; NaN if the solver found no solution
+    cost: float  # cost of the body
+    optimality: Optimality  # result of the check
+    status: str  # the solver's own status text
+    iterations: int = 0  # number of iterations; 0 if the solver does not report it
+
+
+_NO_OTHERS: FloatArray = np.zeros(0)
+
+
+def check_optimality(
+    problem: CompressedProblem, bodies: BodyCone, body: FloatArray, others: FloatArray = _NO_OTHERS
+) -> Optimality:
+    """Check the optimality conditions of min ‖R [mapping · body; others] - d‖² over bodies in a cone.
+
+    The bound ``excess`` of the result is valid for bodies of up to twice the mass.
+
+    Parameters
+    ----------
+    problem : CompressedProblem
+        Problem of b + k columns: the parameters to which the bodies map, then k free parameters.
+    body : (v,) array
+        The solution to check.
+    others : (k,) array
+        Values of the free parameters; by default there are none.
+    """
+    if not (np.isfinite(body).all() and np.isfinite(others).all()):
+        return Optimality(np.inf, np.inf, np.inf, np.inf)
+    mapped = problem.factor[:, : len(bodies.mapping)] @ bodies.mapping
+    free = problem.factor[:, len(bodies.mapping) :]
+    rest = mapped @ body + free @ others - problem.target
+    cost = problem.floor(float(rest @ rest) + problem.rest)
+    at_most = _estimate_gain(problem.factor, rest)
+    prices = 2 * mapped.T @ rest
+    points = bodies.find_cheapest(prices)
+    # up to this additional mass, all at the lowest price
+    heavier = _HEAVIER * bodies.mass(body) * abs(float((prices @ points).min(initial=0.0)))
+    absent = max(heavier, _estimate_point_gain(mapped @ points, rest))
+    return Optimality(
+        primal=bodies.measure_violation(body),
+        stationarity=_estimate_gain(free, rest) / cost,
+        dual=min(absent, at_most) / cost,
+        complementarity=min(abs(float(prices @ body)), at_most) / cost,
+    )
+
+
+def _estimate_gain(columns: FloatArray, rest: FloatArray) -> float:
+    """Return the decrease of the cost by the best factors of the columns: the squared residual in their span."""
+    if columns.shape[1] == 0:
+        return 0.0
+    step = np.linalg.lstsq(columns, rest, rcond=None)[0]
+    return float(np.sum((columns @ step) ** 2))
+
+
+def _estimate_point_gain(columns: FloatArray, rest: FloatArray) -> float:
+    """Return the decrease of the cost by the best single point mass, which is also valid for solutions without mass."""
+    size = np.sum(columns**2, axis=0)
+    downhill = np.maximum(-(columns.T @ rest), 0.0)
+    gains = np.divide(downhill**2, size, out=np.zeros_like(size), where=size > 0.0)
+    return float(gains.max(initial=0.0))
+
+
+LENGTH = 0.3
+"""Unit of length with which the parameters of a segment have similar magnitudes, m."""
+UNITS = np.array([1.0, LENGTH, LENGTH, LENGTH**2])
+"""Divisors of a link's m, mx, my and Izz that convert all four to kg."""
+FAR = 10.0
+"""Distance up to which masses are searched without a box, m."""
+ConeKind: TypeAlias = Literal["round", "flat", "semidefinite"]
+
+
+@dataclass(frozen=True)
+class ConeBodies:
+    """Possible links, given by their full parameters (:class:`~mocap_id.dynamics.optimality.BodyCone`)."""
+
+    mapping: FloatArray  # (b, 4(n + 1)) matrix M of eq. 4.24, from full parameters to the parameters of the problem.
+    # (n + 1, 2, 2) lowest and highest corner of each link in its frame, m; None for masses anywhere
+    boxes: FloatArray | None = None
+
+    @property
+    def links(self) -> int:
+        """Number of links, base included."""
+        return int(self.mapping.shape[1] // 4)
+
+    @property
+    def units(self) -> FloatArray:
+        """Divisors (4(n + 1),) of the full parameters that convert all of them to kg."""
+        return np.tile(UNITS, self.links)
+
+    def sides(self) -> tuple[FloatArray, tuple[tuple[ConeKind, int], ...]]:
+        """Return rows (r, 4(n + 1)) whose products with a body must be in cones, and the kind and size of each cone.
+
+        The size of a round or a flat cone is its number of rows. Round (second-order) cones are first.
+        """
+        round_, flat = self.round_sides(), self.flat_sides()
+        cones: list[tuple[ConeKind, int]] = [("round", 4) for _ in round_]
+        return np.vstack([*round_, flat]), (*cones, ("flat", len(flat)))
+
+    def is_limited(self, link: int) -> bool:
+        """Return whether the cone limits the link's first moments: the link has a box, or its Izz has an effect."""
+        return self.boxes is not None or bool(self.mapping[:, 4 * link + 3].any())
+
+    def round_sides(self) -> FloatArray:
+        """Return four rows, (l, 4, 4(n + 1)), for each of the l links that the cone limits.
+
+        Their products with a body, (m + J, m - J, 2 mx / L, 2 my / L), kg, must be in a second-order cone. J is
+        Izz / L², with any length L.
+        """
+        limited = [link for link in range(self.links) if self.is_limited(link)]
+        rows = np.zeros((len(limited), 4, 4 * self.links))
+        for row, link in zip(rows, limited, strict=True):
+            row[:, 4 * link : 4 * link + 4] = (
+                np.array([[1, 0, 0, 1], [1, 0, 0, -1], [0, 2, 0, 0], [0, 0, 2, 0]]) / UNITS
+            )
+        return rows
+
+    def flat_sides(self) -> FloatArray:
+        """Return rows (r, 4(n + 1)) whose products, kg, must not be negative: masses, and conditions of the boxes."""
+        rows = np.zeros((self.links, 6, 4 * self.links))
+        for link, row in enumerate(rows):
+            own = slice(4 * link, 4 * link + 4)
+            row[0, 4 * link] = 1.0
+            if self.boxes is not None:
+                (x0, y0), (x1, y1) = self.boxes[link] / LENGTH
+                walls = [[-x0, 1, 0, 0], [x1, -1, 0, 0], [-y0, 0, 1, 0], [y1, 0, -1, 0]]
+                row[1:, own] = np.array([*walls, [-(x0 * x1 + y0 * y1), x0 + x1, y0 + y1, -1]]) / UNITS
+        used = rows if self.boxes is not None else rows[:, :1]
+        return used.reshape(-1, 4 * self.links)
+
+    def measure_violation(self, body: FloatArray) -> float:
+        """Return the largest violation of any condition, kg, divided by the total mass."""
+        sides = self.round_sides() @ body
+        short = [*(np.linalg.norm(sides[:, 1:], axis=1) - sides[:, 0]), *(-(self.flat_sides() @ body))]
+        return float(np.max([0.0, *short])) / max(self.mass(body), 1e-300)
+
+    def mass(self, body: FloatArray) -> float:
+        """Return the total mass, kg."""
+        return float(np.abs(body[::4]).sum())
+
+    def find_cheapest(self, prices: FloatArray) -> FloatArray:
+        """Return, for each link, the parameters of 1 kg where it costs least, as columns (4(n + 1), n + 1).
+
+        ``prices`` (4(n + 1),) has four coefficients c for each link; 1 kg at (x, y) costs c₀ + c₁x + c₂y + c₃(x² + y²).
+        """
+        columns = np.zeros((len(prices), self.links))
+        for link in range(self.links):
+            _, mx, my, izz = prices[4 * link : 4 * link + 4]
+            (x0, y0), (x1, y1) = [[-FAR] * 2, [FAR] * 2] if self.boxes is None else self.boxes[link]
+            x, y = _find_minimum(mx, izz, x0, x1), _find_minimum(my, izz, y0, y1)
+            columns[4 * link : 4 * link + 4, link] = 1.0, x, y, x * x + y * y
+        return columns
+
+    def settle(self, body: FloatArray) -> FloatArray:
+        """Return the body with negative masses set to 0 and an Izz that is too small increased (rounding errors)."""
+        links = body.reshape(-1, 4).copy()
+        links[:, 0] = np.maximum(links[:, 0], 0.0)
+        first = np.sum(links[:, 1:3] ** 2, axis=1)
+        for link in filter(self.is_limited, range(self.links)):
+            least = first[link] / links[link, 0] if links[link, 0] > 0.0 else 0.0
+            links[link, 3] = max(links[link, 3], least)
+        return links.reshape(-1)
+
+
+def _find_minimum(linear: float, square: float, low: float, high: float) -> float:
+    """Return the point between two ends at which linear·x + square·x² is least."""
+    inside = [] if square <= 0.0 else [float(np.clip(-linear / (2 * square), low, high))]
+    return min([low, high, *inside], key=lambda x: linear * x + square * x * x)
+
 
 ConicBodies: TypeAlias = "ConeBodies | SemidefiniteBodies"
 """Possible bodies in the plane or in space, given by v numbers each."""

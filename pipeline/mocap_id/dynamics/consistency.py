@@ -1,7 +1,7 @@
 """Physically consistent parameters: fits over possible bodies, which are point masses on a grid or the exact cone.
 
 Non-negative least squares solves the fit on the grid (eq. 4.12, 4.25), and Clarabel that in the cone. Every solution is
-checked for optimality (:mod:`mocap_id.dynamics.optimality`), which needs no second solver. OSQP is run only if the
+checked for optimality (:mod:`mocap_id.dynamics.cone_solver`), which needs no second solver. OSQP is run only if the
 solution on the grid does not pass the check.
 """
 
@@ -11,16 +11,254 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from scipy import sparse
+from scipy.optimize import nnls
 
-from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.cone_solver import find_closest_links, solve_links
-from mocap_id.dynamics.consistency_cone import ConeBodies
+from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.dynamics.cone_solver import (
+    BodyCone,
+    ConeBodies,
+    SolverAnswer,
+    check_optimality,
+    find_closest_links,
+    solve_links,
+)
 from mocap_id.dynamics.least_squares import CompressedProblem
-from mocap_id.dynamics.optimality import BodyCone, SolverAnswer, check_optimality
-from mocap_id.dynamics.point_grid import PointGrid
-from mocap_id.dynamics.point_masses import GridBodies, solve_nnls, solve_osqp, spread_masses
-from mocap_id.dynamics.reference_prior import compute_reference_sd
+from mocap_id.dynamics.priors import compute_reference_sd
+from mocap_id.dynamics.regressor import PLANAR_PARAMETERS
 from mocap_id.errors import NumericalError
+
+_FLESH, _LEAST_FLESH = 0.1, 0.04  # margin: fraction of the box's longer side; least value, m
+
+
+@dataclass(frozen=True)
+class PointGrid:
+    """Grid points of all segments."""
+
+    segment: IntArray  # (p,) segment of each point, base first
+    position: FloatArray  # (p, 2) position of each point in the frame of its segment, m
+    segments: int  # number of segments, base included
+
+    def moments(self) -> FloatArray:
+        """Return the matrix P (4(n + 1), p) of eq. 4.12: full parameters = P · masses."""
+        x, y = self.position.T
+        values = np.stack([np.ones_like(x), x, y, x * x + y * y])  # (4, p)
+        matrix = np.zeros((self.segments, len(PLANAR_PARAMETERS), len(x)))
+        for segment in range(self.segments):
+            own = self.segment == segment
+            matrix[segment][:, own] = values[:, own]
+        return matrix.reshape(-1, len(x))
+
+    def boxes(self) -> FloatArray:
+        """Return the lowest and the highest corner of each segment's points, (n + 1, 2, 2), m."""
+        own = [self.position[self.segment == segment] for segment in range(self.segments)]
+        return np.stack([[points.min(axis=0), points.max(axis=0)] for points in own])
+
+
+def build_grid(
+    centres: FloatArray, marker_segment: IntArray, marker_local: FloatArray, points: tuple[int, int] = (5, 9)
+) -> PointGrid:
+    """Return the grid over the box of each segment's joints and markers, with a margin for flesh.
+
+    ``marker_local`` (M, 2) are the markers in the frames of their segments ``marker_segment`` (M,), m. ``points`` are
+    the numbers of points along the short and the long side of the box.
+    """
+    segments = len(centres) + 1
+    boxes = [_fill_box(k, centres, marker_local[marker_segment == k], points) for k in range(segments)]
+    return PointGrid(
+        segment=np.repeat(np.arange(segments), [len(box) for box in boxes]),
+        position=np.concatenate(boxes),
+        segments=segments,
+    )
+
+
+def _fill_box(segment: int, centres: FloatArray, markers: FloatArray, points: tuple[int, int]) -> FloatArray:
+    """Return the grid points (p, 2) of one segment."""
+    corners = [np.zeros((1, 2)), markers.reshape(-1, 2)]
+    if segment < len(centres):
+        corners.append(centres[segment][None])
+    known = np.concatenate(corners)
+    low, high = known.min(axis=0), known.max(axis=0)
+    flesh = max(_LEAST_FLESH, _FLESH * float(np.max(high - low)))
+    low, high = low - flesh, high + flesh
+    across, along = points
+    counts = (across, along) if high[1] - low[1] >= high[0] - low[0] else (along, across)
+    x, y = (np.linspace(low[i], high[i], counts[i]) for i in (0, 1))
+    return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+_ACCURACIES = (
+    1e-6,
+    1e-7,
+    1e-8,
+    1e-9,
+    1e-10,
+    1e-11,
+)  # OSQP's tolerance in each round, relative to the residual at its start
+_ITERATIONS = 20_000  # largest number of iterations in a round
+_ENOUGH = 1e-9  # possible relative decrease of the cost below which the rounds end
+_EQUAL, _EVEN = 1e5, 1e-3  # weights of the base parameters and of evenly spread masses, relative to the target
+
+
+@dataclass(frozen=True)
+class GridBodies:
+    """Bodies of point masses at given points; the numbers that describe a body are its p masses, kg."""
+
+    mapping: FloatArray  # (b, p) matrix B from masses to base parameters
+
+    def measure_violation(self, body: FloatArray) -> float:
+        """Return the magnitude of the most negative mass, relative to the largest."""
+        return abs(float(body.min(initial=0.0))) / max(float(np.abs(body).max(initial=0.0)), 1e-300)
+
+    def mass(self, body: FloatArray) -> float:
+        """Return the total of the point masses ``body`` (p,), kg."""
+        return float(np.abs(body).sum())
+
+    def find_cheapest(self, prices: FloatArray) -> FloatArray:
+        """Return bodies (p, p) with 1 kg at one point each, whatever the prices are."""
+        return np.eye(len(prices))
+
+
+def solve_osqp(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
+    """Fit the point masses with OSQP, with the variables ρ and y = R B ρ.
+
+    ``moments`` (b, p) is B = M P of eq. 4.25. The problem must have no free parameters.
+    """
+    mapped = problem.factor @ moments
+    masses, status, iterations = np.zeros(moments.shape[1]), "not run", 0
+    for accuracy in _ACCURACIES:
+        target = problem.target - mapped @ masses
+        step, status, used = run_osqp(mapped, target, -masses, accuracy=accuracy)
+        iterations += used
+        moved = np.maximum(masses + step, 0.0)
+        if problem.cost(moments @ moved) < problem.cost(moments @ masses):
+            masses = moved
+        if check_optimality(problem, GridBodies(moments), masses).excess <= _ENOUGH:
+            break
+    return _build_answer("osqp", problem, moments, masses, status=status, iterations=iterations)
+
+
+def solve_nnls(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
+    """Fit the point masses by non-negative least squares; the arguments are those of :func:`solve_osqp`."""
+    points = moments.shape[1]
+    status = "solved"
+    try:
+        masses = np.asarray(nnls(problem.factor @ moments, problem.target, maxiter=50 * points)[0], dtype=np.float64)
+    except RuntimeError as error:
+        masses, status = np.full(points, np.nan), str(error)
+    return _build_answer("nnls", problem, moments, masses, status=status)
+
+
+def run_osqp(
+    mapped: FloatArray,
+    target: FloatArray,
+    least: FloatArray,
+    *,
+    accuracy: float,
+    iterations: int = _ITERATIONS,
+) -> tuple[FloatArray, str, int]:
+    """Minimise ‖y - target‖² over ρ ≥ least and y = mapped · ρ with one run of OSQP, scaled to order one.
+
+    Return ρ (p,), OSQP's status text and the number of iterations. ρ meets its bounds within OSQP's tolerance, and is
+    zero if OSQP finds no solution.
+
+    Parameters
+    ----------
+    mapped : (b, p) array
+        Matrix R B from masses to the right-hand side.
+    target : (b,) array
+        Right-hand side.
+    least : (p,) array
+        Lower bounds of the masses, kg.
+    accuracy : float
+        OSQP's tolerances, relative to the target.
+    iterations : int
+        Largest number of iterations.
+    """
+    import osqp  # noqa: PLC0415  rarely needed
+
+    base, points = mapped.shape
+    length = max(float(np.linalg.norm(target)), 1e-300)
+    size = max(float(np.linalg.norm(mapped, axis=0).max(initial=0.0)), 1e-300)
+    link = sparse.hstack([sparse.csc_matrix(-mapped / size), sparse.identity(base)])
+    bounds = sparse.hstack([sparse.identity(points), sparse.csc_matrix((points, base))])
+    solver = osqp.OSQP()
+    solver.setup(
+        P=sparse.block_diag([sparse.csc_matrix((points, points)), sparse.identity(base)], format="csc"),
+        q=np.concatenate([np.zeros(points), -target / length]),
+        A=sparse.vstack([link, bounds], format="csc"),
+        l=np.concatenate([np.zeros(base), np.maximum(least * (size / length), -1e20)]),
+        u=np.concatenate([np.zeros(base), np.full(points, np.inf)]),
+        eps_abs=accuracy,
+        eps_rel=accuracy,
+        max_iter=iterations,
+        polishing=True,
+        verbose=False,
+    )
+    result = solver.solve(raise_error=False)
+    masses = np.asarray(result.x[:points], dtype=np.float64) * (length / size)
+    return np.where(np.isfinite(masses), masses, 0.0), str(result.info.status), int(result.info.iter)
+
+
+def spread_masses(
+    moments: FloatArray, fitted: FloatArray, full_moments: FloatArray, target: FloatArray, scale: FloatArray
+) -> FloatArray:
+    """Return the point masses (p,) with given base parameters whose full parameters are closest to a target.
+
+    The data determine only B ρ. A penalty within the fit would change B ρ. Here B ρ is constant, because its weight is
+    1e5 times that of the target. Without a target, the masses are spread evenly.
+
+    Parameters
+    ----------
+    moments : (b, p) array
+        Matrix B.
+    fitted : (p,) array
+        Point masses of the fit, ρ ≥ 0.
+    full_moments : (f, p) array
+        Matrix P.
+    target : (f,) array
+        Target for the full parameters; NaN for none.
+    scale : (f,) array
+        Standard deviation of each full parameter of the target.
+
+    Raises
+    ------
+    NumericalError
+        The active-set method did not converge.
+    """
+    aimed, base = np.isfinite(target), moments @ fitted
+    total = float(fitted.sum()) or 1.0
+    size = np.maximum(np.abs(moments).max(axis=1), 1e-12)
+    rows = np.vstack(
+        [
+            _EQUAL * moments / size[:, None],
+            full_moments[aimed] / scale[aimed, None],
+            _EVEN * np.eye(moments.shape[1]) / total,
+        ]
+    )
+    aims = np.concatenate([_EQUAL * base / size, target[aimed] / scale[aimed], np.zeros(moments.shape[1])])
+    try:
+        return np.asarray(nnls(rows, aims, maxiter=50 * rows.shape[1])[0], dtype=np.float64)
+    except RuntimeError as error:
+        raise NumericalError(
+            f"the {rows.shape[1]} point masses could not be distributed: {error}; check the chain for two joints at "
+            "the same position, or for wrong units"
+        ) from error
+
+
+def _build_answer(
+    solver: str,
+    problem: CompressedProblem,
+    moments: FloatArray,
+    masses: FloatArray,
+    *,
+    status: str,
+    iterations: int = 0,
+) -> SolverAnswer:
+    """Return the masses with their cost and the check of optimality."""
+    optimality = check_optimality(problem, GridBodies(moments), masses)
+    return SolverAnswer(solver, masses, problem.cost(moments @ masses), optimality, status, iterations)
+
 
 Consistency = Literal["grid", "cone", "bounded-cone"]
 """Set of possible bodies: masses on the grid, masses anywhere, or masses anywhere within the outlines of the grid."""

@@ -10,12 +10,147 @@ from scipy.linalg import solve_triangular
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.base_parameters import triangularise
-from mocap_id.dynamics.clock_offset import profile_offset
-from mocap_id.dynamics.least_squares import CompressedProblem
-from mocap_id.dynamics.preparation import AnyTrial
-from mocap_id.dynamics.prior_weight import REFERENCE, estimate_memory
-from mocap_id.dynamics.sample_choice import LEAST_SECONDS, select_samples
-from mocap_id.dynamics.uncertainty import estimate_covariance, number_blocks
+from mocap_id.dynamics.least_squares import CompressedProblem, estimate_covariance, number_blocks
+from mocap_id.dynamics.preparation import AnyTrial, erode, profile_offset
+
+LEAST_SECONDS = 1.0
+"""Least duration of the samples of a fit, s."""
+_FOLDS = 5  # largest number of folds; if there are more repetitions, neighbouring repetitions are left out together
+_RESTING = 0.05  # fraction of a fast joint velocity below which a joint rests
+_MOSTLY = 0.5  # fraction of rest above which all rest is left out
+_LONG = 0.75  # fraction of rest above which rest is thinned
+
+
+def select_samples(prepared: AnyTrial, gate: BoolArray) -> BoolArray:
+    """Return a mask (T,) of the samples to fit: usable, and within the gate by at least the reach of the filter."""
+    return prepared.usable & erode(gate, prepared.lowpass.reach_samples)
+
+
+def number_parts(time: FloatArray, spans: FloatArray) -> IntArray:
+    """Return the number (T,), from 0, of the part of the trial to which each sample belongs.
+
+    A part is one repetition, or several neighbouring repetitions if there are more than five. ``spans`` (r, 2) are the
+    first and last time of every repetition, in order, s. A sample between two repetitions belongs to the nearer one. If
+    there are fewer than two repetitions, all samples belong to part 0.
+    """
+    between = (spans[:-1, 1] + spans[1:, 0]) / 2
+    repetition = np.searchsorted(between, time)
+    folds = min(len(spans), _FOLDS)
+    return np.asarray(repetition * folds // max(len(spans), 1), dtype=np.int64)
+
+
+def skip_long_rests(velocity: FloatArray) -> BoolArray:
+    """Return a mask (T,) of the moving samples if the person rests most of the time, otherwise of all samples.
+
+    ``velocity`` (T, n) are the joint velocities, rad/s, which are small at rest. The errors of a constant posture are
+    the same in all its samples, and would outweigh the motion in every mean.
+    """
+    moving = _find_motion(velocity)
+    return moving if len(moving) and moving.mean() < 1 - _MOSTLY else np.ones(len(moving), dtype=np.bool_)
+
+
+def shorten_rests(velocity: FloatArray) -> BoolArray:
+    """Return a mask (T,) of the moving and about as many resting samples if rests are long, otherwise of all samples.
+
+    ``velocity`` (T, n) are the joint velocities, rad/s, which are small at rest.
+    """
+    moving = _find_motion(velocity)
+    if not len(moving) or moving.mean() >= 1 - _LONG:
+        return np.ones(len(moving), dtype=np.bool_)
+    rest, used = np.flatnonzero(~moving), moving.copy()
+    used[rest[:: len(rest) // max(int(moving.sum()), 1)]] = True
+    return used
+
+
+def _find_motion(velocity: FloatArray) -> BoolArray:
+    """Return a mask (T,) of the samples in which at least one joint moves."""
+    speed = np.abs(velocity).max(axis=1, initial=0.0)
+    if not len(speed):
+        return np.zeros(0, dtype=np.bool_)
+    fast = max(
+        np.quantile(speed, 0.95), 0.5 * speed.max()
+    )  # if a person rests most of the time, the quantile is only sway
+    return np.asarray(speed >= _RESTING * fast)
+
+
+MEMORIES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
+"""Candidates for the length of recording that counts as one independent sample, s."""
+REFERENCE = 0.4
+"""Length of recording that counts as one independent sample, s, while the weights of the components are estimated, and
+if too few repetitions can be left out.
+"""
+_LEAST_FOLDS = 3  # fewer give no useful standard error
+
+
+def estimate_memory(
+    prepared: AnyTrial,
+    gate: BoolArray,
+    samples: IntArray,
+    *,
+    rows: FloatArray,
+    target: FloatArray,
+    prior: tuple[FloatArray, FloatArray],
+) -> float:
+    """Return the length of recording that counts as one independent sample, s.
+
+    It is :data:`REFERENCE` if fewer than three parts can be left out.
+
+    Parameters
+    ----------
+    prepared : AnyTrial
+        Trial with a prior, whose repetitions are left out in turn.
+    samples : (R,) int array
+        Indices of the samples used in the fit.
+    rows, target : (R, c, b) and (R, c) arrays
+        Rows of the fit and the wrench, each component divided by the spread of its residual.
+    prior : ((p, b) array, (p,) array)
+        Rows and right-hand side of the prior, in standard deviations.
+    """
+    if prepared.prior is None or len(prepared.prior.spans) < _LEAST_FOLDS:
+        return REFERENCE
+    apart = prepared.lowpass.step / prepared.recorded.rate
+    part = number_parts(prepared.recorded.time, prepared.prior.spans)
+    errors = []
+    for k in np.unique(part[samples]).tolist():
+        fitted = select_samples(prepared, gate & (part != k))[samples]
+        if apart * fitted.sum() >= LEAST_SECONDS:
+            errors.append(score_memories(rows, target, prior, apart=apart, fitted=fitted, predicted=part[samples] == k))
+    return choose_memory(np.array(errors)) if len(errors) >= _LEAST_FOLDS else REFERENCE
+
+
+def choose_memory(errors: FloatArray) -> float:
+    """Return the longest of :data:`MEMORIES` whose error is within one standard error of the least error.
+
+    ``errors`` (K, M) is the mean squared error of each left-out part for each of these times.
+    """
+    mean = errors.mean(axis=0)
+    best = int(np.argmin(mean))
+    allowed = mean[best] + errors[:, best].std(ddof=1) / np.sqrt(len(errors))
+    return MEMORIES[int(np.flatnonzero(mean <= allowed)[-1])]
+
+
+def score_memories(
+    rows: FloatArray,
+    target: FloatArray,
+    prior: tuple[FloatArray, FloatArray],
+    *,
+    apart: float,
+    fitted: BoolArray,
+    predicted: BoolArray,
+) -> FloatArray:
+    """Return the mean squared error (M,) of a fit in left-out samples, for each of :data:`MEMORIES`.
+
+    ``fitted`` and ``predicted`` (R,) mark the samples to fit and to predict, and ``apart`` is the time from one sample
+    to the next, s. The other arguments are those of :func:`estimate_memory`.
+    """
+    data = np.concatenate([rows[fitted], target[fitted, :, None]], axis=-1).reshape(-1, rows.shape[-1] + 1)
+    known = np.column_stack(prior)
+    share = np.minimum(1.0, apart / np.array(MEMORIES))[:, None, None]
+    normal = share * (data.T @ data) + known.T @ known  # (M, b + 1, b + 1)
+    parameters = np.linalg.solve(normal[:, :-1, :-1], normal[:, :-1, -1:])[..., 0]
+    off = rows[predicted] @ parameters.T - target[predicted, :, None]
+    return np.asarray(np.mean(off**2, axis=(0, 1)))
+
 
 Rows: TypeAlias = tuple[FloatArray, FloatArray]
 """Rows (r, b) and right-hand side (r,) of a least-squares problem."""

@@ -8,15 +8,21 @@ from functools import partial
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.consistency import Consistency, ConsistentSolution, fit_consistent, fit_quickly
-from mocap_id.dynamics.fit import Fit, fit
-from mocap_id.dynamics.instrument_errors import CalibrationEffect, ScaleCheck, propagate_calibration
-from mocap_id.dynamics.kinematic_error import KinematicError, propagate_to_parameters
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.dynamics.base_parameters import triangularise
+from mocap_id.dynamics.consistency import Consistency, ConsistentSolution, PointGrid, fit_consistent, fit_quickly
+from mocap_id.dynamics.fit import DEPENDENT, LEAST_SECONDS, Fit, fit, select_samples
+from mocap_id.dynamics.instrument_errors import (
+    CalibrationEffect,
+    KinematicError,
+    ScaleCheck,
+    propagate_calibration,
+    propagate_to_parameters,
+)
 from mocap_id.dynamics.least_squares import CompressedProblem
-from mocap_id.dynamics.point_grid import PointGrid
+from mocap_id.dynamics.measured_motion import CUTOFFS, USUAL
 from mocap_id.dynamics.preparation import PreparedTrial
-from mocap_id.dynamics.reference_prior import FOOT_MOMENT, ReferencePrior, compute_foot_sd, compute_reference_sd
+from mocap_id.dynamics.priors import FOOT_MOMENT, ReferencePrior, compute_foot_sd, compute_reference_sd
 
 
 @dataclass(frozen=True)
@@ -231,3 +237,168 @@ def _propagate_plate_zero(prepared: PreparedTrial, result: Fit) -> FloatArray:
     for column, sd_of in enumerate(prepared.settings.plate_zero):
         variance[: len(prepared.base.kept)][prepared.base.kept == column] = (sd_of / gravity) ** 2
     return np.diag(variance)
+
+
+@dataclass(frozen=True)
+class LeftOutPrediction:
+    """Predictions of repetitions by models that were fitted without their forces."""
+
+    samples: BoolArray  # (T,) samples of the fit that were left out in a fold and could be predicted
+    part: IntArray  # (T,) part (one or several repetitions) of each sample
+    # wrench, measured: (T, 3) predicted wrench of the ground, and the measured wrench with the clock offset and the
+    # plate bias of the fold, N and N·m; NaN elsewhere
+    wrench: FloatArray
+    measured: FloatArray
+    # filtered, filtered_measured: (T, 3) the same after the low-pass of the fit
+    filtered: FloatArray
+    filtered_measured: FloatArray
+    base: FloatArray  # (K, b) base parameters of each of K folds
+    offset: FloatArray  # (K,) clock offset of each fold, with the coarse offset, s
+
+
+def predict_left_out(
+    prepared: PreparedTrial,
+    gate: BoolArray,
+    result: Fit,
+    part: IntArray,
+    solve: Callable[[CompressedProblem], FloatArray],
+) -> LeftOutPrediction | None:
+    """Predict every part of a trial with a model that was fitted to the other parts.
+
+    A part is not predicted if the other parts do not determine the parameters. The result is None if no part is
+    predicted, for example because there is only one.
+
+    Parameters
+    ----------
+    prepared, gate, result
+        The trial, the gate of the whole fit, and the whole fit, whose weights are used.
+    part : (T,) int array
+        Part of each sample, from :func:`mocap_id.dynamics.fit.number_parts`.
+    solve : callable
+        Function from a compressed problem of b + k columns to its consistent parameters (b + k,).
+    """
+    used = np.stack([select_samples(prepared, gate & (part != k)) for k in range(int(part.max()) + 1)])  # (K, T)
+    stacks = _compress_folds(result, used[:, result.samples])
+    samples, series = np.zeros(len(part), dtype=bool), np.full((4, len(part), 3), np.nan)
+    base, offset = [], []
+    for k, stack in enumerate(stacks):
+        if not _determines_parameters(stack, result, int(used[k].sum()), prepared.recorded.rate):
+            continue
+        problem, shift = _correct_clock(stack, result)
+        parameters, out = solve(problem), result.in_fit & (part == k)
+        base.append(parameters[: result.base])
+        offset.append(result.offset + shift)
+        samples |= out
+        bias = parameters[result.base :].sum() * np.array([1.0, 0.0, 0.0])
+        for row, (rows, wrench) in enumerate(_select_rows(prepared, out, offset[-1])):
+            series[2 * row, out], series[2 * row + 1, out] = rows @ base[-1], wrench - bias
+        series[:2, out] -= prepared.elsewhere(offset[-1])[out]
+    if not samples.any():
+        return None
+    wrench, measured, filtered, filtered_measured = series
+    total = np.array(offset) + prepared.recorded.clock.offset
+    return LeftOutPrediction(samples, part, wrench, measured, filtered, filtered_measured, np.array(base), total)
+
+
+def _select_rows(prepared: PreparedTrial, out: BoolArray, offset: float) -> tuple[tuple[FloatArray, FloatArray], ...]:
+    """Return two pairs, unfiltered and filtered: regressor (R, 3, b) and total wrench (R, 3) of marked samples."""
+    filtered = prepared.filtered_measured(np.flatnonzero(out), prepared.recorded.time[out] - offset)
+    return (prepared.rows[out], prepared.measured(offset)[out]), (prepared.filtered[out], filtered)
+
+
+def _compress_folds(result: Fit, used: BoolArray) -> list[FloatArray]:
+    """Return the triangular factor of each fold's rows; ``used`` (K, R) marks the samples of each fold.
+
+    The columns are those of the design, then the target. Samples of the same folds are compressed together.
+    """
+    rows = np.concatenate([result.design, result.target[..., None]], axis=-1)  # (R, c, b + k + 2)
+    prior = np.zeros((0, rows.shape[-1]))
+    if result.prior is not None:  # the prior has the same weight in every fold
+        prior = np.column_stack([np.pad(result.prior[0], ((0, 0), (0, 1))), result.prior[1]])
+    patterns, pattern = np.unique(used, axis=1, return_inverse=True)
+    factors = [triangularise(rows[pattern == p].reshape(-1, rows.shape[-1])) for p in range(patterns.shape[1])]
+    return [
+        triangularise(np.concatenate([prior, *(f for f, has in zip(factors, fold, strict=True) if has)]))
+        for fold in patterns
+    ]
+
+
+def _determines_parameters(stack: FloatArray, result: Fit, samples: int, rate: float) -> bool:
+    """Return whether a fold determines the base parameters (:func:`mocap_id.dynamics.fit.determines_parameters`)."""
+    if samples < LEAST_SECONDS * rate or len(stack) < stack.shape[1]:
+        return False
+    columns = stack[:, : result.base]
+    size = np.linalg.norm(columns, axis=0)
+    return bool(np.all(size > 0.0) and np.linalg.cond(columns / np.where(size > 0.0, size, 1.0)) < DEPENDENT)
+
+
+def _correct_clock(stack: FloatArray, result: Fit) -> tuple[CompressedProblem, float]:
+    """Return a fold's problem at the fold's own clock offset, and its difference from the whole fit's offset, s.
+
+    One Gauss-Newton step from the offset of the whole fit is sufficient, because the offsets differ by a few
+    milliseconds at most. If the whole fit applies no offset, the folds apply none either.
+    """
+    rate, target = stack[:, -2], stack[:, -1]
+    free = np.linalg.lstsq(stack[:, :-1], target, rcond=None)[0]
+    shift = float(free[-1]) if result.applied else 0.0
+    return CompressedProblem.of(stack[:, :-2], target - shift * rate), shift
+
+
+Cutoffs = tuple[float, float, float]
+_ROUNDS = 2
+_LEAST_GAIN = 1e-3  # least decrease of the cost for which the cut-offs are changed
+
+
+@dataclass(frozen=True)
+class ChosenCutoffs:
+    """The chosen cut-offs and the reason for the choice."""
+
+    bands: Cutoffs  # cut-offs of x, y and angle, Hz
+    why: str  # reason for the choice
+    # sum of the logarithms of the rms errors of Fx, Fy and tauz in left-out repetitions; infinite if none was left out
+    cost: float
+
+
+def choose_cutoffs(predict: Callable[[Cutoffs], LeftOutPrediction | None]) -> ChosenCutoffs:
+    """Search among :data:`CUTOFFS` for the best cut-offs; ``predict`` returns predictions of left-out repetitions."""
+    cost = {USUAL: score_left_out(predict(USUAL))}
+    best = USUAL
+    if not np.isfinite(cost[best]):
+        return ChosenCutoffs(best, "the default: no repetition could be left out to compare other cut-offs", cost[best])
+    for _ in range(_ROUNDS):
+        before = best
+        for axis in range(3):
+            for step in (-1, 1):
+                best = _walk(predict, cost, best, axis, step)
+        if best == before:
+            break
+    return ChosenCutoffs(best, "left-out repetitions are predicted best with these", cost[best])
+
+
+def _walk(
+    predict: Callable[[Cutoffs], LeftOutPrediction | None],
+    cost: dict[Cutoffs, float],
+    best: Cutoffs,
+    axis: int,
+    step: int,
+) -> Cutoffs:
+    """Change one cut-off in one direction as long as the cost decreases; return the best and add costs to ``cost``."""
+    while 0 <= (k := CUTOFFS.index(best[axis]) + step) < len(CUTOFFS):
+        values = list(best)
+        values[axis] = CUTOFFS[k]
+        tried: Cutoffs = (values[0], values[1], values[2])
+        if tried not in cost:
+            cost[tried] = score_left_out(predict(tried))
+        if not cost[tried] < cost[best] - _LEAST_GAIN:
+            break
+        best = tried
+    return best
+
+
+def score_left_out(prediction: LeftOutPrediction | None) -> float:
+    """Return the sum of the logarithms of the rms errors of the filtered Fx, Fy and tauz; infinite if None is given."""
+    if prediction is None:
+        return float("inf")
+    off = (prediction.filtered - prediction.filtered_measured)[prediction.samples]
+    off = off[np.isfinite(off).all(axis=1)]
+    return float(np.sum(np.log(np.sqrt(np.mean(off**2, axis=0)) + 1e-9))) if len(off) else float("inf")

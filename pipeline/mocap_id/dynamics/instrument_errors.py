@@ -8,17 +8,25 @@ plate.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import nnls
 
-from mocap_id.arrays import FloatArray, find_complete_rows
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_complete_rows
 from mocap_id.dynamics.fit import Fit
-from mocap_id.dynamics.lowpass import interpolate_samples
-from mocap_id.dynamics.motion import PlanarMotion
-from mocap_id.dynamics.preparation import PreparedTrial
-from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
+from mocap_id.dynamics.measured_motion import BodyPoses, filter_motion
+from mocap_id.dynamics.preparation import LowPass, PreparedTrial, interpolate_samples
+from mocap_id.dynamics.regressor import (
+    PlanarMotion,
+    composite_inertia,
+    planar_regressor,
+    planar_torque_regressor,
+    torque_regressor,
+    wrench_regressor,
+)
+from mocap_id.geometry import planar
 
 _RATE = 10.0  # Hz: rate at which torques are evaluated; a movement's frequencies are below 3 Hz
 _STEP = 1e-4  # relative, or rad: step of numerical derivatives
@@ -162,3 +170,387 @@ def compute_scale_variance(prepared: PreparedTrial, base: FloatArray, effect: Ca
     for mode, moved, size in ((-2, motion.scale(1 + _STEP), effect.lengths), (-1, motion.tilt(_STEP), effect.tilt)):
         changed[:, :, mode] += (rows(moved) - own) @ base / _STEP * size
     return interpolate_samples(time, valid, steps, np.sum(changed**2, axis=2))
+
+
+_EXPONENT = -3.0 / 8.0
+_LEAST = 1e-12  # fraction of the largest eigenvalue: avoids a division by zero for a joint without markers
+
+
+def correlate_errors(
+    q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray, snap: FloatArray
+) -> FloatArray:
+    """Return the correlation (T, n, n) of the errors of the joint accelerations in every posture.
+
+    Parameters
+    ----------
+    q : (T, n) array
+        Joint angles, rad; NaN where missing. If one is missing, the correlation (n, n) of this sample is NaN.
+    segment : (M,) int array
+        Segment of each marker.
+    local : (M, 2) array
+        Markers in the frame of their segment, m.
+    snap : (n,) array
+        Standard deviation of each joint's process noise, in any common unit, because only the ratios have an effect.
+    """
+    correlation = np.full((*q.shape, q.shape[1]), np.nan)
+    known = np.isfinite(q).all(axis=1)
+    scale = snap / np.max(snap)
+    values, vectors = np.linalg.eigh(_compute_information(q[known], centres, segment, local) * scale[:, None] * scale)
+    values = np.maximum(values, _LEAST * values[:, -1:])
+    covariance = (vectors * values[:, None, :] ** _EXPONENT) @ np.swapaxes(vectors, 1, 2)
+    size = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    correlation[known] = covariance / (
+        size[:, :, None] * size[:, None, :]
+    )  # the outer factors Q^½ only scale the joints
+    return correlation
+
+
+def _compute_information(q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
+    """Return Jᵀ J of the markers (eq. 2.47), (T, n, n), m²: the mass matrix of a chain with unit masses at markers."""
+    segments = len(centres) + 1
+
+    def sum_by_segment(values: FloatArray) -> FloatArray:
+        return np.bincount(segment, weights=values, minlength=segments).astype(np.float64)
+
+    first = np.column_stack([sum_by_segment(local[:, 0]), sum_by_segment(local[:, 1])])
+    return composite_inertia(
+        q, centres, sum_by_segment(np.ones(len(local))), first, sum_by_segment(np.sum(local**2, axis=1))
+    ).torque
+
+
+_SAMPLES = 300  # number of samples used: sufficient for errors that recur with the movement
+_AT_ONCE = 300  # number of samples whose effect is computed at a time, to limit the memory
+_MOMENT = 1.0 / 30.0  # s: time step for the derivatives of the angles' errors
+_KINEMATIC_ERROR_RATE = 10.0  # Hz: rate at which torques are evaluated; a movement's frequencies are below 3 Hz
+_KINEMATIC_ERROR_STEP = 1e-6  # rad, rad/s …, m: step of numerical derivatives
+
+
+@dataclass(frozen=True)
+class KinematicError:
+    """Uncertainty of the geometry as S independent modes of one standard deviation each."""
+
+    # function from joint angles (T, n), rad, to their errors in every mode (T, n, S), rad
+    angle: Callable[[FloatArray], FloatArray]
+    # (n, 2, S) error of the joint centres in every mode, in the frame of the segment before the joint, m
+    centre: FloatArray
+
+    @classmethod
+    def none(cls, joints: int) -> KinematicError:
+        """Return the uncertainty of an exact geometry, which has no modes (S = 0)."""
+        return cls(lambda q: np.zeros((*q.shape, 0)), np.zeros((joints, 2, 0)))
+
+    def states(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+        """Return the errors (T, 3 n, S) of angles, velocities and accelerations, from differences of three postures."""
+        bend = _MOMENT**2 / 2 * ddq
+        moments = np.concatenate([q + side * _MOMENT * dq + side**2 * bend for side in (-1, 0, 1)])
+        before, now, after = np.split(self.angle(moments), 3)
+        velocity, acceleration = (after - before) / (2 * _MOMENT), (after - 2 * now + before) / _MOMENT**2
+        return np.concatenate([now, velocity, acceleration], axis=1)
+
+
+def propagate_to_parameters(
+    prepared: PreparedTrial, result: Fit, base: FloatArray, error: KinematicError
+) -> FloatArray:
+    """Return the change (b + k + 1, S) of the fitted parameters with every mode, in the order of ``result.covariance``.
+
+    If q has the error e, the modelled wrench changes by its derivatives times e. The parameters change by minus the
+    least-squares solution for this change of the wrench.
+    """
+    if error.centre.shape[-1] == 0:
+        return np.zeros((result.design.shape[-1], 0))
+    chosen = slice(None, None, max(1, len(result.samples) // _SAMPLES))
+    samples, design = result.samples[chosen], result.design[chosen]
+    components = list(prepared.settings.components)
+    effect = propagate_to_wrench(prepared, base, error, samples)[:, components] * result.weights[:, None]  # (R, c, S)
+    return -replace(result, design=design, prior=None).response(effect)
+
+
+def propagate_to_wrench(
+    prepared: PreparedTrial, base: FloatArray, error: KinematicError, samples: IntArray
+) -> FloatArray:
+    """Return the change (R, 3, S) of the modelled wrench with every mode, for sample indices (R,), N and N·m."""
+    if error.centre.shape[-1] == 0:
+        return np.zeros((len(samples), 3, 0))
+    full = prepared.base.expand(base)
+
+    def wrench(states: FloatArray, centres: FloatArray) -> FloatArray:
+        return np.asarray(_build_regressor(prepared, states, centres) @ full)
+
+    return np.concatenate(
+        [_propagate_modes(wrench, prepared, samples[s], error) for s in chunks(len(samples), _AT_ONCE)]
+    )
+
+
+def propagate_to_torques(
+    prepared: PreparedTrial, base: FloatArray, error: KinematicError, response: FloatArray
+) -> FloatArray:
+    """Return the variance (T, n) of the joint torques from all modes, (N·m)²; NaN where a state is missing.
+
+    In each mode, the errors of the states and of the parameters are correlated, and their effects largely cancel.
+    ``response`` (b, S) is the change of the base parameters with every mode.
+    """
+    recorded, kept = prepared.recorded, prepared.base.kept
+    valid = np.flatnonzero(find_complete_rows(prepared.regressor))
+    if error.centre.shape[-1] == 0 or not len(valid):
+        variance = np.full(recorded.q.shape, np.nan)
+        variance[valid] = 0.0
+        return variance
+
+    def torques(states: FloatArray, centres: FloatArray) -> FloatArray:
+        regressor = _build_regressor(prepared, states, centres)
+        return planar_torque_regressor(centres, states[:, : recorded.q.shape[1]], regressor) @ prepared.base.expand(
+            base
+        )
+
+    steps = valid[:: max(1, round(recorded.rate / _KINEMATIC_ERROR_RATE))]
+    variance = np.empty((len(steps), recorded.q.shape[1]))
+    for part in chunks(len(steps), _AT_ONCE):
+        own = steps[part]
+        rows = planar_torque_regressor(recorded.centres, recorded.q[own], prepared.regressor[own])[:, :, kept]
+        variance[part] = np.sum((_propagate_modes(torques, prepared, own, error) + rows @ response) ** 2, axis=2)
+    return interpolate_samples(recorded.time, valid, steps, variance)
+
+
+def _propagate_modes(
+    function: Callable[[FloatArray, FloatArray], FloatArray],
+    prepared: PreparedTrial,
+    samples: IntArray,
+    error: KinematicError,
+) -> FloatArray:
+    """Return the changes (R, m, S) of the m values of a function with every mode, for sample indices (R,).
+
+    Arguments of the function are states (R, 3 n) and joint centres (n, 2), or (R, n, 2) for different centres in every
+    row.
+    """
+    recorded, centres = prepared.recorded, prepared.recorded.centres
+    errors = error.states(recorded.q[samples], recorded.dq[samples], recorded.ddq[samples])
+    states = np.concatenate([recorded.q[samples], recorded.dq[samples], recorded.ddq[samples]], axis=1)
+    count = states.shape[1]
+    steps = (
+        _KINEMATIC_ERROR_STEP * np.eye(1 + count + centres.size, count + centres.size, k=-1)[:, None]
+    )  # the first row is zero
+    moved = states + steps[..., :count]
+    places = np.broadcast_to(
+        centres + steps[..., count:].reshape(-1, 1, *centres.shape), (*moved.shape[:2], *centres.shape)
+    )
+    values = function(moved.reshape(-1, count), places.reshape(-1, *centres.shape)).reshape(*moved.shape[:2], -1)
+    slopes = np.stack([*(values[1:] - values[0]) / _KINEMATIC_ERROR_STEP], axis=-1)
+    of_centres = slopes[..., count:] @ error.centre.reshape(centres.size, errors.shape[-1])
+    return np.asarray(slopes[..., :count] @ errors + of_centres)
+
+
+def _build_regressor(prepared: PreparedTrial, states: FloatArray, centres: FloatArray) -> FloatArray:
+    """Return the full regressor (R, 3, 4(n + 1)) of states (R, 3 n)."""
+    q, dq, ddq = np.split(states, 3, axis=1)
+    return planar_regressor(centres, q, dq, ddq, prepared.settings.gravity)
+
+
+_POSE_ERROR_RATE = 50.0  # Hz: rate at which the effect is computed; movements are below 3 Hz
+_POSE_ERROR_STEP = 1e-4  # m, rad: step of numerical derivatives
+
+
+@dataclass(frozen=True)
+class SlidingBody:
+    """Error of one body's pose due to sliding markers."""
+
+    # (3, 3) covariance of the error in x, y (body's frame, m) and angle (rad), for one standard deviation of a joint
+    # angle
+    covariance: FloatArray
+    joints: tuple[int, ...]  # joints, from 0, to whose angles the slides are proportional
+
+
+@dataclass(frozen=True)
+class PoseEffect:
+    """Effect of the poses' errors, as modes of one standard deviation each."""
+
+    # (b + k + 1, S) change of the fitted values with each mode, in the order of the fit's covariance
+    parameters: FloatArray
+    torque: FloatArray  # (T, n) variance of the joint torques for exact positions of the joints, (N·m)²
+
+
+def propagate_slides(local: FloatArray, variance: FloatArray, joints: tuple[int, ...]) -> SlidingBody:
+    """Return the error of a body's pose due to the slides of its markers.
+
+    Parameters
+    ----------
+    local : (m, 2) array
+        Markers in the body's frame, m.
+    variance : (m,) array
+        Variance of each marker's slide, per coordinate, m².
+    joints : tuple of int
+        Joints, from 0, to whose angles the slides are proportional.
+    """
+    arm = local - local.mean(axis=0)
+    count, spread = len(local), float(np.sum(arm**2))
+    gain = np.zeros((count, 3, 2))  # change of the pose by a slide along x, along y
+    gain[:, 0, 0] = gain[:, 1, 1] = 1.0 / count
+    gain[:, 2, 0], gain[:, 2, 1] = -arm[:, 1] / spread, arm[:, 0] / spread
+    return SlidingBody(np.einsum("kid,kjd,k->ij", gain, gain, variance), joints)
+
+
+@dataclass(frozen=True)
+class PoseErrors:
+    """Measured poses and their errors."""
+
+    poses: BodyPoses  # poses from which the motion was computed
+    sliding: tuple[SlidingBody, ...]  # error of each body
+    bands: tuple[float, float, float]  # cut-offs of the poses, Hz
+
+
+def propagate_pose_errors(prepared: PreparedTrial, result: Fit, full: FloatArray, errors: PoseErrors) -> PoseEffect:
+    """Return the effect of the errors of all bodies' poses on the fit and on the torques.
+
+    ``full`` (4K,) are the full parameters of the bodies.
+    """
+    recorded, gravity = prepared.recorded, prepared.settings.gravity
+    step = max(1, int(recorded.rate / _POSE_ERROR_RATE))
+    every = errors.poses
+    thin = replace(every, time=every.time[::step], position=every.position[::step], angle=every.angle[::step])
+    motion = filter_motion(thin, errors.bands)
+    trace = _ThinnedMotion(thin, errors.bands, motion, full, gravity, _compute_wrenches(motion, full, gravity))
+    shapes = _standardise(recorded.q, result.in_fit)[::step]
+    rows, torques = [np.zeros((result.design.shape[-1], 0))], [np.zeros((len(thin.time), recorded.q.shape[1], 0))]
+    for body, own in enumerate(errors.sliding):
+        root = _take_root(own.covariance / max(len(own.joints), 1))
+        for joint in own.joints:
+            wrench, torque = trace.effects(body, shapes[:, joint])
+            known = np.isfinite(wrench).all(axis=(1, 2))
+            wrench_errors = _interpolate(recorded.time[result.samples], thin.time[known], wrench[known] @ root)
+            rows.append(
+                -result.response(wrench_errors[:, list(prepared.settings.components)] * result.weights[:, None])
+            )
+            torques.append(torque @ root)
+    parameters = np.concatenate(rows, axis=1)
+    errors_of_torque = (
+        np.concatenate(torques, axis=2)
+        + torque_regressor(motion, wrench_regressor(motion, gravity)) @ parameters[: len(full)]
+    )  # (t, n, S)
+    variance = np.sum(errors_of_torque**2, axis=2)
+    placed = np.isfinite(motion.joint).any(axis=(0, 2))
+    known = np.isfinite(variance[:, placed]).all(axis=1)
+    return PoseEffect(parameters, _interpolate(recorded.time, thin.time[known], variance[known]))
+
+
+@dataclass(frozen=True)
+class _ThinnedMotion:
+    """Poses at t samples of the trial, their motion, and the wrench (t, K, 3) that each body requires."""
+
+    poses: BodyPoses
+    bands: tuple[float, float, float]
+    motion: PlanarMotion
+    full: FloatArray
+    gravity: float
+    wrenches: FloatArray
+
+    def effects(self, body: int, shape: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the change of wrench (t, 3, 3) and torques (t, n, 3) per unit error of one body's x, y and angle.
+
+        The errors are in the body's frame and are multiplied by ``shape`` (t,). The joints are not displaced.
+        """
+        poses, base, wrench, torque = self.poses.select(body), self.motion, [], []
+        for axis in range(3):
+            position, angle = poses.position.copy(), poses.angle.copy()
+            if axis < 2:
+                position[:, 0] += planar.rotate(poses.angle[:, 0], _POSE_ERROR_STEP * np.eye(2)[axis]) * shape[:, None]
+            else:
+                angle[:, 0] += _POSE_ERROR_STEP * shape
+            moved = filter_motion(replace(poses, position=position, angle=angle), self.bands)
+            change = np.zeros_like(self.wrenches)
+            own = _compute_wrenches(moved, self.full[4 * body : 4 * body + 4], self.gravity)[:, 0]
+            change[:, body] = (own - self.wrenches[:, body]) / _POSE_ERROR_STEP
+            wrench.append(change[:, body])
+            torque.append(_compute_torques(base, change))
+        return np.stack(wrench, axis=-1), np.stack(torque, axis=-1)
+
+
+def _standardise(q: FloatArray, samples: BoolArray) -> FloatArray:
+    """Return joint angles (T, n) minus their mean over the marked samples, in standard deviations; 0 where missing."""
+    own = q[samples]
+    spread = np.nanstd(own, axis=0)
+    return np.asarray(np.nan_to_num((q - np.nanmean(own, axis=0)) / np.where(spread > 0, spread, 1.0)))
+
+
+def _compute_wrenches(motion: PlanarMotion, full: FloatArray, gravity: float) -> FloatArray:
+    """Return the wrench (t, K, 3) that each body requires, about the plane frame's origin."""
+    regressor = wrench_regressor(motion, gravity)
+    blocks = regressor.reshape(len(regressor), 3, -1, 4)
+    return np.asarray(np.einsum("tckp,kp->tkc", blocks, full.reshape(-1, 4)))
+
+
+def _compute_torques(motion: PlanarMotion, wrenches: FloatArray) -> FloatArray:
+    """Return the moments (t, n) about the joints of the wrenches on the bodies beyond them."""
+    distal_wrench = np.einsum("tkc,jk->tjc", wrenches, motion.beyond.astype(np.float64))
+    return np.asarray(np.einsum("tcj,tjc->tj", motion.jacobian, distal_wrench))
+
+
+def _take_root(covariance: FloatArray) -> FloatArray:
+    """Return a matrix L (3, 3) with L Lᵀ equal to a covariance (3, 3)."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _interpolate(time: FloatArray, known: FloatArray, values: FloatArray) -> FloatArray:
+    """Interpolate values (t, ...) at the times ``known`` (t,) linearly to other times (T,); return (T, ...)."""
+    flat = values.reshape(len(known), -1)
+    out = np.stack([np.interp(time, known, column) for column in flat.T], axis=-1)
+    return np.asarray(out.reshape(len(time), *values.shape[1:]))
+
+
+_BAND = 25.0  # Hz: smoothed accelerations of people and robots have no power above this frequency
+_SHARE = 0.25  # largest band as a fraction of the rate: the noise is measured above it
+_HIDDEN = 0.1  # fraction of the variance in the band: a smaller error cannot be separated from the plate's noise
+
+
+@dataclass(frozen=True)
+class ModelError:
+    """Variance of the model's error in one component: ``steady + scale · (variance from the accelerations)``."""
+
+    steady: float  # variance of the part that is independent of the accelerations, N² or (N·m)²
+    scale: float  # factor on the variances of the states
+    overall: float  # mean variance of the error, divided by the mean variance that follows from the states
+
+
+def estimate_model_error(residual: FloatArray, noise: FloatArray, samples: BoolArray, rate: float) -> ModelError | None:
+    """Estimate the model's error in one component of the wrench; return None if no interval is long enough.
+
+    A constant and the variance that follows from the accelerations are fitted, with non-negative coefficients, to the
+    squared residual below 25 Hz. White noise with the density measured above this frequency is subtracted. Plate noise
+    that is not white counts as an error of the model, which is then overestimated.
+
+    Parameters
+    ----------
+    residual : (T,) array
+        Measured minus modelled component.
+    noise : (T,) array
+        Variance of the component that follows from the standard deviations of the states.
+    samples : (T,) bool array
+        True for samples in which only the ground touches the body.
+    rate : float
+        Samples per second.
+    """
+    lowpass = LowPass(min(_BAND, _SHARE * rate), rate)
+    low = lowpass(np.where(samples, residual, np.nan))
+    valid = np.isfinite(low) & np.isfinite(noise)
+    if valid.sum() < 2:
+        return None
+    mean, squares = float(np.mean(noise[valid])), (low[valid] - low[valid].mean()) ** 2
+    passed, stopped = _split_white_noise(lowpass)
+    plate = passed * float(np.var((residual - low)[valid])) / stopped
+    size = max(float(squares.mean()) - plate, _HIDDEN * float(squares.mean()))
+    if mean <= 0.0:
+        return ModelError(size, 0.0, 1.0)
+    (steady, moving), _ = nnls(np.column_stack([np.ones(valid.sum()), noise[valid] / mean]), squares)
+    steady = max(steady - plate, 0.0)  # the plate's noise may exceed the constant part
+    if steady + moving == 0.0:
+        return ModelError(size, 0.0, size / mean)
+    share = size / (steady + moving)
+    return ModelError(share * steady, share * moving / mean, size / mean)
+
+
+def _split_white_noise(lowpass: LowPass) -> tuple[float, float]:
+    """Return the fractions of the variance of white noise that the filter passes and removes."""
+    size = 20 * lowpass.reach_samples + 1
+    impulse = np.zeros(size)
+    impulse[size // 2] = 1.0
+    response = lowpass(impulse)
+    return float(np.sum(response**2)), float(np.sum((impulse - response) ** 2))

@@ -8,16 +8,83 @@ base.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.dynamics.motion import PlanarMotion, move_chain, point_acceleration
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry import Chain, link_motion, planar, se3, so3, spatial_jacobian
 
 if TYPE_CHECKING:
-    from mocap_id.dynamics.space.motion import SpatialMotion
+    from mocap_id.dynamics.space.preparation import SpatialMotion
+
+
+@dataclass(frozen=True)
+class PlanarMotion:
+    """Poses of K bodies, their derivatives, and the n joints between them, in the plane frame."""
+
+    # angle, omega, alpha: (T, K) angle of each body's frame, rad, and its time derivatives
+    angle: FloatArray
+    omega: FloatArray
+    alpha: FloatArray
+    # origin, acceleration: (T, K, 2) origin of each body's frame, m, and its acceleration without gravity, m/s²
+    origin: FloatArray
+    acceleration: FloatArray
+    joint: FloatArray  # (T, n, 2) centres of the joints, m; NaN where both sides of a joint belong to one body
+    beyond: BoolArray  # (n, K) whether each body is distal to each joint
+
+    @property
+    def jacobian(self) -> FloatArray:
+        """Unit twists (p_y, -p_x, 1) of the joints (T, 3, n); times a wrench, they give moments about the joints."""
+        x, y = self.joint[..., 0], self.joint[..., 1]
+        return np.stack([y, -x, np.ones_like(x)], axis=1)
+
+    def at(self, samples: IntArray | slice) -> PlanarMotion:
+        """Return the motion at some samples."""
+        chosen = {each.name: getattr(self, each.name)[samples] for each in fields(self) if each.name != "beyond"}
+        return replace(self, **chosen)
+
+    def scale(self, factor: float) -> PlanarMotion:
+        """Return the motion with all lengths multiplied by a factor."""
+        return replace(
+            self, origin=self.origin * factor, acceleration=self.acceleration * factor, joint=self.joint * factor
+        )
+
+    def tilt(self, angle: float) -> PlanarMotion:
+        """Return the motion rotated about the origin of the plane frame by an angle, rad; gravity is not rotated."""
+        rotation = np.asarray(angle)
+        return replace(
+            self,
+            angle=self.angle + angle,
+            origin=planar.rotate(rotation, self.origin),
+            acceleration=planar.rotate(rotation, self.acceleration),
+            joint=planar.rotate(rotation, self.joint),
+        )
+
+
+def move_chain(centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> PlanarMotion:
+    """Return the motion of the n + 1 segments of a pinned chain on a fixed base, base first.
+
+    ``centres`` (n, 2) or (T, n, 2) contains the centre of joint j in the frame of segment j - 1, m.
+    """
+    angle, origin = planar.segment_poses(q, centres)  # (T, n + 1), (T, n + 1, 2)
+    omega = np.concatenate([np.zeros_like(q[:, :1]), np.cumsum(dq, axis=1)], axis=1)
+    alpha = np.concatenate([np.zeros_like(q[:, :1]), np.cumsum(ddq, axis=1)], axis=1)
+    acceleration = np.zeros_like(origin)
+    steps = point_acceleration(np.diff(origin, axis=1), omega[:, :-1], alpha[:, :-1])
+    acceleration[:, 1:] = np.cumsum(steps, axis=1)
+    joints = q.shape[1]
+    beyond: BoolArray = np.arange(joints + 1) > np.arange(joints)[:, None]
+    return PlanarMotion(angle, omega, alpha, origin, acceleration, origin[:, 1:], beyond)
+
+
+def point_acceleration(arm: FloatArray, omega: FloatArray, alpha: FloatArray) -> FloatArray:
+    """Return the acceleration (..., 2) of a point at ``arm`` (..., 2) in a rotating body, relative to its origin."""
+    normal = np.stack([-arm[..., 1], arm[..., 0]], axis=-1)
+    acceleration: FloatArray = alpha[..., None] * normal - (omega**2)[..., None] * arm
+    return acceleration
+
 
 LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 PLANAR_PARAMETERS = ("m", "mx", "my", "Izz")
@@ -177,3 +244,92 @@ def _cross_product(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the z component of a × b for plane vectors (..., 2)."""
     product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     return product
+
+
+@dataclass(frozen=True)
+class CompositeInertia:
+    """Derivatives with respect to the joint accelerations."""
+
+    # (T, 3, n) derivatives of (Fx, Fy, tauz) of the ground about the origin of the plane frame, N and N·m per rad/s²
+    wrench: FloatArray
+    torque: FloatArray  # (T, n, n) derivatives of the joint torques: the mass matrix, kg·m²
+
+
+def composite_inertia(
+    q: FloatArray, centres: FloatArray, mass: FloatArray, first: FloatArray, second: FloatArray
+) -> CompositeInertia:
+    """Return the wrench and torques for a unit acceleration of each joint, in every posture; NaN for missing angles.
+
+    Parameters
+    ----------
+    q : (T, n) array
+        Joint angles, rad; NaN where missing.
+    mass : (n + 1,) array
+        Mass of every segment, base first, kg. The mass of the base has no effect, because no joint moves the base.
+    first : (n + 1, 2) array
+        First moments in the frame of each segment, kg·m.
+    second : (n + 1,) array
+        Moments of inertia about the origin of each segment's frame, kg·m².
+    """
+    size, joints = q.shape
+    angle, origin = planar.segment_poses(q, centres)
+    wrench, torque = np.empty((size, 3, joints)), np.empty((size, joints, joints))
+    total, moment, spread = (
+        0.0,
+        np.zeros((size, 2)),
+        np.zeros(size),
+    )  # mass and moments of all segments beyond the joint
+    step = np.zeros((size, 2))
+    for k in range(joints, 0, -1):
+        spread = second[k] + spread + _dot(2.0 * moment + total * step, step)
+        moment = planar.rotate(angle[:, k], first[k]) + moment + total * step
+        total = total + float(mass[k])
+        wrench[:, 0, k - 1], wrench[:, 1, k - 1] = -moment[:, 1], moment[:, 0]
+        wrench[:, 2, k - 1] = spread + _dot(moment, origin[:, k])
+        for j in range(1, k + 1):
+            torque[:, j - 1, k - 1] = spread + _dot(moment, origin[:, k] - origin[:, j])
+            torque[:, k - 1, j - 1] = torque[:, j - 1, k - 1]
+        step = origin[:, k] - origin[:, k - 1]
+    return CompositeInertia(wrench, torque)
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the scalar products of plane vectors (T, 2)."""
+    product: FloatArray = a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]
+    return product
+
+
+SEAT = "seat"
+"""Name of the chair's wrench, if a separate force plate measures it."""
+
+
+@dataclass(frozen=True)
+class ExternalWrench:
+    """A measured wrench of the surroundings on one segment, other than the ground's wrench."""
+
+    name: str  # name of the object that exerts the wrench
+    segment: int  # segment on which it acts; 0 is the base
+    # (T, 3) (Fx, Fy, tauz) of the surroundings on the body about the origin of the plane frame, N and N·m; NaN where
+    # missing
+    wrench: FloatArray
+    # whether the samples follow the clock of the ground's plates; otherwise they follow the clock of the cameras
+    by_plates: bool
+
+
+def sum_external(
+    jacobian: FloatArray, joint: IntArray, wrenches: FloatArray, segment: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return how much external wrenches reduce the ground's wrench (..., c) and the joint torques (..., N).
+
+    ``wrenches`` (..., c, K) are about the origin and act on ``segment`` (K,). ``jacobian`` and ``joint`` are as for
+    :func:`mocap_id.dynamics.regressor.project_on_joints`.
+    """
+    return wrenches.sum(axis=-1), project_on_joints(jacobian, joint, wrenches, segment).sum(axis=-1)
+
+
+def stack_wrenches(
+    external: tuple[ExternalWrench, ...], wrenches: list[FloatArray], samples: int
+) -> tuple[FloatArray, IntArray]:
+    """Return wrenches (T, 3, K) and segments (K,) as arguments of :func:`sum_external`; K may be 0."""
+    segment = np.array([each.segment for each in external], dtype=np.int64)
+    return np.stack(wrenches, axis=-1) if wrenches else np.zeros((samples, 3, 0)), segment

@@ -16,8 +16,7 @@ from scipy.interpolate import PchipInterpolator
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import ConfigError
-from mocap_id.estimation.filter_problem import Anchors, FilterProblem, Track
-from mocap_id.estimation.process_model import ORDER
+from mocap_id.estimation.filter_problem import ORDER, Anchors, FilterProblem, Track
 from mocap_id.estimation.quintic_spline import fit_smoothing_spline
 
 BRIDGE_LIMIT = 0.2  # longest gap, s, that the low-pass and the spline bridge

@@ -1,8 +1,8 @@
 """Inner loops of the inverse kinematics and of the compiled filter engine, for chains in the plane.
 
 They are in one file because numba's cache does not follow dependencies between files. The arrays are small and dense.
-:mod:`mocap_id.estimation.compiled_filter` explains the equations. States are ordered by derivative, then by joint
-(:mod:`mocap_id.estimation.process_model`).
+:mod:`mocap_id.estimation.filter_problem` explains the equations. States are ordered by derivative, then by joint
+(:mod:`mocap_id.estimation.filter_problem`).
 """
 
 from __future__ import annotations
@@ -214,7 +214,7 @@ def _marker_rows(  # noqa: PLR0917
 ) -> None:
     """Fill ``rows`` (2, 2n + 1) of H and the innovation ``y`` (2,) for marker m.
 
-    The columns are in the order mean, sums, differences (:mod:`mocap_id.estimation.compiled_filter`). Poses are indexed
+    The columns are in the order mean, sums, differences (:mod:`mocap_id.estimation.filter_problem`). Poses are indexed
     by single numbers, because an array view costs more than the computation.
     """
     n, segment = poses.shape[1] - 1, model.segment[m]

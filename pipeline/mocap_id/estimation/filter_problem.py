@@ -4,13 +4,62 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from math import factorial
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.errors import ConfigError
-from mocap_id.estimation.filter_kernels import Inertial
-from mocap_id.estimation.process_model import ORDER
+from mocap_id.errors import ConfigError, NumericalError
+from mocap_id.estimation.filter_kernels import (
+    FilterModel,
+    FilterOutput,
+    Inertial,
+    Measurements,
+    run_filter,
+    run_smoother,
+)
+
+ORDER = 4  # quantities in the state of one joint: angle, velocity, acceleration, jerk
+
+
+def transition(dt: float) -> FloatArray:
+    """Return the transition matrix (4, 4) of one joint over a time step, s (eq. 3.17).
+
+    Entry (i, j) is dt^(j-i) / (j-i)! on and above the diagonal, otherwise zero.
+
+    Examples
+    --------
+    >>> transition(0.5)[0].tolist()
+    [1.0, 0.5, 0.125, 0.020833333333333332]
+    """
+    powers = [[dt ** (j - i) / factorial(j - i) if j >= i else 0.0 for j in range(ORDER)] for i in range(ORDER)]
+    return np.array(powers)
+
+
+def noise_shape(dt: float) -> FloatArray:
+    """Return the process noise covariance (4, 4) of one joint over a time step, s, for a snap of unit spectral density.
+
+    Entry (i, j) is dt^(7-i-j) / ((3-i)! (3-j)! (7-i-j)). The snap is white with spectral density q, in (rad/s^4)^2 s.
+    The matrix for q is q times the result. Because the snap is integrated over the step, q is independent of the frame
+    rate. The snap of the thesis has the standard deviation sigma_v and is constant over one frame; it corresponds to q
+    = sigma_v^2 dt. Both give the jerk the variance (sigma_v dt)^2 per frame. The variances of the other derivatives
+    differ by a factor of at most 2.3.
+    """
+    i = np.arange(ORDER)
+    integral = 2 * ORDER - 1 - i[:, None] - i[None, :]
+    factorials = np.array([factorial(ORDER - 1 - k) for k in i], dtype=float)
+    return np.asarray(dt**integral / (factorials[:, None] * factorials[None, :] * integral))
+
+
+def joint_transition(dt: float, joints: int) -> FloatArray:
+    """Return the transition matrix (4n, 4n) of all joints over a time step, s, in the order of this module."""
+    return np.asarray(np.kron(transition(dt), np.eye(joints)), dtype=np.float64)
+
+
+def joint_noise(dt: float, density: FloatArray) -> FloatArray:
+    """Return the process noise (4n, 4n) of all joints over a time step, s, for their snap densities (n,), rad^2/s^7."""
+    return np.asarray(np.kron(noise_shape(dt), np.diag(density)), dtype=np.float64)
+
 
 START_SD = (1.0, 10.0, 200.0, 1e4)
 """Standard deviations with which a joint starts: angle (rad), velocity, acceleration and jerk.
@@ -150,3 +199,70 @@ class Track:
         """Whether (F, n) a joint starts again in a frame and not in the next frame."""
         after = np.concatenate([self.restarted[1:], np.zeros_like(self.restarted[:1])])
         return np.asarray(self.restarted & ~after)
+
+
+_EMPTY = np.empty((0, 0))
+_NO_SENSORS = Inertial(
+    np.empty(0, dtype=np.int64), _EMPTY, _EMPTY, np.empty(0), np.empty((1, 0, 0)), np.empty((1, 0, 0)), 0.0
+)
+
+
+def filter_forwards(problem: FilterProblem) -> Track:
+    """Run the filter over all frames, and return the filtered states.
+
+    Raise NumericalError if a covariance is not positive definite.
+    """
+    frames, markers = problem.observed.shape[:2]
+    n = problem.joints
+    filtered = FilterOutput(
+        np.empty((frames, 4 * n)),
+        np.empty((frames, 4 * n, 4 * n)),
+        np.zeros((frames, markers), dtype=np.bool_),
+        np.zeros((frames, n), dtype=np.bool_),
+    )
+    anchors = problem.anchors
+    measured = Measurements(
+        np.ascontiguousarray(problem.observed),
+        np.ascontiguousarray(anchors.angles),
+        np.ascontiguousarray(anchors.covariance),
+        np.ascontiguousarray(anchors.observed),
+        np.ascontiguousarray(anchors.used),
+    )
+    failed, log_likelihood = run_filter(_make_model(problem), measured, problem.inertial or _NO_SENSORS, filtered)
+    if failed >= 0:
+        raise NumericalError(f"the filter's covariance is not positive definite at sample {failed} of {frames}")
+    return Track(*filtered, log_likelihood)
+
+
+def smooth_backwards(problem: FilterProblem, track: Track) -> Track:
+    """Run the Rauch–Tung–Striebel smoother over a filtered track, and return this track with its arrays overwritten.
+
+    Raises
+    ------
+    NumericalError
+        A predicted covariance is not positive definite.
+    """
+    failed = run_smoother(_make_model(problem), track.restarted, track.mean, track.covariance)
+    if failed >= 0:
+        raise NumericalError(f"the smoother's covariance is not positive definite at sample {failed}")
+    return track
+
+
+def _make_model(problem: FilterProblem) -> FilterModel:
+    size = 4 * problem.joints
+    return FilterModel(
+        step=transition(problem.dt)[0],
+        shape=noise_shape(problem.dt),
+        density=np.ascontiguousarray(problem.density),
+        start=start_sd(problem.dt) ** 2,
+        anchor_limit=ANCHOR_SD**2,
+        centres=np.ascontiguousarray(problem.centres),
+        segment=np.ascontiguousarray(problem.segment),
+        local=np.ascontiguousarray(problem.local),
+        variance=np.ascontiguousarray(problem.variance),
+        gate_variance=np.ascontiguousarray(problem.gate_variance),
+        gate=float(problem.gate),
+        patience=problem.patience,
+        weights=problem.sigma_points.weights(size),
+        spread=problem.sigma_points.spread(size),
+    )

@@ -16,8 +16,15 @@ from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.errors import NumericalError
 from mocap_id.estimation.filter_kernels import ENOUGH
-from mocap_id.estimation.filter_problem import ANCHOR_SD, START_SD, FilterProblem, Track, start_sd
-from mocap_id.estimation.process_model import joint_noise, joint_transition
+from mocap_id.estimation.filter_problem import (
+    ANCHOR_SD,
+    START_SD,
+    FilterProblem,
+    Track,
+    joint_noise,
+    joint_transition,
+    start_sd,
+)
 from mocap_id.geometry.planar import marker_positions
 
 

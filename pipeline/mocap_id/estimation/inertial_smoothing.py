@@ -31,7 +31,7 @@ from mocap_id.estimation.smoothing import FilterSettings, States, prepare_states
 from mocap_id.geometry import so3
 
 SHARES = (1.5, 1.5)
-"""As :data:`mocap_id.estimation.inertial.preparation.SHARES`, but larger, because hinges can follow rotating skin."""
+"""As :data:`mocap_id.estimation.inertial.calibration.SHARES`, but larger, because hinges can follow rotating skin."""
 
 _SHARE_SD = 0.05  # standard deviation of the fraction of a joint's rotation that the skin under a sensor follows
 _COVERED, _QUANTILE = 0.95, 1.645  # fraction of intervals whose drift is covered; this quantile in standard deviations

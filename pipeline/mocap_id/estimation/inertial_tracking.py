@@ -8,20 +8,222 @@ differences give the persistent errors of mounting, chain and skin.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray, as_xy
+from mocap_id.arrays import ComplexArray, FloatArray, as_complex, as_xy, interpolate_gaps
 from mocap_id.errors import NumericalError
-from mocap_id.estimation import compiled_filter
-from mocap_id.estimation.dead_reckoning import SWITCHED_ON, DeadReckoning, KnownChain, Reckoning
+from mocap_id.estimation import filter_problem
 from mocap_id.estimation.filter_kernels import Inertial
 from mocap_id.estimation.filter_problem import Anchors, FilterProblem, SigmaPoints
-from mocap_id.estimation.inertial import SensorSignals, calibrate_all
+from mocap_id.estimation.inertial import SegmentMotion, SensorSignals, calibrate_all, prepare_sensor
 from mocap_id.estimation.inertial.signals import GRAVITY
-from mocap_id.estimation.inertial_smoothing import SHARES, calibrate_worn_sensor, compute_segment_motions
+from mocap_id.estimation.inertial_smoothing import SHARES, WornSensor, calibrate_worn_sensor, compute_segment_motions
 from mocap_id.estimation.smoothing import States
+
+SWITCHED_ON = 0.006  # standard deviation, rad/s, of the change of a gyroscope's bias from one recording to the next
+FORCE_BIAS = 0.05  # standard deviation, m/s², of the change of an accelerometer's bias from one recording to the next
+
+_KNOT = 10.0  # s between the values of a gyroscope's bias
+_MOST_KNOTS = 12
+_WALK = 2e-4  # rad/s/√s, random walk of a gyroscope's bias
+_CLOCK = 0.1  # s, standard deviation between the clocks of two sensors
+_SMOOTHED = 0.025  # s, standard deviation of the Gaussian window that smooths all signals of the fit
+_ROUNDS = 8
+_STEP = 1e-4  # of a parameter, for derivatives
+_FAR = 4.0  # times the rms residual; farther samples count less
+_MOST = 3000  # frames of the fit
+_SD_FRAMES = 200  # frames in which the standard deviations of the angles are computed
+
+
+@dataclass(frozen=True)
+class KnownChain:
+    """A chain of n joints and the sensors on it, from a trial with markers."""
+
+    centres: FloatArray  # (n, 2) joint centres in the frame of the segment before, m
+    sensors: tuple[WornSensor, ...]  # n sensors, one on each moving segment
+    rest: FloatArray  # (n,) joint angles at which the skin under the sensors is not rotated, rad
+    density: FloatArray  # (n,) spectral density of each joint's snap, rad²/s⁷
+
+
+@dataclass(frozen=True)
+class Reckoning:
+    """Motion of n segments at F times from their gyroscopes, with the parameters that the accelerometers determine.
+
+    Biases are changes since the trial with markers.
+    """
+
+    angle: FloatArray  # (F, n) angles of the segments, rad
+    angle_sd: FloatArray  # (F, n) standard deviations due to the parameters below, rad
+    shift: FloatArray  # (n,) time on each sensor's clock minus the time on the first sensor's clock, s
+    shift_sd: FloatArray  # (n,) standard deviations, s
+    gyro_bias: FloatArray  # (F, n) bias of each gyroscope about the plane's normal, rad/s
+    gyro_bias_sd: FloatArray  # (F, n) standard deviations, rad/s
+    force_bias: FloatArray  # (n, 2) bias of each accelerometer, m/s²
+    force_bias_sd: FloatArray  # (n, 2) standard deviations, m/s²
+    residual: FloatArray  # (n,) rms residual of a component of each accelerometer, m/s²
+
+
+@dataclass(frozen=True)
+class _Unknowns:
+    """Parameters of the fit."""
+
+    start: FloatArray  # (n,) constants of the angles, rad
+    bias: FloatArray  # (F, n) changes of the gyroscopes' biases, rad/s
+    force: ComplexArray  # (n,) changes of the accelerometers' biases, m/s²
+    shift: FloatArray  # (n,) clocks, s
+
+
+class DeadReckoning:
+    """Least-squares fit to the accelerometers of the motion from the gyroscopes.
+
+    ``signals`` are those of the sensors on the moving segments 1 … n; ``time`` (F,) are uniform times on the first
+    sensor's clock, s.
+    """
+
+    def __init__(self, signals: Sequence[SensorSignals], time: FloatArray, chain: KnownChain) -> None:
+        self._signals, self.time, self.chain = tuple(signals), time, chain
+        self._dt, n = float(time[1] - time[0]), len(signals)
+        count = int(np.clip(1 + round((time[-1] - time[0]) / _KNOT), 2, _MOST_KNOTS))
+        self._knots = np.linspace(time[0], time[-1], count)
+        self._links = as_complex(chain.centres)
+        self._place = np.array([complex(*each.calibration.place[:2]) for each in chain.sensors])
+        share = np.array([each.share for each in chain.sensors])
+        self._skin = share @ (np.eye(n) - np.eye(n, k=-1))  # for the angles of the segments, not of the joints
+        self._resting = share @ chain.rest
+        self._to_segments = np.linalg.inv(np.eye(n) + self._skin)
+        self._half = int(np.ceil(3 * _SMOOTHED / self._dt))
+        window = np.exp(-0.5 * (np.arange(-self._half, self._half + 1) * self._dt / _SMOOTHED) ** 2)
+        self._window = window / window.sum()
+        ends = np.cumsum([0, n, n * count, 2 * n, n - 1]).tolist()
+        self._at = [slice(a, b) for a, b in pairwise(ends)]
+        self._size = ends[-1]
+        self._some = np.arange(0, len(time), max(1, -(-len(time) // _MOST)))
+        self.sample = lru_cache(maxsize=2 * n)(self._sample)
+
+    def _sample(self, shift: tuple[float, ...]) -> tuple[FloatArray, ComplexArray]:
+        """Return angular velocities (F, n), rad/s, and specific forces (F, n), m/s², of the skin under each sensor.
+
+        ``shift`` (n,) are the clocks, s. Forces are x + 1j y in the skin's axes. Missing values are NaN.
+        """
+        parts = [self.prepare(k, each) for k, each in enumerate(shift)]
+        return np.stack([gyro[:, 2] for gyro, _ in parts], 1), np.stack([as_complex(f[:, :2]) for _, f in parts], 1)
+
+    def prepare(self, k: int, shift: float) -> tuple[FloatArray, FloatArray]:
+        """Return the angular velocity, rad/s, and specific force, m/s², (F, 3) of sensor k in the axes of its segment.
+
+        They are corrected by the biases of the calibration. ``shift`` is the sensor's clock relative to the first, s.
+        """
+        still, none = np.zeros(len(self.time)), np.zeros((len(self.time), 3))
+        motion = SegmentMotion(none, none, none, still, still, np.array([0.0, 1.0, 0.0]))
+        found = self.chain.sensors[k].calibration
+        found = replace(found, clock=replace(found.clock, offset=-shift, drift=0.0))
+        prepared = prepare_sensor(self._signals[k], found, motion, self.time, still == 0.0, SHARES)
+        return prepared.gyro, prepared.force
+
+    def solve(self) -> Reckoning:
+        """Return the motion and the parameters that fit best, by Gauss–Newton with weak priors."""
+        unknowns, prior = np.zeros(self._size), self._prior()
+        unknowns[self._at[0]] = self._find_upright()
+        calibrations = [each.calibration for each in self.chain.sensors]
+        spread = np.array([each.residual[1] * np.sqrt(each.correlated[1]) for each in calibrations])
+        spread *= len(self.time) ** -0.5 * len(self._some) ** 0.5  # thinned samples are less correlated
+        free = np.ones(self._size)
+        free[self._at[0]] = 0.0  # the constants of the angles have no prior
+        for _ in range(_ROUNDS):
+            off = self._residual(unknowns)
+            rows = np.stack([(self._residual(unknowns + _STEP * e) - off) / _STEP for e in np.eye(self._size)], 2)
+            there = np.isfinite(off) & np.isfinite(rows).all(axis=2)
+            usual = np.sqrt(np.mean(np.abs(off[there]) ** 2))
+            weight = 1.0 / (spread * np.sqrt(np.fmax(1.0, np.abs(off) / (_FAR * usual))))
+            rows, off = (rows * weight[..., None])[there], (off * weight)[there]
+            normal = np.real(rows.conj().T @ rows) + prior
+            step = -np.linalg.solve(normal, np.real(rows.conj().T @ off) + prior @ (free * unknowns))
+            unknowns = unknowns + step
+            if np.max(np.abs(step) * np.sqrt(np.diagonal(normal))) < 1e-2:
+                break
+        return self._describe(unknowns, np.linalg.inv(normal))
+
+    def _prior(self) -> FloatArray:
+        """Return the prior inverse covariance of the parameters."""
+        count = len(self._knots)
+        walk = np.diff(np.eye(count), axis=0) / (_WALK * np.sqrt(np.diff(self._knots)))[:, None]
+        bias = walk.T @ walk
+        bias[0, 0] += 1.0 / SWITCHED_ON**2
+        prior = np.zeros((self._size, self._size))
+        prior[self._at[1], self._at[1]] = np.kron(np.eye(len(self._signals)), bias)
+        for part, sd in ((self._at[2], FORCE_BIAS), (self._at[3], _CLOCK)):
+            prior[part, part] = np.eye(part.stop - part.start) / sd**2
+        return prior
+
+    def _split(self, unknowns: FloatArray) -> _Unknowns:
+        start, bias, force, shift = (unknowns[each] for each in self._at)
+        knots = bias.reshape(len(self._signals), -1)
+        every = np.stack([np.interp(self.time, self._knots, each) for each in knots], axis=1)
+        return _Unknowns(start, every, as_complex(force.reshape(-1, 2)), np.concatenate([[0.0], shift]))
+
+    def _smooth(self, values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+        ends = [np.repeat(each, self._half, axis=0) for each in (values[:1], values[-1:])]
+        padded = np.concatenate([ends[0], values, ends[1]])
+        return np.stack([np.convolve(each, self._window, mode="valid") for each in padded.T], axis=1)
+
+    def _motion(self, given: _Unknowns) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return angles, angular velocities and angular accelerations (F, n) of the segments."""
+        speed = (interpolate_gaps(self.sample(tuple(given.shift))[0]) - given.bias) @ self._to_segments.T
+        integral = np.cumsum((speed[1:] + speed[:-1]) / 2, axis=0) * self._dt
+        smooth = self._smooth(speed)
+        angle = given.start + np.concatenate([np.zeros((1, len(given.start))), integral])
+        return angle, smooth, np.gradient(smooth, self._dt, axis=0)
+
+    def _expect(self, angle: FloatArray, speed: FloatArray, acceleration: FloatArray) -> ComplexArray:
+        """Return the specific forces (F, n), m/s², that the accelerometers should measure for a motion (F, n)."""
+        rotation, weight = np.exp(1j * angle), 1j * acceleration - speed**2
+        carried = np.cumsum(weight[:, :-1] * self._links[1:] * rotation[:, :-1], axis=1)
+        carried = np.concatenate([np.zeros((len(angle), 1)), carried], axis=1)
+        skin = angle @ self._skin.T - self._resting
+        total = carried + weight * self._place * rotation + 1j * GRAVITY
+        return np.asarray(total * np.exp(-1j * (angle + skin)))
+
+    def _find_upright(self) -> FloatArray:
+        """Return the constants (n,) of the angles, rad, for which measured and expected forces agree in direction."""
+        given = self._split(np.zeros(self._size))
+        angle, speed, acceleration = self._motion(given)
+        force, start = self.sample(tuple(given.shift))[1], np.zeros(len(self._signals))
+        for _ in range(3):  # the rotation of the skin depends on the angle
+            off = np.nansum(self._expect(start + angle, speed, acceleration) * np.conj(force), axis=0)
+            start = start + self._to_segments @ np.angle(off)
+        return np.asarray(start)
+
+    def _residual(self, unknowns: FloatArray) -> ComplexArray:
+        """Return measured minus expected forces (f, n), m/s², at the frames of the fit; NaN where not measured."""
+        given = self._split(unknowns)
+        measured = self._smooth(self.sample(tuple(given.shift))[1]) - given.force
+        return np.asarray((measured - self._expect(*self._motion(given)))[self._some])
+
+    def _describe(self, unknowns: FloatArray, covariance: FloatArray) -> Reckoning:
+        given, sd = self._split(unknowns), np.sqrt(np.diagonal(covariance))
+        angle, off = self._motion(given)[0], self._residual(unknowns)
+        some = np.unique(np.linspace(0, len(angle) - 1, _SD_FRAMES).astype(np.int64))
+        moved = [self._motion(self._split(unknowns + _STEP * e))[0][some] for e in np.eye(self._size)]
+        rows = (np.stack(moved, axis=2) - angle[some, :, None]) / _STEP
+        variance = np.einsum("fkp,pq,fkq->kf", rows, covariance, rows)
+        knots = sd[self._at[1]].reshape(len(self._signals), -1)
+        return Reckoning(
+            angle=angle,
+            angle_sd=np.stack([np.interp(self.time, self.time[some], np.sqrt(each)) for each in variance], axis=1),
+            shift=given.shift,
+            shift_sd=np.concatenate([[0.0], sd[self._at[3]]]),
+            gyro_bias=given.bias,
+            gyro_bias_sd=np.stack([np.interp(self.time, self._knots, each) for each in knots], axis=1),
+            force_bias=as_xy(given.force),
+            force_bias_sd=sd[self._at[2]].reshape(-1, 2),
+            residual=np.sqrt(np.nanmean(np.abs(off) ** 2, axis=0) / 2),
+        )
+
 
 _GATE = 8.0  # largest innovation in the filter, in standard deviations
 _ACCELERATION_SHARE = 0.35  # factor on the filter's sd, from simulated people: it treats lasting errors as white noise
@@ -146,7 +348,7 @@ def _track(reckoned: DeadReckoning) -> tuple[FloatArray, FloatArray, Reckoning]:
             gravity=GRAVITY,
         ),
     )
-    mean, sd = compiled_filter.smooth_backwards(problem, compiled_filter.filter_forwards(problem)).by_joint()
+    mean, sd = filter_problem.smooth_backwards(problem, filter_problem.filter_forwards(problem)).by_joint()
     return mean, sd, reckoning
 
 

@@ -17,9 +17,8 @@ from scipy.optimize import minimize_scalar
 
 from mocap_id.arrays import BoolArray, FloatArray, chunks
 from mocap_id.compilation import compiled
-from mocap_id.estimation.filter_problem import Anchors, start_sd
+from mocap_id.estimation.filter_problem import ORDER, Anchors, noise_shape, start_sd, transition
 from mocap_id.estimation.inverse_kinematics import FrameAngles
-from mocap_id.estimation.process_model import ORDER, noise_shape, transition
 
 SIGMA_V_BOUNDS = (1.0, 1e6)  # search range of the snap's standard deviation over one frame, rad/s^4
 

@@ -16,7 +16,7 @@ from scipy.optimize import minimize_scalar
 from scipy.sparse import csr_array, dia_array, diags_array
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.estimation.process_model import ORDER
+from mocap_id.estimation.filter_problem import ORDER
 
 DEGREE = 5
 _PENALISED = 3  # derivative

@@ -2,20 +2,19 @@
 
 from mocap_id.geometry import planar, se3, so3
 from mocap_id.geometry.chain import (
+    Ball,
     Chain,
+    Revolute,
     body_jacobian,
     body_product,
-    spatial_jacobian,
-    spatial_product,
-)
-from mocap_id.geometry.joints import Ball, Revolute
-from mocap_id.geometry.plane_frame import PlaneFrame
-from mocap_id.geometry.recursion import (
     inverse_dynamics,
     link_motion,
     link_wrench,
     spatial_inertia,
+    spatial_jacobian,
+    spatial_product,
 )
+from mocap_id.geometry.planar import PlaneFrame
 
 __all__ = [
     "Ball",

@@ -8,12 +8,113 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.geometry import se3
-from mocap_id.geometry.joints import Joint
+from mocap_id.geometry import se3, so3
+
+_SMALL = 0.05  # rad; the series are accurate to rounding below this angle, and the closed forms above it
+
+
+class Joint(Protocol):
+    """Protocol of a joint: the members that :class:`mocap_id.geometry.chain.Chain` uses."""
+
+    @property
+    def dimension(self) -> int:
+        """Number of coordinates d."""
+
+    @property
+    def twists(self) -> FloatArray:
+        """Twists ξ_k of the coordinates in the joint frame, (6, d)."""
+
+    def subspace(self, q: FloatArray) -> FloatArray:
+        """Return the matrix S(q), (..., 6, d); S(q) q̇ is the body velocity of the link in the joint frame."""
+
+    def subspace_rate(self, q: FloatArray, dq: FloatArray) -> FloatArray:
+        """Return the time derivative of :meth:`subspace`, (..., 6, d), from coordinates and rates (..., d)."""
+
+
+@dataclass(frozen=True)
+class Revolute:
+    """Hinge: rotation about an axis through the origin of the joint frame.
+
+    The axis (x, y, z) is scaled to unit length. A ValueError is raised if it is zero or not finite.
+    """
+
+    axis: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        length = float(np.linalg.norm(self.axis))
+        if not 0 < length < np.inf:
+            raise ValueError(f"the axis of a revolute joint is {self.axis}; expected a finite, non-zero vector")
+        object.__setattr__(self, "axis", tuple(float(x) / length for x in self.axis))
+
+    @property
+    def dimension(self) -> int:
+        return 1
+
+    @property
+    def twists(self) -> FloatArray:
+        return np.concatenate([np.zeros(3), self.axis])[:, None]
+
+    def subspace(self, q: FloatArray) -> FloatArray:
+        """Return the twist of the axis, (..., 6, 1), which does not depend on the angle (eq. 2.49)."""
+        return np.broadcast_to(self.twists, (*q.shape[:-1], 6, 1))
+
+    def subspace_rate(self, q: FloatArray, dq: FloatArray) -> FloatArray:
+        """Return zeros, because :meth:`subspace` is constant."""
+        return np.zeros((*q.shape[:-1], 6, 1))
+
+
+@dataclass(frozen=True)
+class Ball:
+    """Ball joint: any rotation about the origin of the joint frame. Its coordinates are a rotation vector, rad."""
+
+    @property
+    def dimension(self) -> int:
+        return 3
+
+    @property
+    def twists(self) -> FloatArray:
+        return np.eye(6)[:, 3:]
+
+    def subspace(self, q: FloatArray) -> FloatArray:
+        """Return the matrix S(q), (..., 6, 3): three rows of zeros above the right Jacobian 1 - a q̂ + b q̂².
+
+        The factors a and b are those of :func:`_jacobian_coefficients`. The right Jacobian times q̇ is the angular
+        velocity of the link in its own frame (Chirikjian, Stochastic Models, Information Theory, and Lie Groups, vol.
+        2, 10.86).
+        """
+        a, b, _, _ = _jacobian_coefficients(np.linalg.norm(q, axis=-1)[..., None, None])
+        cross = so3.hat(q)
+        return _stack_below_zeros(np.eye(3) - a * cross + b * cross @ cross)
+
+    def subspace_rate(self, q: FloatArray, dq: FloatArray) -> FloatArray:
+        """Return the time derivative of :meth:`subspace`, (..., 6, 3)."""
+        a, b, da, db = _jacobian_coefficients(np.linalg.norm(q, axis=-1)[..., None, None])
+        cross, change = so3.hat(q), so3.hat(dq)
+        along = np.sum(q * dq, axis=-1)[..., None, None]  # θ dθ/dt
+        square = cross @ change + change @ cross
+        return _stack_below_zeros(along * (db * cross @ cross - da * cross) - a * change + b * square)
+
+
+def _stack_below_zeros(rotation: FloatArray) -> FloatArray:
+    """Return matrices (..., 6, 3): three rows of zeros above the matrices ``rotation`` (..., 3, 3)."""
+    return np.concatenate([np.zeros_like(rotation), rotation], axis=-2)
+
+
+def _jacobian_coefficients(angle: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return a = (1 - cos θ)/θ², b = (θ - sin θ)/θ³, (da/dθ)/θ and (db/dθ)/θ at the angles θ."""
+    sine, a = so3.exp_coefficients(angle)
+    square = angle**2
+    small = angle < _SMALL
+    safe = np.where(small, 1.0, square)
+    b = np.where(small, 1 / 6 - square / 120 + square**2 / 5040 - square**3 / 362880, (1 - sine) / safe)
+    da = np.where(small, -1 / 12 + square / 180 - square**2 / 6720 + square**3 / 453600, (sine - 2 * a) / safe)
+    db = np.where(small, -1 / 60 + square / 1260 - square**2 / 60480 + square**3 / 4989600, (a - 3 * b) / safe)
+    return a, b, da, db
 
 
 @dataclass(frozen=True)
@@ -108,3 +209,106 @@ def spatial_jacobian(chain: Chain, q: FloatArray) -> FloatArray:
 def body_jacobian(chain: Chain, q: FloatArray, tool: FloatArray) -> FloatArray:
     """Return the body Jacobian of a tool on the last link, (..., 6, N), in the tool frame (eq. 2.46, 2.48)."""
     return se3.Ad(se3.inverse(chain.tool_pose(q, tool))) @ spatial_jacobian(chain, q)
+
+
+@dataclass(frozen=True)
+class LinkMotion:
+    """Motion of all links, base first."""
+
+    relative: FloatArray  # (..., n, 4, 4) pose g_{i-1,i} of each link in the frame of the previous link
+    velocity: FloatArray  # (..., n + 1, 6) body velocities, m/s and rad/s
+    acceleration: FloatArray  # (..., n + 1, 6) derivatives of the body velocities, m/s² and rad/s²
+
+
+@dataclass(frozen=True)
+class JointLoads:
+    """Wrenches and generalised forces that cause a given motion of a chain."""
+
+    joint_wrench: FloatArray  # (..., n, 6) wrench of link i - 1 on link i in frame i, N and N·m
+    effort: FloatArray  # (..., N) generalised force of each coordinate; the torque of a hinge, N·m
+    base_wrench: FloatArray  # (..., 6) wrench of the ground on the whole body, world frame, about its origin
+
+
+def spatial_inertia(mass: FloatArray, centre: FloatArray, about_centre: FloatArray) -> FloatArray:
+    """Return the spatial inertia matrix of a link about the origin of its frame, (..., 6, 6) (eq. 2.56).
+
+    The product of this matrix and a twist (v, ω) is the momentum of the link. ``mass`` is in kg, ``centre`` (..., 3) is
+    the centre of mass in the link frame, m, and ``about_centre`` (..., 3, 3) the inertia matrix about the centre of
+    mass, kg·m².
+    """
+    mass = np.asarray(mass, dtype=np.float64)[..., None, None]
+    cross = so3.hat(centre)
+    matrix = np.zeros((*np.broadcast_shapes(mass.shape[:-2], cross.shape[:-2]), 6, 6))
+    matrix[..., :3, :3] = mass * np.eye(3)
+    matrix[..., :3, 3:], matrix[..., 3:, :3] = -mass * cross, mass * cross
+    matrix[..., 3:, 3:] = about_centre - mass * (cross @ cross)
+    return matrix
+
+
+def link_wrench(inertia: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
+    """Return the wrench (..., 6) that causes the motion of a link, about the origin of the link's frame (eq. 2.55)."""
+    momentum = inertia @ velocity[..., None]
+    gyroscopic = np.swapaxes(se3.ad(velocity), -1, -2) @ momentum
+    return (inertia @ acceleration[..., None] - gyroscopic)[..., 0]
+
+
+def link_motion(
+    chain: Chain, q: FloatArray, dq: FloatArray, ddq: FloatArray, base_acceleration: FloatArray
+) -> LinkMotion:
+    """Return the velocities and accelerations of all links for given coordinates (..., N) (eq. 2.50-2.53).
+
+    The base has zero velocity and the acceleration ``base_acceleration`` (6,), which is ``(g·up, 0)`` for gravity.
+    """
+    relative = chain.relative_poses(q)
+    lead = q.shape[:-1]
+    velocity = [np.zeros((*lead, 6))]
+    acceleration = [np.broadcast_to(np.asarray(base_acceleration, dtype=np.float64), (*lead, 6))]
+    for i, (joint, part) in enumerate(zip(chain.joints, chain.slices, strict=True)):
+        backward = se3.Ad(se3.inverse(relative[..., i, :, :]))
+        subspace, rate = joint.subspace(q[..., part]), joint.subspace_rate(q[..., part], dq[..., part])
+        from_base = backward @ velocity[-1][..., None]
+        own = subspace @ dq[..., part, None]
+        change = subspace @ ddq[..., part, None] + rate @ dq[..., part, None]
+        coriolis = se3.ad(from_base[..., 0]) @ own
+        velocity.append((from_base + own)[..., 0])
+        acceleration.append((backward @ acceleration[-1][..., None] + coriolis + change)[..., 0])
+    return LinkMotion(relative, np.stack(velocity, axis=-2), np.stack(acceleration, axis=-2))
+
+
+def inverse_dynamics(
+    chain: Chain,
+    inertias: FloatArray,
+    q: FloatArray,
+    dq: FloatArray,
+    ddq: FloatArray,
+    *,
+    base_acceleration: FloatArray,
+    applied: FloatArray | None = None,
+) -> JointLoads:
+    """Return the joint wrenches, joint torques and ground wrench for a given motion (eq. 2.57).
+
+    Parameters
+    ----------
+    chain : Chain
+    inertias : (n + 1, 6, 6) array
+        :func:`spatial_inertia` of all links, base first.
+    q, dq, ddq : (..., N) arrays
+        Coordinates and their time derivatives.
+    base_acceleration : (6,) array
+        Acceleration of the base, ``(g·up, 0)`` for gravity.
+    applied : (..., n + 1, 6) array, optional
+        Other external wrenches on the links (for example, from a seat), in the links' frames. The thesis has the
+        opposite sign: its Γ_E is the wrench of the body on the surroundings.
+    """
+    moving = link_motion(chain, q, dq, ddq, base_acceleration)
+    needed = link_wrench(inertias, moving.velocity, moving.acceleration)
+    if applied is not None:
+        needed = needed - applied
+    total = needed[..., -1, :]
+    wrenches, efforts = [], []
+    for i in reversed(range(len(chain.joints))):
+        subspace = chain.joints[i].subspace(q[..., chain.slices[i]])
+        wrenches.append(total)
+        efforts.append((np.swapaxes(subspace, -1, -2) @ total[..., None])[..., 0])
+        total = needed[..., i, :] + se3.move_wrench(moving.relative[..., i, :, :], total)
+    return JointLoads(np.stack(wrenches[::-1], axis=-2), np.concatenate(efforts[::-1], axis=-1), total)

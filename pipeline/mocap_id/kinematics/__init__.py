@@ -1,19 +1,16 @@
 """Chains from marker trajectories, in the plane and (``space``) in space: bodies, segments, joints (3.2.3 to 3.2.5)."""
 
-from mocap_id.kinematics.bundle import fit_chain
-from mocap_id.kinematics.bursts import find_bursts
-from mocap_id.kinematics.chain_equations import ChainState
-from mocap_id.kinematics.chain_fit import ChainFit, joint_angles, orient_frames
-from mocap_id.kinematics.constraints import Constraints
+from mocap_id.kinematics.base_motion import propose_window
+from mocap_id.kinematics.bundle import LinkMethod, fit_chain, fit_links
+from mocap_id.kinematics.chain_fit import ChainFit, ChainState, joint_angles, orient_frames
+from mocap_id.kinematics.chain_search import Hypothesis, SegmentationRules
+from mocap_id.kinematics.clusters import Constraints
 from mocap_id.kinematics.frame_sampling import frames_along_motion, frames_over_time
-from mocap_id.kinematics.hypotheses import Hypothesis, SegmentationRules
 from mocap_id.kinematics.joint import measure_asymmetry
-from mocap_id.kinematics.links import LinkMethod, fit_links
 from mocap_id.kinematics.plane import PlaneFit, fit_plane
 from mocap_id.kinematics.segmentation import Segmentation, segment_markers
 from mocap_id.kinematics.skin_slides import SkinModel, angle_errors, fit_skin, skin_from_residuals
-from mocap_id.kinematics.swaps import Swap, find_swaps, undo_swaps
-from mocap_id.kinematics.window import propose_window
+from mocap_id.kinematics.swaps import Swap, find_bursts, find_swaps, undo_swaps
 
 __all__ = [
     "ChainFit",

@@ -4,11 +4,80 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, find_runs
+from mocap_id.arrays import BoolArray, FloatArray, as_complex, find_runs
+from mocap_id.kinematics.joint import count_positions
+
+STILL_RADIUS = 0.015
+"""Largest distance (m) of a base marker from its rest position: skin, toes and heels move by a few millimetres."""
+
+_TRAVEL = 5.0  # least travel of a moving marker, in still radii
+_STANDS = 0.7  # least fraction of the recording in which a displaced base stands still
+_TRIED = 200  # stretches tried, the longest first
+
+MIN_SECONDS = 2.0
+"""Shortest window, s; shorter still phases are steps while walking."""
+
+
+def propose_window(positions: FloatArray, rate: float) -> tuple[int, int]:
+    """Return first frame and stop of the longest interval in which two markers stand still and two others move.
+
+    The whole recording is returned if its base is always fixed or only changes its position, or if there is no interval
+    of :data:`MIN_SECONDS`. Positions (F, M, 3) are in the lab, m, NaN where missing; ``rate`` is in frames per second.
+    """
+    frames = len(positions)
+    if _find_still_markers(positions).sum() >= 2:
+        return 0, frames
+    base = find_base_motion(positions, np.arange(frames) / rate, rate)
+    if base is not None and sum(each.end - each.start for each in base.stretches) * rate > _STANDS * frames:
+        return 0, frames
+    least = MIN_SECONDS * rate
+    stillness = [run for still in _find_still_samples(positions, rate).T for run in find_runs(still)]
+    runs = [(run.start, run.stop) for run in stillness if run.stop - run.start >= least]
+    shared = {(max(a[0], b[0]), min(a[1], b[1])) for a, b in combinations(runs, 2)}
+    longest_first = sorted((s for s in shared if s[1] - s[0] >= least), key=lambda s: s[0] - s[1])
+    return next((s for s in longest_first[:_TRIED] if _has_motion(positions[s[0] : s[1]])), (0, frames))
+
+
+def _has_motion(positions: FloatArray) -> bool:
+    """Return whether at least two markers travel far beyond the still radius, unlike markers on a waiting person."""
+    seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
+    low = np.where(seen[..., None], positions, np.inf).min(axis=0)
+    high = np.where(seen[..., None], positions, -np.inf).max(axis=0)
+    extent = np.linalg.norm(np.where(high >= low, high - low, 0), axis=1)
+    return int(np.sum(extent > _TRAVEL * STILL_RADIUS)) >= 2
+
+
+def _find_still_markers(positions: FloatArray) -> BoolArray:
+    """Return the markers (M,) that are within the still radius of their median in 98 % of the visible frames."""
+    seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
+    tracks = np.swapaxes(positions, 0, 1)
+    median = np.array(
+        [np.median(p[s], axis=0) if s.any() else np.full(3, np.nan) for p, s in zip(tracks, seen.T, strict=True)]
+    )
+    away = (np.linalg.norm(positions - median, axis=2) > STILL_RADIUS) & seen
+    return np.asarray((seen.sum(axis=0) > len(positions) / 2) & (away.sum(axis=0) * 50 <= seen.sum(axis=0)))
+
+
+def _find_still_samples(positions: FloatArray, rate: float) -> BoolArray:
+    """Return whether each marker stays within the still radius of one point in the second around each frame, (F, M).
+
+    The point is the centre of the bounding box of its positions. Missing samples are ignored, but half of the second
+    must be visible.
+    """
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d  # noqa: PLC0415  a fixed base is usual
+
+    size = 2 * max(1, round(rate / 2)) + 1
+    seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
+    low = minimum_filter1d(np.where(seen[..., None], positions, np.inf), size, axis=0, mode="nearest")
+    high = maximum_filter1d(np.where(seen[..., None], positions, -np.inf), size, axis=0, mode="nearest")
+    often = uniform_filter1d(seen.astype(np.float64), size, axis=0, mode="nearest") > 0.5 - 1e-9
+    extent = np.where(often[..., None], high - low, np.inf)
+    return np.asarray(np.linalg.norm(extent, axis=2) / 2 < STILL_RADIUS)
+
 
 _BLOCK_S = 0.1  # positions are averaged over blocks of this length
 _STEP_S = 0.5  # a marker stands still if it moves less than _STILL_M in this time
@@ -314,3 +383,88 @@ def block_means(values: FloatArray, size: int) -> FloatArray:
 def _set_zero_height(points: FloatArray) -> FloatArray:
     """Return horizontal points (..., 2) as points (..., 3) with height 0."""
     return np.concatenate([points, np.zeros((*points.shape[:-1], 1))], axis=-1)
+
+
+_HEEL_LIFT_BLOCK_S = 0.1
+_LASTING_S = 0.3  # shortest lift
+_LIFT_M = 0.012  # least lift; markers on heels that stay on the ground rise by up to 9 mm
+_FLAT = 0.4  # least fraction of the body's moving time in which feet are flat; shanks move in most of it
+_FOOT_M = (0.1, 0.35)  # range of distances of two markers on one foot
+_HEEL_LIFT_RIGID_M = 0.003  # largest change of distance of two markers on one foot
+_HEEL_LIFT_STILL_M = 0.001  # markers that move less are on the ground, not on a rotating foot
+_MOSTLY = 0.98  # quantile of a marker's distance from its usual position
+_LEAST_POSITIONS = 2  # fewest distinct marker positions that determine the pose of a foot
+
+LEAST_TURN = float(np.radians(3.0))
+"""Least rotation of a foot that is reported, rad."""
+
+
+@dataclass(frozen=True)
+class HeelLift:
+    """Lift of one end of a foot."""
+
+    marker: int  # column of the marker that rises
+    about: int  # column of a marker on the same foot that rises less
+    height: float  # rise that lasts 0.3 s, m
+    turn: float  # rotation of the foot, rad
+    time: float  # time when the marker first rises, s
+
+
+def find_heel_lift(positions: FloatArray, time: FloatArray, rate: float) -> HeelLift | None:
+    """Return the largest rotation of a foot; None if all feet stay flat, or if no two markers of a foot rotate.
+
+    A rotation is visible in two low markers that keep their distance while one of them rises. Positions (F, M, 3) are
+    in lab axes with Z up, m, NaN where missing; ``rate`` is in frames per second.
+    """
+    size = max(1, round(_HEEL_LIFT_BLOCK_S * rate))
+    blocks = block_means(positions, size)
+    low = np.flatnonzero(find_standing(blocks, size / rate, _FLAT))
+    blocks, lasting = blocks[:, low], max(1, round(_LASTING_S * rate / size))
+    if len(low) < 2:
+        return None
+    usual = np.nanmedian(blocks, axis=0)
+    away = np.sort(np.nan_to_num(np.linalg.norm(blocks - usual, axis=2)), axis=0)[-lasting]
+    height = np.sort(np.nan_to_num(blocks[..., 2] - usual[:, 2]), axis=0)[-lasting]
+    largest: HeelLift | None = None
+    for up in np.flatnonzero(height > _LIFT_M):
+        for down in np.flatnonzero((away > _HEEL_LIFT_STILL_M) & (height < height[up])):
+            between = blocks[:, up] - blocks[:, down]
+            turn = _measure_rotation(between[np.isfinite(between[:, 0])], lasting)
+            if turn > LEAST_TURN and (largest is None or turn > largest.turn):
+                first = int(np.argmax(blocks[:, up, 2] - usual[up, 2] > _LIFT_M))
+                largest = HeelLift(int(low[up]), int(low[down]), float(height[up]), turn, float(time[size * first]))
+    return largest
+
+
+def find_moving_markers(points: FloatArray, rate: float) -> BoolArray:
+    """Return which base markers (m,) are on feet that move; none if the moving markers do not determine a pose.
+
+    Marker positions (F, m, 2) are in the plane frame, m, NaN where missing; the rate is in frames per second.
+    """
+    blocks = block_means(points, max(1, round(_HEEL_LIFT_BLOCK_S * rate)))
+    moving: BoolArray = np.asarray(np.isfinite(blocks).any(axis=(0, 2)))
+    if not moving.any():
+        return moving
+    usual = np.nanmedian(blocks[:, moving], axis=0)
+    low = usual[:, 1] < usual[:, 1].min() + LOW_M  # a table or a chair that is touched is not a foot
+    moving[moving], usual = low, usual[low]
+    away = np.linalg.norm(blocks[:, moving] - usual, axis=2)
+    moves = np.nanquantile(away, _MOSTLY, axis=0) > _HEEL_LIFT_STILL_M
+    moving[moving] = moves & (count_positions(as_complex(usual[moves])) >= _LEAST_POSITIONS)
+    return moving
+
+
+def _measure_rotation(between: FloatArray, lasting: int) -> float:
+    """Return the rotation for ``lasting`` blocks of the line (K, 3) between two markers, rad; 0 if not on a foot."""
+    if len(between) <= lasting:
+        return 0.0
+    lengths = np.linalg.norm(between, axis=1)
+    length, usual = float(np.median(lengths)), np.median(between, axis=0)
+    level = abs(usual[2]) < np.hypot(usual[0], usual[1])
+    if (
+        not (level and _FOOT_M[0] < length < _FOOT_M[1])
+        or np.quantile(np.abs(lengths - length), 0.98) > _HEEL_LIFT_RIGID_M
+    ):
+        return 0.0
+    slope = np.arcsin(np.clip(between[:, 2] / length, -1, 1))
+    return float(np.sort(slope - np.median(slope))[-lasting])

@@ -1,6 +1,6 @@
 """Joint centres, marker coordinates and angles of the whole chain, fitted together (3.13 to 3.16).
 
-The fit solves :mod:`mocap_id.kinematics.chain_equations` by Gauss-Newton; bursts (large residuals) have less weight.
+The fit solves :mod:`mocap_id.kinematics.chain_fit` by Gauss-Newton; bursts (large residuals) have less weight.
 The data do not determine the orientation of a segment frame. Each iteration therefore takes the shortest step, and
 :func:`orient_frames` sets the orientation afterwards (the purpose of lambda_phi in 3.16). Each marker is weighted by
 its residuals, because skin over muscle slides more than skin over bone.
@@ -10,26 +10,245 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 
-from mocap_id.arrays import ComplexArray, FloatArray, IntArray
-from mocap_id.errors import Refused
-from mocap_id.kinematics.centre_covariance import centre_covariance
-from mocap_id.kinematics.chain_equations import (
+from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from mocap_id.errors import NumericalError, Refused
+from mocap_id.kinematics.chain_fit import (
+    ChainFit,
     ChainProblem,
     ChainState,
     apply_step,
+    centre_covariance,
     eliminate_angles,
+    joint_angles,
+    joint_positions,
+    lag_one_covariance,
+    length_sd,
     residuals,
     share_variance,
+    unwrap_angles,
 )
-from mocap_id.kinematics.chain_fit import ChainFit, joint_angles, length_sd, unwrap_angles
-from mocap_id.kinematics.joint import arc
-from mocap_id.kinematics.links import find_used_frames, rigid_body_links
-from mocap_id.kinematics.rigid_body import still_body
+from mocap_id.kinematics.joint import RigidBody, arc, fit_body, fit_common_centre, fit_joint, rigid_poses, still_body
 
-_ITERATIONS = 300
+LinkMethod = Literal["rigid-body", "circle"]
+
+_BLOCKS = 20  # blocks of time, each left out once for the covariance
+_FRAMES_A_JOINT = 10
+_ITERATIONS = 50
+_TOLERANCE = 1e-9  # m
+_UNSEEN = 7.5  # ratio of the whole slide to its part that is visible in the residuals of body pairs
+
+
+def fit_links(points: ComplexArray, segment: IntArray, method: LinkMethod) -> ChainFit:
+    """Fit the chain link by link, by rigid bodies or circles; every segment has at least two markers.
+
+    Raises
+    ------
+    Refused
+        ``too-few-frames`` if too few frames contain all segments.
+    NumericalError
+        The markers of a segment move on straight lines, so that their circles have no centre.
+    """
+    state = rigid_body_links(points, segment) if method == "rigid-body" else circle_links(points, segment)
+    used = find_used_frames(state.angles)
+    off = points - _predict_markers(state, segment)
+    off[~used] = np.nan
+    off[:, segment == 0] = points[:, segment == 0] - state.local[segment == 0]
+    angles = unwrap_angles(np.where(used[:, None], state.angles, np.nan))
+    arcs = np.array([arc(np.exp(1j * relative)) for relative in joint_angles(angles[used]).T])
+    covariance = np.full((len(arcs), 2, 2), np.nan)
+    if method == "rigid-body":
+        slip = slip_variance(off[used], segment, arcs, _UNSEEN)
+        covariance = _jackknife_covariance(points, segment, state, np.flatnonzero(used)) + slip[:, None, None] * np.eye(
+            2
+        )
+    return ChainFit(
+        state.centres,
+        state.local,
+        segment,
+        angles,
+        covariance,
+        length_sd(state.centres, covariance),
+        np.asarray(np.sqrt(np.nanmean(np.abs(off) ** 2, axis=0))),
+        arcs,
+    )
+
+
+def rigid_body_links(points: ComplexArray, segment: IntArray) -> ChainState:
+    """Fit rigid bodies and the joint of every neighbouring pair, without initial values.
+
+    The result has coordinates of all M markers (base markers in the plane frame), and angles in all F frames, NaN where
+    fewer than two markers of the segment are visible.
+    """
+    joints = int(segment.max())
+    bodies: list[RigidBody] = [still_body(points, np.flatnonzero(segment == 0))]
+    bodies += [fit_body(points, np.flatnonzero(segment == k)) for k in range(1, joints + 1)]
+    pairs = [fit_joint(parent, child) for parent, child in pairwise(bodies)]
+    origins = [0j, *(pair.in_child for pair in pairs)]
+    centres = np.array([pair.in_parent - origin for pair, origin in zip(pairs, origins, strict=False)])
+    local = np.zeros(points.shape[1], dtype=np.complex128)
+    for body, origin in zip(bodies, origins, strict=True):
+        local[body.markers] = body.template - origin
+    return ChainState(centres, local, np.stack([np.angle(body.rotation) for body in bodies[1:]], axis=1))
+
+
+def chain_angles(
+    points: ComplexArray,
+    segment: IntArray,
+    centres: ComplexArray,
+    local: ComplexArray,
+    joint_markers: Mapping[int, ComplexArray],
+) -> FloatArray:
+    """Return the segments' angles (F, n), rad, of a known chain; NaN where the markers do not determine them.
+
+    A segment with two distinct points determines its own angle. The angle of any other segment follows from the joints
+    at its ends, if a neighbouring segment with two points or joint markers locate them. ``centres`` (n,) and ``local``
+    (M,) are in the frames of the segments, m. ``joint_markers`` are positions (F,) of joints 1 … n according to their
+    markers, m.
+    """
+    joints = len(centres)
+    angles = np.full((len(points), joints), np.nan)
+    place: list[ComplexArray | None] = [None] * (joints + 1)
+    place[0] = np.full(len(points), centres[0])
+    for k in range(1, joints + 1):
+        own = np.flatnonzero(segment == k)
+        if len(own) < 2 or np.ptp(local[own].real) + np.ptp(local[own].imag) < 0.05:
+            continue
+        seen = np.isfinite(points[:, own])
+        turn, origin = rigid_poses(np.where(seen, points[:, own], 0), seen.astype(np.float64), local[own])
+        known = np.where(seen.sum(axis=1) >= 2, 1.0, np.nan)
+        angles[:, k - 1] = np.angle(turn * known)
+        place[k - 1] = origin * known if k > 1 else place[0]
+        if k < joints:
+            place[k] = (origin + turn * centres[k]) * known
+    for joint, track in joint_markers.items():
+        if place[joint - 1] is None:
+            place[joint - 1] = track
+    for k in range(joints):
+        near, far = place[k], place[k + 1]
+        if np.isnan(angles[:, k]).all() and near is not None and far is not None:
+            angles[:, k] = np.angle(far - near) - np.angle(centres[k + 1])
+    return angles
+
+
+def circle_links(points: ComplexArray, segment: IntArray) -> ChainState:
+    """Fit the links by the recursion of 3.2.1. The result is as for :func:`rigid_body_links`."""
+    joints = int(segment.max())
+    centres, local = np.zeros(joints, dtype=np.complex128), np.zeros(points.shape[1], dtype=np.complex128)
+    local[segment == 0] = still_body(points, np.flatnonzero(segment == 0)).template
+    angles, seen_from = np.zeros((len(points), joints)), points
+    for joint in range(joints):
+        own = segment == joint + 1
+        centre = complex(fit_common_centre(seen_from[:, own], "kasa").centre[0])
+        if not np.isfinite(centre):
+            raise NumericalError(
+                f"the markers of segment {joint + 1} move on straight lines relative to segment {joint}, so their "
+                "circles have no centre. Use `fit-joints: {estimator: bundle}`."
+            )
+        centres[joint] = centre
+        turn, local[own] = _fit_rotations(seen_from[:, own] - centre)
+        angles[:, joint] = (angles[:, joint - 1] if joint else 0) + np.angle(turn)
+        seen_from = np.conj(turn)[:, None] * (seen_from - centre)  # 3.9
+    return ChainState(centres, local, angles)
+
+
+def _predict_markers(state: ChainState, segment: IntArray) -> ComplexArray:
+    """Return the markers (F, M) predicted by the chain, m, also on the base; NaN where an angle is unknown."""
+    origin, turn = joint_positions(state)
+    origin = np.concatenate([np.zeros((len(turn), 1)), origin], axis=1)
+    turn = np.concatenate([np.ones((len(turn), 1)), turn], axis=1)
+    return np.asarray(origin[:, segment] + turn[:, segment] * state.local)
+
+
+def _fit_rotations(arms: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """Return rotation (F,) and coordinates (k,) of markers (F, k) about a known centre, by least squares.
+
+    A frame with fewer than two markers has no rotation (NaN).
+    """
+    seen = np.isfinite(arms)
+    z, counts = np.where(seen, arms, 0), np.maximum(seen.sum(axis=0), 1)
+    local = z[int(np.argmax(seen.sum(axis=1)))]
+    for _ in range(_ITERATIONS):
+        previous = local
+        local = (np.conj(_directions(z @ np.conj(local)))[:, None] * z).sum(axis=0) / counts
+        if np.max(np.abs(local - previous)) < _TOLERANCE:
+            break
+    turn = _directions(z @ np.conj(local))
+    return np.where(seen.sum(axis=1) >= 2, turn, np.nan), local
+
+
+def _directions(moment: ComplexArray) -> ComplexArray:
+    """Return complex numbers scaled to length 1; zeros become 1."""
+    size = np.abs(moment)
+    return np.where(size > 0, moment / np.where(size > 0, size, 1), 1)
+
+
+def find_used_frames(angles: FloatArray) -> BoolArray:
+    """Return the frames (F,) in which every angle (F, n) is known. Refuse the trial if these are too few."""
+    used = np.asarray(np.isfinite(angles).all(axis=1))
+    joints = angles.shape[1]
+    needed = _FRAMES_A_JOINT * joints
+    if used.sum() < needed:
+        raise Refused(
+            "too-few-frames",
+            f"{used.sum()} of {len(used)} frames contain at least two markers of each of {joints} moving segments; "
+            f"{needed} are needed to fit their joints. Use a longer `window:`, or fill the gaps.",
+            float(used.sum()),
+            float(needed),
+        )
+    return used
+
+
+def _jackknife_covariance(points: ComplexArray, segment: IntArray, state: ChainState, used: IntArray) -> FloatArray:
+    """Return the covariance (n, 2, 2) of the centres by leaving out one block of time at a time (jackknife), m^2.
+
+    The covariance includes the dependence between joints and the correlation of residuals within a block, but not
+    errors common to all blocks.
+    """
+    blocks = np.array_split(used, min(_BLOCKS, len(used)))
+    centres = np.stack(
+        [_align_frames(rigid_body_links(np.delete(points, block, axis=0), segment), state, segment) for block in blocks]
+    )
+    off = centres - centres.mean(axis=0)
+    xy = np.stack([off.real, off.imag], axis=2)
+    return np.asarray((len(blocks) - 1) / len(blocks) * np.einsum("bji,bjk->jik", xy, xy))
+
+
+def _align_frames(state: ChainState, reference: ChainState, segment: IntArray) -> ComplexArray:
+    """Return the centres (n,) after each segment frame is rotated to match a reference chain."""
+    joints = len(state.centres)
+    centres = state.centres.copy()
+    for k in range(1, joints):
+        own = segment == k
+        towards = np.vdot(state.local[own], reference.local[own]) + np.conj(state.centres[k]) * reference.centres[k]
+        centres[k] *= np.exp(1j * np.angle(towards))
+    return centres
+
+
+def slip_variance(off: ComplexArray, segment: IntArray, arcs: FloatArray, unseen: float) -> FloatArray:
+    """Return the variance (n,) of each centre from skin that slides with the angle, m^2.
+
+    A slide of s over an arc shifts the centre by about s / arc without a residual. The visible part of the slide is the
+    part of the residuals ``off`` (T, M; NaN where missing) that persists to the next frame. The invisible part is
+    ``unseen`` times as large, calibrated on simulated bodies for each method. Each centre is relative to the joint
+    below, whose slide is included.
+    """
+    joints = len(arcs)
+    seen = np.isfinite(off)
+    lasting, chance = lag_one_covariance(np.where(seen, off, 0), seen)
+    slip = np.empty(joints)
+    for k in range(1, joints + 1):
+        members = segment == k
+        slip[k - 1] = max(np.mean(lasting[members] - chance[members]), 0) / 2 / members.sum()
+    at_joint = (slip + np.concatenate([[0.0], slip[:-1]])) / np.maximum(arcs, 1e-6) ** 2
+    return np.asarray(unseen**2 * (at_joint + np.concatenate([[0.0], at_joint[:-1]])))
+
+
+_BUNDLE_ITERATIONS = 300
 _ADAPTED = 100  # iterations in which the limits of bursts follow the residuals; later, they could alternate
 _CONVERGED = 1e-7  # relative decrease of the cost
 _NEARLY = 1e-3  # relative decrease of the cost at which the markers are weighted by their residuals
@@ -85,7 +304,7 @@ def _solve(problem: ChainProblem, state: ChainState, pull: float) -> tuple[Chain
     scale = np.where(problem.pinned, pull, 1.0)
     cost, weighings = np.inf, 0
     limits, moved, off = np.zeros(problem.joints), np.zeros(problem.joints), np.abs(residuals(problem, state))
-    for iteration in range(1, _ITERATIONS + 1):
+    for iteration in range(1, _BUNDLE_ITERATIONS + 1):
         if iteration <= _ADAPTED:
             limits = _find_burst_limits(problem, off)
         limit = limits[problem.segment - 1]
@@ -102,8 +321,8 @@ def _solve(problem: ChainProblem, state: ChainState, pull: float) -> tuple[Chain
             return state, problem, iteration
     raise Refused(
         "joint-unsettled",
-        f"the centre of joint {np.argmax(moved) + 1} still changes after {_ITERATIONS} iterations of the joint fit. "
-        "Either the two segments of this joint hardly rotate relative to each other, or a marker is on the wrong "
+        f"the centre of joint {np.argmax(moved) + 1} still changes after {_BUNDLE_ITERATIONS} iterations of the joint "
+        "fit. Either the two segments of this joint hardly rotate relative to each other, or a marker is on the wrong "
         "segment. Check their markers in the report (segments), and set `segment: {count: …}`, list markers that are "
         "`together` or `apart`, or list markers to `ignore`",
         float(moved.max()),

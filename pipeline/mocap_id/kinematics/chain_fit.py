@@ -2,11 +2,241 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class ChainProblem:
+    """Trajectories of K moving markers in T frames, and their assignment to segments.
+
+    A pinned marker is at the joint below its segment: its coordinates are zero and not unknown (3.15).
+    """
+
+    points: ComplexArray  # (T, K) positions, m; zero where missing
+    weights: FloatArray  # (T, K) weight of every residual; zero where missing
+    segment: IntArray  # (K,) segment of each marker, 1 … n
+    pinned: BoolArray  # (K,) whether a marker is pinned
+    joints: int  # number of joints n
+
+    @classmethod
+    def with_joint_markers(
+        cls, points: ComplexArray, segment: IntArray, joint_tracks: Mapping[int, ComplexArray], joints: int
+    ) -> ChainProblem:
+        """Return a problem with weights of 1, from trajectories (T, K) and ``joint_tracks`` (T,) of joints 1 … n, m."""
+        columns = np.concatenate([points, *(track[:, None] for track in joint_tracks.values())], axis=1)
+        seen = np.isfinite(columns)
+        return cls(
+            np.where(seen, columns, 0),
+            seen.astype(np.float64),
+            np.concatenate([segment, np.array(list(joint_tracks), dtype=np.int64)]),
+            np.arange(columns.shape[1]) >= len(segment),
+            joints,
+        )
+
+    @classmethod
+    def without_points(cls, weights: FloatArray, segment: IntArray, joints: int) -> ChainProblem:
+        """Return a problem without measurements, with weights (T, K), to compute derivatives of a chain."""
+        points, pinned = np.zeros(weights.shape, dtype=np.complex128), np.zeros(len(segment), dtype=np.bool_)
+        return cls(points, weights, segment, pinned, joints)
+
+    @property
+    def unknowns(self) -> int:
+        """Number of real unknowns common to all frames, including the coordinates of pinned markers."""
+        return 2 * (self.joints + len(self.segment))
+
+    @property
+    def free(self) -> IntArray:
+        """Indices of the common unknowns without the coordinates of pinned markers."""
+        return np.flatnonzero(np.repeat(np.append(np.zeros(self.joints, dtype=np.bool_), self.pinned), 2) == 0)
+
+
+@dataclass(frozen=True)
+class ChainState:
+    """Values of the unknowns of n joints, K markers and T frames."""
+
+    centres: ComplexArray  # (n,) joint centres, m
+    local: ComplexArray  # (K,) marker coordinates, m
+    angles: FloatArray  # (T, n) absolute segment angles, rad
+
+
+def predict_markers(problem: ChainProblem, state: ChainState) -> ComplexArray:
+    """Return the predicted marker positions (T, K), m."""
+    origin, turn = joint_positions(state)
+    return np.asarray(origin[:, problem.segment - 1] + turn[:, problem.segment - 1] * state.local)
+
+
+def residuals(problem: ChainProblem, state: ChainState) -> ComplexArray:
+    """Return measured minus predicted marker positions (T, K), m; meaningless where a marker is missing."""
+    return problem.points - predict_markers(problem, state)
+
+
+def joint_positions(state: ChainState) -> tuple[ComplexArray, ComplexArray]:
+    """Return the joint positions (T, n), m, and the rotations ``exp(i a)`` (T, n) of the segments."""
+    turn = np.exp(1j * state.angles)
+    arms = np.empty(turn.shape, dtype=np.complex128)
+    arms[:, 0] = state.centres[0]
+    arms[:, 1:] = turn[:, :-1] * state.centres[1:]
+    return np.cumsum(arms, axis=1), turn
+
+
+def angle_jacobian(problem: ChainProblem, state: ChainState) -> ComplexArray:
+    """Return the derivatives (T, K, n) of the markers with respect to the absolute segment angles, m/rad."""
+    _, turn = joint_positions(state)
+    below = np.arange(problem.joints) < problem.segment[:, None]
+    swing = 1j * np.where(below, (turn * np.append(state.centres[1:], 0))[:, None, :], 0)
+    swing[:, np.arange(len(below)), problem.segment - 1] = 1j * turn[:, problem.segment - 1] * state.local
+    return np.asarray(swing)
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Weighted normal equations of all frames, bordered block-diagonal, for P = 2 (n + K) common unknowns.
+
+    Real and imaginary parts of the common unknowns alternate.
+    """
+
+    common: FloatArray  # (P, P) block of the common unknowns, summed over frames
+    cross: FloatArray  # (T, n, P) blocks between a frame's angles and the common unknowns
+    angles: FloatArray  # (T, n, n) blocks of a frame's angles
+    pull: FloatArray  # (T, P) right-hand sides of the common unknowns
+    turn: FloatArray  # (T, n) right-hand sides of the angles
+
+
+def normal_equations(problem: ChainProblem, state: ChainState) -> Normal:
+    """Return the normal equations. No dense Jacobian is built, because a marker depends on few unknowns."""
+    derivatives = _derivatives(problem, state)
+    lever, below, own, _, pulled = derivatives
+    joints, markers, weights = problem.joints, len(problem.segment), problem.weights
+    off = residuals(problem, state)
+    carried = weights @ (below[:, :, None] & below[:, None, :]).reshape(markers, -1).astype(np.float64)
+    centres = np.einsum("ti,tj,tij->ij", np.conj(lever), lever, carried.reshape(-1, joints, joints))
+    border = (np.conj(lever).T @ (weights * own)) * below.T
+    hermitian = np.block([[centres, border], [np.conj(border).T, np.diag(weights.sum(axis=0))]])
+    pull = np.concatenate([np.conj(lever) * ((weights * off) @ below), np.conj(own) * weights * off], axis=1)
+    return Normal(
+        _interleave(hermitian),
+        *_angle_blocks(*derivatives),
+        np.stack([pull.real, pull.imag], axis=2).reshape(len(pull), -1),
+        (off[:, None] @ pulled)[:, 0].real,
+    )
+
+
+def angle_blocks(problem: ChainProblem, state: ChainState) -> tuple[FloatArray, FloatArray]:
+    """Return only the blocks of a frame's angles: ``cross`` (T, n, P) and ``angles`` (T, n, n) of :class:`Normal`."""
+    return _angle_blocks(*_derivatives(problem, state))
+
+
+def _derivatives(
+    problem: ChainProblem, state: ChainState
+) -> tuple[ComplexArray, BoolArray, ComplexArray, ComplexArray, ComplexArray]:
+    """Return the derivatives of the markers.
+
+    The five results are: the derivatives (T, n) with respect to the centres, the centres (K, n) on which each marker
+    depends, the derivatives (T, K) with respect to the marker's coordinates, the derivatives (T, K, n) with respect to
+    the angles, and the latter conjugated and weighted.
+    """
+    _, turn = joint_positions(state)
+    lever = np.concatenate([np.ones((len(turn), 1)), turn[:, :-1]], axis=1)
+    below: BoolArray = np.arange(problem.joints) < problem.segment[:, None]
+    swing = angle_jacobian(problem, state)
+    pulled = np.asarray(np.conj(swing) * problem.weights[..., None], dtype=np.complex128)
+    return lever, below, turn[:, problem.segment - 1], swing, pulled
+
+
+def _angle_blocks(
+    lever: ComplexArray, below: BoolArray, own: ComplexArray, swing: ComplexArray, pulled: ComplexArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the blocks of :func:`angle_blocks` from the derivatives of the markers."""
+    turned = np.swapaxes(pulled, 1, 2)
+    cross = np.concatenate([turned @ below.astype(np.complex128) * lever[:, None, :], turned * own[:, None]], axis=2)
+    interleaved = np.stack([cross.real, -cross.imag], axis=3).reshape(*cross.shape[:2], -1)
+    return interleaved, (turned @ swing).real
+
+
+def _interleave(hermitian: ComplexArray) -> FloatArray:
+    """Return the real form (2P, 2P) of a Hermitian matrix (P, P), with real and imaginary parts alternating."""
+    size = len(hermitian)
+    real = np.empty((size, 2, size, 2))
+    real[:, 0, :, 0] = real[:, 1, :, 1] = hermitian.real
+    real[:, 1, :, 0] = hermitian.imag
+    real[:, 0, :, 1] = -hermitian.imag
+    return real.reshape(2 * size, 2 * size)
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """Normal equations after elimination of the angles."""
+
+    inverse: FloatArray  # (P, P) pseudo-inverse of the Schur complement; zero for pinned coordinates
+    scores: FloatArray  # (T, P) reduced gradient of every frame
+    solved: FloatArray  # (T, n, P + 1) solutions of the angle blocks for cross terms and right-hand side
+
+    def step(self) -> tuple[FloatArray, FloatArray]:
+        """Return the shortest Gauss-Newton step: (P,) of the common unknowns and (T, n) of the angles."""
+        delta = self.inverse @ self.scores.sum(axis=0)
+        return delta, self.solved[..., -1] - self.solved[..., :-1] @ delta
+
+
+def eliminate_angles(problem: ChainProblem, state: ChainState) -> Reduced:
+    """Return the normal equations after elimination of the angles, frame by frame."""
+    normal = normal_equations(problem, state)
+    # with as many right-hand sides as unknowns, the product with the inverse is twice as fast as solving
+    solved = np.linalg.inv(normal.angles) @ np.concatenate([normal.cross, normal.turn[..., None]], axis=2)
+    flat = normal.cross.reshape(-1, problem.unknowns)
+    hessian = normal.common - flat.T @ solved[..., :-1].reshape(flat.shape)
+    scores = normal.pull - np.einsum("tnp,tn->tp", normal.cross, solved[..., -1])
+    return Reduced(_pseudo_inverse(hessian, problem), scores, solved)
+
+
+def _pseudo_inverse(hessian: FloatArray, problem: ChainProblem) -> FloatArray:
+    """Return the pseudo-inverse without the orientations of segment frames, which do not change marker positions."""
+    free = np.ix_(problem.free, problem.free)
+    values, vectors = np.linalg.eigh((hessian[free] + hessian[free].T) / 2)
+    kept = slice(problem.joints, None)
+    inverse = np.zeros_like(hessian)
+    inverse[free] = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
+    return inverse
+
+
+def apply_step(state: ChainState, step: tuple[FloatArray, FloatArray]) -> ChainState:
+    """Return the state after a change of the common unknowns (P,) and of the angles (T, n)."""
+    common, turns = step
+    joints = len(state.centres)
+    change = common[0::2] + 1j * common[1::2]
+    return ChainState(state.centres + change[:joints], state.local + change[joints:], state.angles + turns)
+
+
+def remaining_share(weights: FloatArray, local: ComplexArray) -> FloatArray:
+    """Return the fraction (K,) of each coordinate's variance that remains after the segment's pose is fitted.
+
+    The pose has two translations and a rotation, and the fraction is one minus the leverage. The fraction is limited to
+    at least 0.2, because the residual of a marker with more leverage contains little information about its error.
+    ``weights`` (K,) and coordinates ``local`` (K,), m, are those of the segment's markers.
+    """
+    share = weights / weights.sum()
+    arm = share * np.abs(local - np.sum(share * local)) ** 2
+    leverage = share + arm / (2 * max(float(arm.sum()), 1e-12))
+    return np.asarray(np.maximum(1 - leverage, 0.2))
+
+
+def share_variance(square: FloatArray, weights: FloatArray, segment: IntArray, local: ComplexArray) -> FloatArray:
+    """Return the variance (K,) that weights each marker: one third its own, two thirds the mean of its segment.
+
+    With its own residual alone, a segment would finally follow only its two best markers. The variance is the mean
+    squared residual ``square``, m^2, in a fit with the given weights, divided by the fraction that remains after the
+    pose is fitted.
+    """
+    shared = np.empty_like(square)
+    for k in np.unique(segment):
+        members = segment == k
+        own = square[members] / remaining_share(weights[members], local[members])
+        shared[members] = (own + 2 * own.mean()) / 3
+    return shared
 
 
 @dataclass(frozen=True)
@@ -72,3 +302,90 @@ def unwrap_angles(angles: FloatArray) -> FloatArray:
     out = np.full(angles.shape, np.nan)
     out[known] = np.unwrap(angles[known], axis=0)
     return np.asarray(out - 2 * np.pi * np.round(out[known][0] / (2 * np.pi)))
+
+
+_BLOCKS = 20  # blocks of time assumed independent
+
+
+def centre_covariance(problem: ChainProblem, state: ChainState, reduced: Reduced) -> FloatArray:
+    """Return the covariance (2 n, 2 n) of the centres, m^2, in the order x, y of each centre.
+
+    The arguments are values at the solution of the joint fit.
+    """
+    centres = reduced.inverse[:, : 2 * problem.joints]
+    blocks = np.array_split(reduced.scores, min(_BLOCKS, len(reduced.scores)))
+    sums = np.stack([block.sum(axis=0) for block in blocks]) @ centres
+    noise = len(sums) / max(len(sums) - 1, 1) * sums.T @ sums
+    sizes = np.sqrt(slide_variances(problem, state))
+    moved = slide_responses(problem, state, reduced, slide_shapes(problem, state), centres)
+    flat = (moved * sizes[:, None, None, None]).reshape(-1, 2 * problem.joints)
+    return np.asarray(noise + flat.T @ flat)
+
+
+def slide_variances(problem: ChainProblem, state: ChainState) -> FloatArray:
+    """Return the variance (K,) of each marker's slide in one coordinate, m^2.
+
+    The variance is the lag-one covariance of the residuals, divided by the fraction that remains after the segment's
+    pose is fitted.
+    """
+    seen = problem.weights > 0
+    off = np.where(seen, residuals(problem, state), 0)
+    lasting, chance = lag_one_covariance(off, seen)
+    slide = np.zeros(len(lasting))
+    for k in range(1, problem.joints + 1):
+        members = (problem.segment == k) & ~problem.pinned
+        left = remaining_share(problem.weights[:, members].mean(axis=0), state.local[members])
+        slide[members] = np.maximum(lasting[members] - chance[members], 0) / 2 / left
+    return slide
+
+
+def lag_one_covariance(off: ComplexArray, seen: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Return the lag-one covariance (K,) of residuals (T, K), m^2, and twice its standard deviation for white noise.
+
+    Residuals are 0 where a marker is not ``seen``.
+    """
+    pairs = np.maximum((seen[1:] & seen[:-1]).sum(axis=0), 1)
+    lasting = (np.conj(off[1:]) * off[:-1]).real.sum(axis=0) / pairs
+    return lasting, np.mean(np.abs(off) ** 2, axis=0) * np.sqrt(2 / pairs)
+
+
+def slide_responses(
+    problem: ChainProblem, state: ChainState, reduced: Reduced, shape: FloatArray, towards: FloatArray
+) -> FloatArray:
+    """Return the change (K, S, 2, p) of p common unknowns if each marker slides along x or y of its segment.
+
+    ``shape`` (T, K, S) are S time courses of the slide of each marker, m. ``towards`` (P, p) are the columns of
+    ``reduced.inverse`` for the requested unknowns. The other arguments are values at the solution.
+    """
+    joints = problem.joints
+    _, turn = joint_positions(state)
+    own = turn[:, problem.segment - 1]  # (T, K)
+    slid = (problem.weights * own)[..., None] * shape
+    lever = np.concatenate([np.ones((len(turn), 1)), turn[:, :-1]], axis=1)
+    below = np.arange(joints) < problem.segment[:, None]  # (K, n)
+    centres = np.einsum("tj,tks->ksj", np.conj(lever), slid) * below[:, None, :]
+    itself = np.einsum("tk,tks->ks", problem.weights, shape)
+    of_centre = _split_directions(centres) @ towards[: 2 * joints]
+    rows = towards[2 * joints :].reshape(-1, 2, towards.shape[1])  # (K, 2, p)
+    of_itself = itself[:, :, None, None] * rows[:, None]
+    pull = np.conj(angle_jacobian(problem, state))[:, :, None, :] * slid[..., None]  # (T, K, S, n)
+    solved = reduced.solved[..., :-1]  # (T, n, P)
+    turned = [np.tensordot(part, solved, axes=([0, 3], [0, 1])) for part in (pull.real, -pull.imag)]
+    return np.asarray(of_centre + of_itself - np.stack(turned, axis=2) @ towards)
+
+
+def _split_directions(pull: np.ndarray) -> FloatArray:
+    """Return real gradients (..., 2, 2 n) for slides along x and y, from complex gradients (..., n) along x."""
+    along = np.stack([pull.real, pull.imag], axis=-1).reshape(*pull.shape[:-1], -1)
+    across = np.stack([-pull.imag, pull.real], axis=-1).reshape(*pull.shape[:-1], -1)
+    return np.stack([along, across], axis=-2)
+
+
+def slide_shapes(problem: ChainProblem, state: ChainState) -> FloatArray:
+    """Return the angles (T, K, 2) of the joints below and above each marker, without mean, with a common rms of 1."""
+    relative = np.diff(state.angles, axis=1, prepend=0.0, append=0.0)  # (T, n + 1)
+    relative[:, -1] = 0
+    relative = relative - relative.mean(axis=0)
+    both = np.stack([relative[:, problem.segment - 1], relative[:, problem.segment]], axis=2)
+    rms = np.sqrt(np.mean(np.sum(both**2, axis=2), axis=0))
+    return np.asarray(both / np.where(rms > 0, rms, 1)[:, None])

@@ -13,7 +13,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray, chunks
 from mocap_id.kinematics.frame_sampling import frames_along_motion
-from mocap_id.kinematics.rigid_body import fit_body, marker_residuals, rigid_poses
+from mocap_id.kinematics.joint import fit_body, marker_residuals, rigid_poses
 
 LEAST_MARKERS = 2
 """Fewest markers that determine a pose."""
@@ -133,3 +133,104 @@ def _align_frame(
     moment = np.sum((b - b.mean()) * np.conj(a - a.mean()))
     turn = moment / abs(moment)
     return complex(turn), complex(b.mean() - turn * a.mean())
+
+
+_RATIO, _RATIO_SD = 0.8, 0.4  # v: height of the lumbar joint above the hip, over its distance behind the marker
+_INDEPENDENT = 3.0  # independent observations in one trial, because gaps recur with the movement
+_RANGE = 0.5  # rad; least range of the hip. A motion of 10 mm in proportion to it then shifts the hip by about 15 mm
+_FEWEST = 10  # frames
+_LEAST_GAP = 1e-5  # m; least gap, so that an ankle without rotation stays in place in recordings without noise
+_EXPLAINED = 0.5  # largest part of the ankle's motion that a foot leaves that really lifts; 0.06 to 0.1 in simulations
+_FOOT_M = 0.25  # length of a foot: if the heel rises by h, the foot rotates by h / length
+_ANKLE_SD = 0.01  # m; standard deviation of the ankle from a joint fit if the foot moves
+
+REMAINING = 0.4
+"""Fraction of the hip's error from a bending trunk that remains after the correction, as a standard deviation."""
+
+BENDS_M = 0.0025
+"""Least displacement of the hip by a trunk that bends, m; skin on a rigid trunk causes up to 1 mm."""
+
+
+@dataclass(frozen=True)
+class HipShift:
+    """Displacement of the hip by a trunk that bends; zero if it is unknown."""
+
+    place: complex = 0j  # change of the hip's position in the thigh's frame, m
+    slide: float = 0.0  # range of the pelvis markers' motion along the trunk, m
+    across: FloatArray | None = None  # (F,) motion of the hip across the thigh relative to a rigid trunk, m; has NaN
+
+
+@dataclass(frozen=True)
+class AnklePosition:
+    """Position of the ankle."""
+
+    foot: complex  # position in the foot's frame, m
+    shank: complex  # position in the shank's frame, m
+    sd: float  # standard deviation in one direction, m
+
+
+def estimate_hip_shift(
+    thigh: tuple[ComplexArray, FloatArray], trunk: tuple[ComplexArray, FloatArray], marker: ComplexArray
+) -> HipShift:
+    """Return the displacement of the hip by a bending trunk; zero if unknown.
+
+    If the hip rotates little, its shift and its motion with the trunk cannot be separated, and the result is 0. Each
+    body is given by the origin (F,), m, and the angle (F,), rad, of its frame; the trunk's y axis points from the hip
+    upwards. ``marker`` (F,) is a pelvis marker in the plane frame, m. All are NaN where unknown.
+    """
+    below, above = np.exp(1j * thigh[1]), np.exp(1j * trunk[1])
+    local = np.conj(above) * (marker - trunk[0])
+    known = np.isfinite(local) & np.isfinite(thigh[0]) & np.isfinite(below)
+    if np.count_nonzero(known) < _FEWEST:
+        return HipShift()
+    if np.ptp(np.unwrap((trunk[1] - thigh[1])[known])) < _RANGE:
+        return HipShift()
+    below, above, local, apart = (each[known] for each in (below, above, local, trunk[0] - thigh[0]))
+    forwards = np.sign(local.real.mean())
+    slide = forwards * (local.imag - local.imag.mean())
+    columns = np.column_stack([below, -above, -above * slide])
+    normal, target = columns.conj().T @ columns / len(columns), columns.conj().T @ apart / len(columns)
+    rigid = np.linalg.solve(normal[:2, :2], target[:2])
+    gap = float(np.mean(np.abs(apart - columns[:, :2] @ rigid) ** 2)) / 2
+    weight = gap / (_INDEPENDENT * _RATIO_SD**2)
+    normal[2, 2] += weight
+    target[2] += weight * _RATIO
+    place, beyond, ratio = np.linalg.solve(normal, target)
+    across = np.full(len(known), np.nan)
+    across[known] = (np.conj(below) * above * (beyond - rigid[1] + ratio * slide)).real
+    return HipShift(complex(place - rigid[0]), float(np.ptp(np.quantile(slide, (0.01, 0.99)))), across)
+
+
+def locate_ankle(
+    foot: tuple[ComplexArray, FloatArray], shank: tuple[ComplexArray, FloatArray], ankle: complex
+) -> AnklePosition | None:
+    """Return the position of the ankle between a moving foot and the shank; None with fewer than ten common frames.
+
+    It is that of the joint fit if only the skin of the foot moves.
+
+    Each body is given by the origin (F,), m, and the angle (F,), rad, of its frame, NaN where unknown. ``ankle`` is the
+    position in the foot's frame from the joint fit, m.
+    """
+    below, above = np.exp(1j * foot[1]), np.exp(1j * shank[1])
+    apart = shank[0] - foot[0] - below * ankle
+    known = np.isfinite(apart) & np.isfinite(above)
+    if np.count_nonzero(known) < _FEWEST:
+        return None
+    columns, apart, still = np.column_stack([below, -above])[known], apart[known], shank[0][known]
+    normal, target = columns.conj().T @ columns / len(columns), columns.conj().T @ apart / len(columns)
+    gap = _measure_gap(columns, apart)
+    on_still_foot = _measure_gap(np.column_stack([np.ones_like(still), columns[:, 1]]), still)
+    turn = float(np.ptp(np.quantile(foot[1][known], (0.02, 0.98))))
+    farthest = turn * _FOOT_M if gap < _EXPLAINED * on_still_foot else 0.0
+    gap = max(gap, _LEAST_GAP**2)
+    normal[0, 0] += gap / (_INDEPENDENT * _ANKLE_SD**2)
+    shift = complex(np.linalg.solve(normal, target)[0])
+    variance = gap / _INDEPENDENT * float(np.linalg.inv(normal)[0, 0].real)
+    shift *= min(1.0, farthest / max(abs(shift), _LEAST_GAP))
+    beyond = (target[1] - normal[1, 0] * shift) / normal[1, 1]
+    return AnklePosition(ankle + shift, complex(beyond), float(np.sqrt(variance)))
+
+
+def _measure_gap(columns: ComplexArray, apart: ComplexArray) -> float:
+    """Return the mean square per coordinate, m², of what ``columns`` (F, k) do not explain of a distance (F,), m."""
+    return float(np.mean(np.abs(apart - columns @ np.linalg.lstsq(columns, apart)[0]) ** 2)) / 2

@@ -7,12 +7,14 @@ changes its segment.
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
-from mocap_id.kinematics.chain_equations import (
+from mocap_id.kinematics.chain_fit import (
     ChainProblem,
     ChainState,
     apply_step,
@@ -20,10 +22,8 @@ from mocap_id.kinematics.chain_equations import (
     joint_positions,
     predict_markers,
 )
-from mocap_id.kinematics.hypotheses import FLOOR, SegmentationProblem
-from mocap_id.kinematics.joint import arc
-from mocap_id.kinematics.link_markers import Path
-from mocap_id.kinematics.rigid_body import count_positions
+from mocap_id.kinematics.chain_search import FLOOR, SegmentationProblem
+from mocap_id.kinematics.joint import RigidBody, arc, count_positions, fit_circles
 
 SEGMENT_PRICE = 4.0
 """Cost of one more segment."""
@@ -239,3 +239,283 @@ def _fit_bundle(
             if fall < _SETTLED * cost:
                 break
     return state
+
+
+_ROUND = 0.012  # m; largest rms distance of a link marker from its circle
+_NEAREST = 0.06  # m; smallest radius of this circle
+_CONSTANT = 0.015  # m; largest rms change of the distance between the joints of one segment
+_LINK_MARKERS_SHORTEST = 0.05  # m; shortest segment
+_AS_STILL = 0.012  # m; largest rms change of the distance from a still marker at the centre
+_USUAL = 0.88  # fraction of the frames used for these residuals; the others may contain faults
+_FEWEST_FRAMES = 20
+_SAME_PLACE = 0.03  # m; a left and a right marker this close in the plane are one point
+_OTHER_SIDE = 0.08  # m; least distance across the plane between them
+_MIN_SPREAD = 0.03  # m; rms size of a body whose rotation can be measured
+_LEVELS = 12
+
+
+@dataclass(frozen=True)
+class Step:
+    """One segment of a path, and its joint with the previous segment."""
+
+    joint: ComplexArray  # (F,) track of this joint in the plane, m
+    body: RigidBody | None  # rigid body of the segment; None if it has none
+    unit: IntArray  # columns of the markers of a segment without a body; empty for a body
+
+    @property
+    def markers(self) -> IntArray:
+        """Columns of the segment's own markers."""
+        return self.unit if self.body is None else self.body.markers
+
+
+Path = tuple[Step, ...]
+
+
+def find_linked_paths(problem: SegmentationProblem) -> Iterator[Path]:
+    """Yield every path with a single-marker segment, from the base over bodies, link markers and joint markers."""
+    yield from _Search(problem).paths()
+
+
+class _Search:
+    """Search over bodies and single points. Each circle of a point about a joint of a body is fitted once."""
+
+    def __init__(self, problem: SegmentationProblem) -> None:
+        self.problem = problem
+        self.bodies = _find_bodies(problem)
+        self.units = list(group_points(problem.points, problem.lateral, _find_loose_markers(problem, self.bodies)))
+        self.tracks = [average_track(problem.points, unit) for unit in self.units]
+        still = group_points(problem.points, problem.lateral, problem.base.markers)
+        self.still = [complex(np.nanmean(average_track(problem.points, unit))) for unit in still]
+        self._centres: dict[tuple[int, int], list[complex]] = {}
+
+    def paths(self) -> Iterator[Path]:
+        """Yield the paths to all bodies by depth-first search, each marker at most once. Body 0 is the ground."""
+        edges = [list(self._find_connections(index)) for index in range(len(self.bodies))]
+        longest = self.problem.rules.longest - 1
+
+        def extended(index: int, path: Path, used: frozenset[int]) -> Iterator[Path]:
+            for steps, following in edges[index]:
+                own = frozenset(int(m) for step in steps for m in step.markers)
+                if used & own or len(path) + len(steps) > longest:
+                    continue
+                longer = (*path, *steps)
+                if any(step.body is None for step in longer):
+                    yield longer
+                yield from extended(following, longer, used | own)
+
+        yield from extended(0, (), frozenset())
+
+    def _find_connections(self, index: int) -> Iterator[tuple[Path, int]]:
+        """Yield the connections from a body to others: a joint, or segments without a body of their own."""
+        parent, rules = self.bodies[index], self.problem.rules
+        none = np.array([], dtype=np.int64)
+        for following, child in enumerate(self.bodies[1:], 1):
+            if following == index or np.isin(child.markers, parent.markers).any():
+                continue
+            joint = self.problem.clusters.joint(parent, child)
+            if rules.is_joint(joint):
+                yield (Step(_track_point(parent, joint.in_parent), child, none),), following
+            for unit, (markers, track) in enumerate(zip(self.units, self.tracks, strict=True)):
+                for near in self._find_centres(index, unit):
+                    for far in self._find_centres(following, unit):
+                        first, last = _track_point(parent, near), _track_point(child, far)
+                        length, off = _measure_constancy(np.abs(first - last))
+                        end = Step(last, child, none)
+                        if off > _CONSTANT:
+                            yield (Step(first, None, markers), Step(track, None, markers), end), following
+                        elif length > _LINK_MARKERS_SHORTEST:
+                            yield (Step(first, None, markers), end), following
+
+    def _find_centres(self, index: int, unit: int) -> list[complex]:
+        """Return the positions on a body, in its frame, about which a point moves on a circle."""
+        key = index, unit
+        if key not in self._centres:
+            self._centres[key] = list(self._search_centres(index, unit))
+        return self._centres[key]
+
+    def _search_centres(self, index: int, unit: int) -> Iterator[complex]:
+        body, track = self.bodies[index], self.tracks[unit]
+        if np.isin(self.units[unit], body.markers).any():
+            return
+        centre = _fit_circle(body.local(track[:, None])[:, 0], self.problem.rules.min_arc)
+        if centre is not None:
+            yield centre
+        for place in self.still if index == 0 else ():  # the arc of the ankle is too short to determine its centre
+            radius, off = _measure_constancy(np.abs(track - place))
+            if off <= _AS_STILL and radius >= _NEAREST:
+                yield place
+
+
+def group_points(points: ComplexArray, lateral: FloatArray, markers: IntArray) -> Iterator[IntArray]:
+    """Yield the columns of single markers, and of pairs: a left and a right marker at the same position in the plane.
+
+    ``points`` (F, M) are trajectories in the plane, and ``lateral`` (M,) mean out-of-plane coordinates, m.
+    """
+    left = [int(marker) for marker in markers]
+    while left:
+        one = left.pop(0)
+        apart = {
+            other: float(np.nanmedian(np.abs(points[:, one] - points[:, other])))
+            for other in left
+            if abs(lateral[one] - lateral[other]) > _OTHER_SIDE
+            and (np.isfinite(points[:, one]) & np.isfinite(points[:, other])).any()
+        }
+        mate = min(apart, key=apart.__getitem__, default=None)
+        if mate is not None and apart[mate] < _SAME_PLACE:
+            left.remove(mate)
+            yield np.array([one, mate])
+        else:
+            yield np.array([one])
+
+
+def average_track(points: ComplexArray, unit: IntArray) -> ComplexArray:
+    """Return the mean (F,) of some markers, m; NaN unless all of them are visible."""
+    return np.asarray(points[:, unit].mean(axis=1))
+
+
+def _find_bodies(problem: SegmentationProblem) -> list[RigidBody]:
+    """Return the ground, then every body of any level whose rotation can be measured."""
+    bodies_by_markers: dict[bytes, RigidBody] = {}
+    for level in range(1, min(_LEVELS, max(len(problem.moving) // 2, 1)) + 1):
+        bodies = problem.clusters.bodies_at(level)
+        merged = problem.clusters.merge(bodies, problem.rules.min_arc, problem.rules.merge_tolerance)
+        for body in (*merged, *bodies):
+            rigid = body.residual <= problem.rules.max_body_residual
+            large = float(np.sqrt(np.mean(np.abs(body.template) ** 2))) > _MIN_SPREAD
+            if rigid and large and problem.constraints.allow(body.markers):
+                bodies_by_markers[body.markers.tobytes()] = body
+    return [problem.ground, *bodies_by_markers.values()]
+
+
+def _find_loose_markers(problem: SegmentationProblem, bodies: list[RigidBody]) -> IntArray:
+    """Return the moving markers that are on no rigid body of three points."""
+    on_bodies = [
+        body.markers
+        for body in bodies[1:]
+        if len(list(group_points(problem.points, problem.lateral, body.markers))) > 2
+    ]
+    return np.setdiff1d(problem.moving, np.concatenate(on_bodies)) if on_bodies else problem.moving
+
+
+def _track_point(body: RigidBody, place: complex) -> ComplexArray:
+    """Return the track (F,) of a point on a body, m."""
+    return np.asarray(body.position + body.rotation * place)
+
+
+def _measure_constancy(distance: FloatArray) -> tuple[float, float]:
+    """Return the median of a distance (F,), m, and the rms difference from it without the largest differences.
+
+    With too few frames, the result is (0, inf).
+    """
+    known = distance[np.isfinite(distance)]
+    if len(known) < _FEWEST_FRAMES:
+        return 0.0, np.inf
+    middle = float(np.median(known))
+    off = np.sort((known - middle) ** 2)
+    return middle, float(np.sqrt(np.mean(off[: int(_USUAL * len(off))])))
+
+
+def _fit_circle(track: ComplexArray, least_arc: float) -> complex | None:
+    """Return the centre of a point's track; None if this is not a circle with an arc of at least ``least_arc``, rad."""
+    known = track[np.isfinite(track)]
+    for _ in range(2):  # the second fit is without faults
+        if len(known) < _FEWEST_FRAMES:
+            return None
+        centre = complex(fit_circles(known[:, None]).centre[0])
+        if not np.isfinite(centre):
+            return None
+        distance = np.abs(known - centre)
+        radius, off = _measure_constancy(distance)
+        if off > _ROUND or radius < _NEAREST or arc(np.exp(1j * np.angle(known - centre))) < least_arc:
+            off_enough = np.abs(distance - radius)
+            known = known[off_enough <= np.quantile(off_enough, _USUAL)]
+            continue
+        return centre
+    return None
+
+
+_MOST_POINTS = 24  # most moving points of a conventional marker set; larger sets have rigid bodies
+_TRIED = 4  # number of fitted paths for every number of segments
+_OFF_AXIS = 0.012  # m; standard deviation of the distance of a marker from its joint
+_MORE_THAN_STILL = 1.12  # least ratio of the scatters of an ankle marker and of the stillest markers; heels are stiller
+_RISE = 2.0  # largest rise of the cost for an ankle at a marker
+_INNER_RISE = 4.0  # the same for an inner joint
+_NEAR = 0.04  # m; a marker this close to an inner joint may represent it
+_INNER_FRAMES = 30.0  # weight of this marker in frames, because its error is the same in all of them
+
+
+def find_best_links(problem: SegmentationProblem) -> LinkFit | None:
+    """Return the chain with the lowest cost that has a single-marker segment; None if no chain is possible."""
+    if len(list(group_points(problem.points, problem.lateral, problem.moving))) > _MOST_POINTS:
+        return None
+    paths = list(find_linked_paths(problem))
+    costs = [path_cost(problem, path) for path in paths]
+    fits: list[tuple[LinkFit, Path]] = []
+    tried: Counter[int] = Counter()
+    for index in np.argsort(costs):
+        path = paths[index]
+        if (
+            not np.isfinite(costs[index])
+            or tried[len(path)] >= _TRIED
+            or problem.rules.count not in (None, len(path) + 1)
+        ):
+            continue
+        tried[len(path)] += 1
+        fit = fit_path(problem, path)
+        if fit is None:
+            continue
+        members = [np.flatnonzero(fit.segment == k) for k in range(fit.segment.max() + 1)]
+        if all(map(problem.constraints.allow, members)):
+            fits.append((fit, path))
+    if not fits:
+        return None
+    fit, path = min(fits, key=lambda each: each[0].cost)
+    fit = _add_joint_markers(problem, path, fit)
+    alone = [points for step, points in zip(path, fit.points, strict=True) if step.body is None]
+    return fit if min(alone) < 2 else None  # other chains are found by the search for rigid bodies
+
+
+def _add_joint_markers(problem: SegmentationProblem, path: Path, fit: LinkFit) -> LinkFit:
+    """Return the fit in which markers represent the ankle and the inner joints, where this hardly raises the cost."""
+    weight = (SCALE / _OFF_AXIS) ** 2
+    units = list(group_points(problem.points, problem.lateral, problem.base.markers))
+    moves = [float(np.mean(problem.base.scatter[unit])) for unit in units]
+    best: LinkFit | None = None
+    for unit, scatter in zip(units, moves, strict=True):
+        if scatter < _MORE_THAN_STILL * min(moves):
+            continue
+        pinned = fit_path(problem, path, (Pin(0, unit, average_track(problem.points, unit), weight),))
+        if pinned is not None and pinned.cost - fit.cost < _RISE and (best is None or pinned.cost < best.cost):
+            best = pinned
+    fit = best or fit
+    for joint in range(1, len(path)):
+        fit = _add_inner_marker(problem, path, fit, joint, weight) or fit
+    return _assign_ankle_markers(problem, fit)
+
+
+def _add_inner_marker(
+    problem: SegmentationProblem, path: Path, fit: LinkFit, joint: int, weight: float
+) -> LinkFit | None:
+    """Return the fit with a nearby marker at an inner joint; None if no marker fits there."""
+    moving = np.flatnonzero((fit.segment == joint) | (fit.segment == joint + 1))
+    place, _ = joint_positions(fit.state)
+    near = []
+    for unit in group_points(problem.points, problem.lateral, moving):
+        off = np.abs(average_track(problem.points, unit)[fit.used] - place[:, joint])
+        if np.isfinite(off).any() and np.nanmedian(off) < _NEAR:
+            near.append((float(np.nanmedian(off)), unit))
+    for _, unit in sorted(near, key=lambda each: each[0]):
+        pin = Pin(joint, unit, average_track(problem.points, unit), weight * min(_INNER_FRAMES / len(fit.used), 1.0))
+        pinned = fit_path(problem, path, (*fit.pins, pin))
+        if pinned is not None and pinned.cost - fit.cost < _INNER_RISE:
+            return pinned
+    return None
+
+
+def _assign_ankle_markers(problem: SegmentationProblem, fit: LinkFit) -> LinkFit:
+    """Return the fit with the still markers at joint 1 assigned to segment 1."""
+    ankle = np.array([marker for pin in fit.pins if pin.joint == 0 for marker in pin.unit], dtype=np.int64)
+    segment, local = fit.segment.copy(), fit.state.local.copy()
+    segment[ankle] = 1
+    local[ankle] = costs_on_segments(problem.points[fit.used], fit.state)[1][1, ankle]
+    return replace(fit, segment=segment, state=replace(fit.state, local=local))

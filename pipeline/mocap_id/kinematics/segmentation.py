@@ -8,22 +8,206 @@ joints. The hypothesis that best predicts the markers for its number of segments
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.errors import Refused
-from mocap_id.kinematics.axis_markers import find_axis_markers
-from mocap_id.kinematics.chain_search import find_hypotheses
-from mocap_id.kinematics.clusters import Base, Clusters, find_base
-from mocap_id.kinematics.confidence import Confidence, assess_confidence, assess_links, explained_share
-from mocap_id.kinematics.constraints import Constraints
-from mocap_id.kinematics.hypotheses import FLOOR, Hypothesis, SegmentationProblem, SegmentationRules
-from mocap_id.kinematics.joint import PairJoint, fit_joint
-from mocap_id.kinematics.link_fit import SEGMENT_PRICE, LinkFit, log_cost
-from mocap_id.kinematics.link_search import find_best_links
-from mocap_id.kinematics.rigid_body import RigidBody, marker_residuals, still_body
+from mocap_id.kinematics.chain_search import FLOOR, Hypothesis, SegmentationProblem, SegmentationRules, find_hypotheses
+from mocap_id.kinematics.clusters import Base, Clusters, Constraints, find_base
+from mocap_id.kinematics.joint import PairJoint, RigidBody, fit_body, fit_joint, marker_residuals, still_body
+from mocap_id.kinematics.link_fit import SEGMENT_PRICE, LinkFit, find_best_links, log_cost
+
+Evidence: TypeAlias = Literal["skipped", "left-out", "axis", "first-joint", "base", "runner-up", "links", "ankle"]
+"""Names of the evidence against the segments."""
+
+_BEST = 3.8  # log odds without evidence against the segments
+_SURE_SKIPPED = 3.5  # growth of the residual without a segment; 4.0 for correct segments, 3.0 for wrong ones
+_SURE_FIXED = 1.5  # growth of the residual with the last segment fixed to its parent: more than soft tissue causes
+_SURE_AXIS = 2.0
+_SURE_PIN = 8e-3  # m
+_SURE_GAP = 2.0
+_SURE_COST = 20.0
+_SURE_ANKLE_ARC = float(np.radians(30))
+_LEFT_OUT_OF_LINKS = 5.0  # reduction of the log odds
+_LOOSE = 5.0  # reduction of the log odds
+
+
+@dataclass(frozen=True)
+class Confidence:
+    """Probability that the number of segments and every assignment are right, and the evidence against it."""
+
+    value: float  # probability, 0 … 1
+    joints: tuple[float, ...]  # confidence in each joint, 0 … 1
+    against: Mapping[str, float]  # reduction of the log odds, 0 or more, by each piece of evidence
+
+
+def weigh_evidence(best: float, joints: tuple[float, ...], against: Mapping[str, float]) -> Confidence:
+    """Return the confidence from the log odds ``best``, which the evidence ``against`` reduces."""
+    return Confidence(float(1 / (1 + np.exp(sum(against.values()) - best))), joints, against)
+
+
+def assess_confidence(
+    considered: tuple[Hypothesis, ...], ratios: tuple[float, ...], explained: float, margin: float, gap: float
+) -> Confidence:
+    """Return the confidence in a chain of rigid bodies.
+
+    Evidence against the segments:
+
+    - ``skipped``: the segment of the weakest joint could be left out at little cost;
+    - ``left-out``: moving markers are on no segment and on no limb at the side;
+    - ``axis``: a still marker near joint 1 could also belong to the other of its two segments;
+    - ``first-joint``: the two bodies' points at joint 1 are more than 8 mm (rms) apart;
+    - ``base``: the still markers hardly differ from the moving ones;
+    - ``runner-up``: another number of segments explains the trial nearly as well.
+
+    The confidence in a joint is 0.5 if the residual without its segment is 3.5 times as large (last joint: 1.5 times).
+
+    Parameters
+    ----------
+    considered : tuple of Hypothesis
+        All hypotheses, best first.
+    ratios : tuple of float
+        For each joint, the residual without its segment divided by the residual with it.
+    explained : float
+        Fraction of the moving markers that are on the chain (:func:`explained_share`).
+    margin : float
+        Margin of the least certain decision about a marker on the first axis, 1 or more (``AxisMarkers.margin``).
+    gap : float
+        Scatter of the stillest moving marker divided by the largest scatter of a base marker.
+    """
+    best = considered[0]
+    limits = [_SURE_SKIPPED] * (len(ratios) - 1) + [_SURE_FIXED]
+    others = [h.cost - best.cost for h in considered if h.best_of_level and len(h.chain) != len(best.chain)]
+    against = {
+        "skipped": 2 * log_shortfall(min(ratio / limit for ratio, limit in zip(ratios, limits, strict=True)), 1.0),
+        "left-out": 6 * log_shortfall(explained, 1.0),
+        "axis": 4 * log_shortfall(margin, _SURE_AXIS),
+        "first-joint": 6 * log_shortfall(1 / max(best.joints[0].residual, 1e-9), 1 / _SURE_PIN),
+        "base": 2 * log_shortfall(gap, _SURE_GAP),
+        "runner-up": 0.4 * log_shortfall(1 + min(others, default=np.inf), 1 + _SURE_COST),
+    }
+    joints = tuple(ratio / (ratio + limit) for ratio, limit in zip(ratios, limits, strict=True))
+    return weigh_evidence(_BEST, joints, against)
+
+
+def assess_links(links: LinkFit, explained: float, gap: float) -> Confidence:
+    """Return the confidence in a chain with single-marker segments.
+
+    Evidence against the segments, besides ``left-out`` and ``base`` of :func:`assess_confidence`:
+
+    - ``links``: a segment has a single marker, and no marker is at either of its joints;
+    - ``ankle``: joint 1 rotates little, and no marker is at it.
+    """
+    ankle_marked = any(pin.joint == 0 for pin in links.pins)
+    against = {
+        "left-out": _LEFT_OUT_OF_LINKS if explained < 1 else 0.0,
+        "base": 0.0 if ankle_marked else 2 * log_shortfall(gap, _SURE_GAP),
+        "links": _LOOSE if links.loose else 0.0,
+        "ankle": 0.0 if ankle_marked else 4 * log_shortfall(float(links.arcs[0]), _SURE_ANKLE_ARC),
+    }
+    return weigh_evidence(_BEST, tuple(1.0 for _ in links.arcs), against)
+
+
+def log_shortfall(value: float, enough: float) -> float:
+    """Return ln(enough / value), at least 0."""
+    return float(max(np.log(max(enough, 1e-3)) - np.log(max(value, 1e-3)), 0.0))
+
+
+def explained_share(segment: IntArray, lateral: FloatArray, moving: IntArray) -> float:
+    """Return the fraction of the moving markers that are on the chain; limbs beside the last segment do not count.
+
+    ``segment`` (M,) is -1 for markers on no segment, ``lateral`` (M,) the mean out-of-plane coordinate, m, and
+    ``moving`` the columns of the moving markers.
+    """
+    on_chain = moving[segment[moving] > 0]
+    from_middle = np.abs(lateral - np.median(lateral[on_chain]))
+    reach = from_middle[segment == segment.max()].max()
+    left_out = moving[segment[moving] < 0]
+    if len(left_out) > len(on_chain):  # limbs are never the larger part of a body
+        return len(on_chain) / (len(on_chain) + len(left_out))
+    unexplained = moving[(segment[moving] < 0) & (from_middle[moving] <= reach)]
+    return len(on_chain) / (len(on_chain) + len(unexplained))
+
+
+_PREFER_MOVING = 1.25  # a still marker stays on the base if its residual on segment 1 is larger by this factor
+_PAIR = 0.03  # m; a left and a right marker this close in the side view are a pair
+_LEAST_BASE = 2  # markers that stay on the base
+
+
+@dataclass(frozen=True)
+class AxisMarkers:
+    """Base markers that are reassigned to segment 1."""
+
+    residual: dict[int, float]  # column of each marker to its rms distance from its position on segment 1, m
+    margin: float  # factor between the threshold and the nearest residual ratio, at least 1; inf without candidates
+
+
+def find_axis_markers(problem: SegmentationProblem, first: RigidBody, on_segment: IntArray) -> AxisMarkers:
+    """Find still markers that belong to segment 1.
+
+    A marker on the axis of joint 1 hardly moves, so rigidity alone assigns it to the base. If it is assigned to segment
+    1, it locates the joint. Segment 1 is fitted again with each candidate, because soft tissue moves the candidate by a
+    few degrees relative to a fit without it. The fit includes the markers accepted before: when a malleolus has located
+    the axis, a heel marker no longer fits. A left and a right marker at the same position are judged together.
+    ``first`` is segment 1, and ``on_segment`` are the columns of all markers on it, also of markers that were not used
+    in its fit.
+    """
+    points, constraints = problem.points, problem.constraints
+    on_base = marker_residuals(problem.ground, points)
+    reassigned: dict[int, float] = {}
+    margin = np.inf
+    alone = np.bincount(constraints.unit)[constraints.unit] == 1
+    left = list(_pair_markers(problem, problem.ground.markers[alone[problem.ground.markers]]))
+    while left:
+        members = np.concatenate([first.markers, np.array(list(reassigned), dtype=np.int64)])
+        there = np.concatenate([on_segment, np.array(list(reassigned), dtype=np.int64)])
+        left = [unit for unit in left if constraints.allow(np.append(there, unit))]
+        spare = len(problem.ground.markers) - len(reassigned) - _LEAST_BASE
+        candidates = [
+            (_compare_residuals(problem, members, unit, on_base), unit) for unit in left if len(unit) <= spare
+        ]
+        if not candidates:
+            break
+        (ratio, residual), best = min(candidates, key=lambda each: each[0][0])
+        margin = min(margin, max(ratio / _PREFER_MOVING, _PREFER_MOVING / ratio))
+        if ratio > _PREFER_MOVING:
+            break
+        reassigned.update(zip(best, residual, strict=True))
+        left.remove(best)
+    return AxisMarkers(reassigned, float(margin))
+
+
+def _compare_residuals(
+    problem: SegmentationProblem, members: IntArray, unit: tuple[int, ...], on_base: np.ndarray
+) -> tuple[float, list[float]]:
+    """Return the rms residual on segment 1 divided by that on the base, and each marker's residual on segment 1, m."""
+    body = fit_body(problem.points, np.append(members, unit))
+    residual = marker_residuals(body, problem.points[:, list(unit)])
+    before = float(np.sqrt(np.mean(on_base[list(unit)] ** 2)))
+    after = float(np.sqrt(np.mean(residual**2)))
+    return (after / before if before > 0 else np.inf), [float(each) for each in residual]
+
+
+def _pair_markers(problem: SegmentationProblem, markers: IntArray) -> Iterator[tuple[int, ...]]:
+    """Yield tuples of one marker, or of a left and a right marker at the same position in the side view."""
+    if not len(markers):
+        return
+    place = np.nanmean(problem.points[:, markers], axis=0)
+    side = problem.lateral[markers] - np.median(problem.lateral[problem.moving])
+    apart = np.abs(place[:, None] - place)
+    apart[(side[:, None] * side) >= 0] = np.inf
+    mate = np.argmin(apart, axis=1)
+    for i, j in enumerate(mate):
+        if apart[i, j] < _PAIR and mate[j] == i:
+            if i < j:
+                yield int(markers[i]), int(markers[j])
+        else:
+            yield (int(markers[i]),)
+
 
 _ADOPT = 2.0  # largest residual of an adopted marker, relative to the segment's own
 _SURE = 0.9  # confidence in a chain of rigid bodies above which no other chain is tried

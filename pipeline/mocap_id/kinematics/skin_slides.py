@@ -17,8 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray, as_complex, as_xy
-from mocap_id.kinematics.centre_covariance import slide_responses
-from mocap_id.kinematics.chain_equations import (
+from mocap_id.kinematics.chain_fit import (
     ChainProblem,
     ChainState,
     angle_blocks,
@@ -26,6 +25,7 @@ from mocap_id.kinematics.chain_equations import (
     joint_positions,
     remaining_share,
     share_variance,
+    slide_responses,
 )
 from mocap_id.kinematics.frame_sampling import frames_along_motion
 

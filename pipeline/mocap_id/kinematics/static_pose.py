@@ -12,8 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
 
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.geometry.planar import marker_positions, rotate
-from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.geometry.planar import PlaneFrame, marker_positions, rotate
 
 _MARKER_SD = 0.005  # m; skin motion between the pose and the movement
 _BASE_SD = np.radians(1.0)  # the feet are flat on the floor in both recordings

@@ -12,9 +12,17 @@ samples : sequence of PlateSamples
     Wrench of every plate at the marker times; NaN where missing.
 """
 
-from mocap_id.plates.choice import PlateChoice, choose_plates, find_contradictions
+from mocap_id.plates.choice import (
+    GRAVITY,
+    PlateChoice,
+    ZeroRule,
+    choose_plates,
+    find_contradictions,
+    find_dropouts,
+    measure_empty_chair,
+    weigh_person,
+)
 from mocap_id.plates.clock import ClockSearch, find_clock_offset
-from mocap_id.plates.standing import GRAVITY, ZeroRule, find_dropouts, measure_empty_chair, weigh_person
 
 __all__ = [
     "GRAVITY",

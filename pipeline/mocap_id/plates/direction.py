@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.plates.standing import GRAVITY
+from mocap_id.plates.choice import GRAVITY
 from mocap_id.recording.marker_posture import find_upright, measure_body_height
 
 _STEP_S = 0.1

@@ -6,16 +6,107 @@ because their sources differ in chair, instruction and stop rule.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
 
-from mocap_id.arrays import FloatArray
-from mocap_id.protocols.posture import STANDING
-from mocap_id.protocols.repetitions import Repetition, RiseDetails
+from mocap_id.arrays import BoolArray, FloatArray, find_runs
+from mocap_id.dynamics.preparation import LowPass
+from mocap_id.protocols.repetitions import STANDING, Posture, Repetition, RiseDetails
 from mocap_id.results import Quantity, Result
+
+_HIP_RISE = 0.08  # share of the rise to standing: about 3 cm
+_UNLOADED = 0.4  # share of the chair's load at rest
+_MERGE_WITHIN = 1.0  # s: peaks that are nearer belong to the same attempt
+_CUTOFF = 5.0  # Hz, low-pass of the force
+
+
+class Attempt(Result):
+    """A failed attempt to rise."""
+
+    time_s: float  # time of the greatest height
+    height: float  # greatest height of the hip as a share of the rise from seat to standing
+    unloaded: float | None  # share of the chair's load at rest that the feet took over
+
+
+def find_failed_attempts(
+    time: FloatArray,
+    posture: Posture,
+    vertical: FloatArray,
+    repetitions: tuple[Repetition, ...],
+    *,
+    chair: bool | None,
+) -> tuple[Attempt, ...]:
+    """Find the failed attempts to rise, in order of time.
+
+    In a failed attempt, the hips rise by at least 8 % of the rise to standing and return to the seat, or the load on
+    the chair decreases by at least 40 % between repetitions. Within a repetition, a decrease is not counted, because it
+    is the start of the rise.
+
+    Parameters
+    ----------
+    time : (T,) array
+        Sample times, s.
+    vertical : (T,) array
+        Vertical force under the feet divided by the standing weight; NaN where unknown.
+    chair : bool or None
+        Whether a chair is used; None if unknown. Squats (False) have no failed attempts.
+    """
+    if not posture.moves or chair is False:
+        return ()
+    unloaded = _measure_unloading(time, posture, vertical)
+    between = _find_samples_outside(time, repetitions)
+    instants: list[int] = []
+    for low in find_runs(~posture.upright):
+        instants += [low.start + k for k in _find_peaks(np.nan_to_num(posture.height[low], nan=0.0), _HIP_RISE)]
+        shares = np.where(between[low], np.nan_to_num(unloaded[low], nan=0.0), 0.0)
+        instants += [low.start + k for k in _find_peaks(shares, _UNLOADED) if shares[k] >= _UNLOADED]
+    attempts: list[Attempt] = []
+    for k in sorted(instants, key=lambda k: -posture.height[k]):
+        if all(abs(time[k] - other.time_s) > _MERGE_WITHIN for other in attempts):
+            near = slice(*np.searchsorted(time, [time[k] - _MERGE_WITHIN, time[k] + _MERGE_WITHIN]))
+            known = unloaded[near][np.isfinite(unloaded[near])]
+            greatest = float(known.max()) if len(known) else float("nan")
+            attempts.append(Attempt(time_s=time[k], height=posture.height[k], unloaded=greatest))
+    return tuple(sorted(attempts, key=lambda attempt: attempt.time_s))
+
+
+def _find_peaks(values: FloatArray, prominence: float) -> list[int]:
+    """Return the indices of the peaks of a signal that have at least this prominence, in ascending order."""
+    lowest = np.maximum(np.minimum.accumulate(values), np.minimum.accumulate(values[::-1])[::-1])
+    candidates = np.flatnonzero(values - lowest >= prominence)
+    if not candidates.size:
+        return []
+    top = int(candidates[values[candidates].argmax()])
+    after = [top + k for k in _find_peaks(values[top:], prominence)]
+    return [*_find_peaks(values[: top + 1], prominence), top, *after]
+
+
+def _find_samples_outside(time: FloatArray, repetitions: tuple[Repetition, ...]) -> BoolArray:
+    """Return True (T,) outside all repetitions; an unknown start or end is replaced by that of the recording."""
+    out = np.ones(len(time), dtype=bool)
+    for each in repetitions:
+        begin = -np.inf if np.isnan(each.start) else each.start
+        finish = np.inf if np.isnan(each.end) else each.end
+        out &= (time < begin) | (time > finish)
+    return out
+
+
+def _measure_unloading(time: FloatArray, posture: Posture, vertical: FloatArray) -> FloatArray:
+    """Return the share (T,) of the chair's load at rest that the feet took over; NaN if unknown and while upright."""
+    out = np.full(len(time), np.nan)
+    rate = (len(time) - 1) / (time[-1] - time[0])
+    smooth = LowPass(min(_CUTOFF, rate / 5), rate)(vertical[:, None])[:, 0]
+    for low in find_runs(~posture.upright):
+        with np.errstate(invalid="ignore"):
+            seated = low.start + np.flatnonzero((posture.height[low] < _HIP_RISE) & np.isfinite(smooth[low]))
+        if len(seated):
+            rest = float(np.median(smooth[seated]))
+            out[low] = (smooth[low] - rest) / max(1.0 - rest, 0.1)
+    return out
+
 
 REQUIRED_RISES = 5
 
@@ -161,3 +252,73 @@ def compute_five_times(
     elif np.isnan([fifth.seat_on, fifth.end]).any() or "stand" in fifth.unmeasured:
         unknown = f"the end of the fifth repetition is unknown: {fifth.why or 'its angles are unknown'}"
     return FiveTimes(**values, why=unknown)
+
+
+LOAD_PHASES = ("seated", "rising", "standing")
+_APART_M = 0.05  # if the centres of pressure are closer, the plates are not side by side
+
+
+class Spread(Result):
+    """Mean and standard deviation of a quantity over the repetitions."""
+
+    mean: float | None = None
+    sd: float | None = None
+
+
+class LoadShare(Result):
+    """Share of the left foot in the load of both feet, by phase; unknown unless each foot has its own plate."""
+
+    left_plate: int | None = None  # numbers of the plates, from 1
+    right_plate: int | None = None
+    left: dict[str, Spread] = Field({phase: Spread() for phase in LOAD_PHASES})
+    why: str | None = None  # why the shares are unknown; None if they are known
+
+
+def find_foot_plates(across: Sequence[tuple[int, float]], forwards: int) -> tuple[int, int] | str:
+    """Return the numbers of the plates under left and right foot, or a text that says why they are unknown.
+
+    Parameters
+    ----------
+    across : sequence of (int, float)
+        Number of every plate under the feet, and the z coordinate of its load in the plane's axes, m.
+    forwards : {-1, 1}
+        1 if the person faces x in the plane's axes, -1 if the person faces -x and z points to the left of the person.
+    """
+    if len(across) != 2:
+        return f"left and right need one plate under each foot, but the feet are on {len(across)} plates"
+    (one, z_one), (other, z_other) = across
+    if not abs(z_one - z_other) > _APART_M:  # also where one is unknown
+        return f"plates {one} and {other} are not loaded side by side, so they do not carry one foot each"
+    return (one, other) if (z_one > z_other) == (forwards < 0) else (other, one)
+
+
+def compute_load_share(
+    time: FloatArray, posture: Posture, left: FloatArray, right: FloatArray, repetitions: tuple[Repetition, ...]
+) -> dict[str, FloatArray]:
+    """Return the mean share of the left foot in the load, by phase in :data:`LOAD_PHASES`, (R,) for the R repetitions.
+
+    Parameters
+    ----------
+    time : (T,) array
+        Sample times, s.
+    left, right : (T,) arrays
+        Vertical force under each foot, N; NaN where unknown.
+    """
+    out = {phase: np.full(len(repetitions), np.nan) for phase in LOAD_PHASES}
+    before = -np.inf
+    for k, each in enumerate(repetitions):
+        after = repetitions[k + 1].start if k + 1 < len(repetitions) else np.inf
+        seated_until = each.start if np.isnan(each.seat_off) else each.seat_off
+        standing_until = each.end if each.end > each.stand else np.inf if np.isnan(after) else after
+        with np.errstate(invalid="ignore"):
+            parts: dict[str, BoolArray] = {
+                "seated": (time > before) & (time < seated_until) & (posture.height < 1.0 - STANDING),
+                "rising": (time >= each.start) & (time <= each.stand),
+                "standing": (time > each.stand) & (time < standing_until) & (posture.height > STANDING),
+            }
+        for phase, part in parts.items():
+            known = part & np.isfinite(left) & np.isfinite(right)
+            total = float(left[known].sum() + right[known].sum())
+            out[phase][k] = left[known].sum() / total if known.any() and total > 0 else np.nan
+        before = each.seat_on if not np.isnan(each.seat_on) else each.end
+    return out

@@ -14,8 +14,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from mocap_id.anatomy.landmark_names import SEGMENTS, Side, find_landmarks
-from mocap_id.anatomy.skeleton_joints import find_roles
+from mocap_id.anatomy.names import SEGMENTS, Side, find_landmarks, find_roles
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.kinematics import propose_window
 from mocap_id.kinematics.base_motion import find_base_motion

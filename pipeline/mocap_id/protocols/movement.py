@@ -6,15 +6,55 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData
-from mocap_id.protocols.chair_contact import Contact, find_contact
-from mocap_id.protocols.contact_rules import ContactRule, find_samples_off_chair
-from mocap_id.protocols.posture import Posture, compute_posture
-from mocap_id.protocols.repetitions import Repetition
-from mocap_id.protocols.robot_joint import find_robot_cycles
+from mocap_id.protocols.chair_contact import Contact, ContactRule, find_contact, find_samples_off_chair
+from mocap_id.protocols.repetitions import Posture, Repetition, compute_posture
 from mocap_id.protocols.sit_to_stand import find_sit_to_stand_repetitions
 from mocap_id.verdict import Reason
+
+_SIDE = 0.5  # share of half the range: farther from the middle, the joint is on one of the two sides
+_LEAST_ARC = np.radians(3.0)  # smallest range of a joint that moves
+
+
+def find_robot_cycles(time: FloatArray, q: FloatArray) -> tuple[Repetition, ...]:
+    """Find the cycles of the joint that moves most: from the middle to one side, the other side and back to the middle.
+
+    ``time`` (T,) are the sample times, s. ``q`` (T, n) are the joint angles, rad; NaN where unknown. Of the times in
+    the repetitions, only ``start`` and ``end`` are not NaN.
+    """
+    known = np.isfinite(q).all(axis=1)
+    if known.sum() < 2:
+        return ()
+    low, high = np.quantile(q[known], [0.01, 0.99], axis=0)
+    joint = int(np.argmax(high - low))
+    if high[joint] - low[joint] < _LEAST_ARC:
+        return ()
+    half = (high[joint] - low[joint]) / 2
+    swing = (q[known, joint] - (high[joint] + low[joint]) / 2) / half
+    return _split_cycles(time[known], swing)
+
+
+def _split_cycles(time: FloatArray, swing: FloatArray) -> tuple[Repetition, ...]:
+    """Return the cycles of an angle ``swing`` (T,), scaled so that its range is -1 to 1."""
+    side = np.where(swing > _SIDE, 1, np.where(swing < -_SIDE, -1, 0))
+    visits = np.flatnonzero(side)
+    turns = visits[np.concatenate([[True], np.diff(side[visits]) != 0])]  # first sample of each visit to a side
+    middles = []
+    for turn in turns:
+        before: IntArray = np.flatnonzero(np.sign(swing[:turn]) != np.sign(swing[turn]))
+        middles.append(int(before[-1]) if len(before) else 0)
+    after: IntArray = np.flatnonzero(np.sign(swing[turns[-1] :]) != np.sign(swing[turns[-1]]))
+    if len(after):
+        middles.append(int(turns[-1] + after[0]))
+    starts = middles[: len(turns) : 2]
+    cycles = []
+    for k, start in enumerate(starts):
+        whole = 2 * k + 2 < len(middles)
+        end = middles[2 * k + 2] if whole else len(time) - 1
+        why = "" if whole else "the recording ends within the cycle"
+        cycles.append(Repetition(float(time[start]), np.nan, np.nan, np.nan, float(time[end]), whole, why))
+    return tuple(cycles)
 
 
 @dataclass(frozen=True)
@@ -128,3 +168,72 @@ def _explain_contact(contact: Contact, requested: ContactRule) -> tuple[Reason, 
     else:
         return ()
     return (reason,)
+
+
+GRID = np.linspace(0.0, 1.0, 101)
+
+
+@dataclass(frozen=True)
+class Averaged:
+    """Mean, standard deviation and number of known repetitions at each point of the cycle, (P,) arrays.
+
+    The standard deviation is NaN for fewer than two repetitions.
+    """
+
+    mean: FloatArray
+    sd: FloatArray
+    count: FloatArray
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Agreement of an angle with the same angle from another system, over the samples where both are known."""
+
+    r: float  # correlation; negative if the two angles have opposite signs
+    offset: float  # mean difference, other system minus this program, rad
+    rmse: float  # rms difference after removing the offset, rad
+    samples: int  # number of samples where both are known
+
+
+def resample_repetitions(time: FloatArray, values: FloatArray, bounds: FloatArray) -> FloatArray:
+    """Return a signal at 0, 1 … 100 % of each repetition, (R, 101); NaN next to missing samples.
+
+    Parameters
+    ----------
+    time : (T,) array
+        Sample times, s.
+    values : (T,) array
+        Signal; NaN where missing.
+    bounds : (R, 2) array
+        Start and end of each repetition, s.
+    """
+    return interpolate_at(time, values, bounds[:, :1] + (bounds[:, 1:] - bounds[:, :1]) * GRID)
+
+
+def interpolate_at(time: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
+    """Return a signal ``values`` (K,) interpolated at the times ``at``; NaN outside ``time`` (K,) and next to a gap."""
+    gap = np.interp(at, time, np.isnan(values).astype(np.float64)) > 0
+    return np.where(gap, np.nan, np.interp(at, time, values, np.nan, np.nan))
+
+
+def average_repetitions(curves: FloatArray) -> Averaged:
+    """Average curves (R, P) over the R repetitions; NaN counts as missing."""
+    known = np.isfinite(curves)
+    count = known.sum(axis=0).astype(np.float64)
+    mean = np.where(known, curves, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)
+    square = np.where(known, (curves - mean) ** 2, 0.0).sum(axis=0)
+    return Averaged(mean, np.sqrt(square / np.where(count > 1, count - 1, np.nan)), count)
+
+
+def compare_angles(ours: FloatArray, other: FloatArray) -> Agreement:
+    """Compare an angle (T,), rad, with the same angle (T,) from another system; NaN where unknown.
+
+    All numbers except ``samples`` are NaN if fewer than three samples have both angles, or if an angle is constant.
+    """
+    both = np.isfinite(ours) & np.isfinite(other)
+    count = int(both.sum())
+    if count < 3 or np.ptp(ours[both]) == 0.0 or np.ptp(other[both]) == 0.0:
+        return Agreement(np.nan, np.nan, np.nan, count)
+    difference = other[both] - ours[both]
+    r = float(np.corrcoef(ours[both], other[both])[0, 1])
+    return Agreement(r, float(difference.mean()), float(difference.std()), count)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.allometry import (
+from mocap_id.dynamics.priors import (
     ReferenceTable,
     Sex,
     TableName,

@@ -1,12 +1,17 @@
 """Readers and writers of recordings: C3D, TRC, exports of QTM, Motive and Nexus, MOT, and CSV logs of sensors."""
 
-from mocap_id.recording.axes import to_z_up
-from mocap_id.recording.balance_board import CELLS_BELOW_SURFACE_M, BoardLog, read_board
-from mocap_id.recording.model import Plate, Recording
+from mocap_id.recording.lab_plates import PlateSamples, ThinnedFrames, compute_averaging_width, decimate
+from mocap_id.recording.model import Plate, Recording, to_z_up
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.recording.reader import is_marker_text, read
-from mocap_id.recording.resampling import PlateSamples, ThinnedFrames, compute_averaging_width, decimate
-from mocap_id.recording.sensor_logs import read_angles, read_encoder, read_force_log
+from mocap_id.recording.sensor_logs import (
+    CELLS_BELOW_SURFACE_M,
+    BoardLog,
+    read_angles,
+    read_board,
+    read_encoder,
+    read_force_log,
+)
 from mocap_id.recording.text_tables import read_table
 from mocap_id.recording.writer import (
     format_motion_table,

@@ -11,8 +11,7 @@ import c3d
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.recording.c3d_data import Layout, find_layout, read_calibration, read_frames
-from mocap_id.recording.c3d_file import C3DFile, open_c3d
+from mocap_id.recording.c3d_file import C3DFile, Layout, find_layout, open_c3d, read_calibration, read_frames
 from mocap_id.recording.text_tables import open_recording
 
 _FRAMES = 100  # number of frames to compare; this is enough, because a wrong position or stride affects every frame

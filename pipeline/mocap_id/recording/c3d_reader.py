@@ -9,15 +9,18 @@ from typing import BinaryIO
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.recording.axes import axis_vector, nearest_axis, parse_axis, to_z_up
-from mocap_id.recording.c3d_data import Layout, decode, find_layout
-from mocap_id.recording.c3d_file import PROCESSORS, C3DFile, open_c3d
+from mocap_id.recording.c3d_file import PROCESSORS, C3DFile, Layout, decode, find_layout, open_c3d
 from mocap_id.recording.c3d_plates import StoredPlate, list_plate_channels, read_stored_plates
 from mocap_id.recording.lab_plates import place_plate
 from mocap_id.recording.labels import leave_out_objects, name_markers
-from mocap_id.recording.marker_positions import clean_positions, resolve_length_unit, rotate_z_up, thin_frames
-from mocap_id.recording.marker_table import ReadingOptions
-from mocap_id.recording.model import Recording
+from mocap_id.recording.marker_positions import (
+    ReadingOptions,
+    clean_positions,
+    resolve_length_unit,
+    rotate_z_up,
+    thin_frames,
+)
+from mocap_id.recording.model import Recording, axis_vector, nearest_axis, parse_axis, to_z_up
 from mocap_id.recording.plate_types import compute_plate_axes
 
 _OUTPUT_GROUPS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MARKERS", "VIRTUAL_MARKERS")

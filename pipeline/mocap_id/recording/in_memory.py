@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.extras import optional
-from mocap_id.recording.axes import check_axis, to_z_up
 from mocap_id.recording.clock import SENSOR_HZ, check_rate, check_times
 from mocap_id.recording.lab_plates import rotate_plate
-from mocap_id.recording.model import Plate, Recording
+from mocap_id.recording.model import Plate, Recording, check_axis, to_z_up
 from mocap_id.recording.units import check_length_unit
 
 if TYPE_CHECKING:

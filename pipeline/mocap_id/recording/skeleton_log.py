@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.errors import RecordingError
-from mocap_id.recording.axes import check_axis
 from mocap_id.recording.clock import SKELETON_HZ, check_times
 from mocap_id.recording.held_samples import HeldSamples, describe_held, find_held, list_held
 from mocap_id.recording.marker_positions import clean_positions, resolve_length_unit, rotate_z_up
-from mocap_id.recording.model import Recording
-from mocap_id.recording.skeleton_faults import check_depth, find_other_person, undo_exchanges
-from mocap_id.recording.text_tables import TextTable, check_end, check_unique, read_csv, read_text, split_lines
-from mocap_id.recording.trc_table import parse_trc
+from mocap_id.recording.model import Recording, check_axis
+from mocap_id.recording.text_tables import (
+    TextTable,
+    check_end,
+    check_unique,
+    parse_trc,
+    read_csv,
+    read_text,
+    split_lines,
+)
 from mocap_id.verdict import Reason
 
 KINECT_V2 = (
@@ -248,3 +254,219 @@ def _drop_repeated_times(path: Path, rows: _Rows, oddities: list[str]) -> _Rows:
         )
     oddities.append(f"{path.name}: {len(again)} rows repeat the time of the row before and were left out")
     return replace(rows, time=rows.time[keep], positions=rows.positions[keep], inferred=rows.inferred[keep])
+
+
+_BODY = 6  # least number of joints of a body; the checks need so many
+_FLAT_M, _CONSTANT_M = 0.02, 1e-4  # extent of a body along each axis; scatter of a joint along each axis
+_FAR_M = 0.2  # a joint that is usually farther from 0 along an axis than this is never exactly at 0
+_APART_M, _SUDDEN = 0.2, 4.0  # steps of a pair of joints that may exchange its sides: length, and relative to usual
+_CROSSED = 0.35  # largest ratio of the steps with the sides exchanged
+_LONGEST_S = 1.0  # gap after which steps say nothing
+_JUMP_M, _JUMP_RATIO = 0.04, 8.0  # step of a whole body: least length, and relative to the largest tenth of the steps
+_SPEED = 1.0  # m/s of a whole body during a gap
+_USUAL_ROWS = 10
+_SIZE_STEP = 0.05  # median relative step of all bones; 0.03 in skeletons of one person
+_OTHER_BONES, _BONE_ERRORS = 0.03, 4.0  # median relative difference of bones, and relative to their usual differences
+_BACK = 0.5  # a body that jumps back is nearer to its place than this part of the jump
+_AWAY_S = 10.0  # longest time after which a body that jumps back is judged by its place
+_MOST_OTHERS = 0.5  # fraction of the rows
+_LISTED = 5
+_SIDES = (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"))
+
+
+def check_depth(path: Path, positions: FloatArray, oddities: list[str]) -> None:
+    """Raise RecordingError if the positions (K, M, 3) of a body have no extent along one axis, m.
+
+    Rows without depth, and joints that are exactly at 0 along an axis from which they are usually far, become NaN in
+    place, with a note.
+    """
+    if positions.shape[1] < _BODY:
+        return
+    lost = np.zeros(positions.shape[:2], dtype=np.bool_)
+    for axis, name in enumerate("xyz"):
+        values = positions[..., axis]
+        seen = np.isfinite(values)
+        several = seen.sum(axis=1) >= _BODY
+        if not several.any():
+            continue
+        extent = np.full(len(values), np.nan)
+        extent[several] = np.nanmax(values[several], axis=1) - np.nanmin(values[several], axis=1)
+        often = seen.sum(axis=0) > 1
+        scatter = float(np.median(np.nanstd(values[:, often], axis=0))) if often.any() else np.inf
+        if np.nanmedian(extent) < _FLAT_M or scatter < _CONSTANT_M:
+            raise RecordingError(
+                f"{path}: the {name} of its joints does not change: they are within {100 * np.nanmedian(extent):.1f} "
+                f"cm of each other along {name}, and each scatters by {1e3 * scatter:.2g} mm in time. The skeleton has "
+                "no depth, so its angles in space are not known; expected joints in three dimensions. Export them from "
+                "a depth camera or from several cameras"
+            )
+        with np.errstate(invalid="ignore"):
+            lost[extent < _FLAT_M] = True
+        usual = np.zeros(values.shape[1])
+        usual[often] = np.abs(np.nanmedian(values[:, often], axis=0))
+        lost |= (values == 0.0) & (usual > _FAR_M)
+    lost &= np.isfinite(positions).any(axis=2)
+    if lost.any():
+        positions[lost] = np.nan
+        oddities.append(f"{path.name}: {int(lost.sum())} positions of joints have no depth and were set to missing")
+
+
+def pair_sides(labels: tuple[str, ...]) -> list[tuple[int, int]]:
+    """Return the numbers of the left and the right joint of each pair.
+
+    Examples
+    --------
+    >>> pair_sides(("Neck", "ElbowLeft", "ElbowRight", "RKnee", "LKnee"))
+    [(1, 2), (4, 3)]
+    """
+    pairs = []
+    for number, label in enumerate(labels):
+        others = [label.replace(left, right) for left, right in _SIDES if left in label]
+        others += [f"R{label[1:]}"] if label[:1] == "L" and not others else []
+        pairs += [(number, labels.index(other)) for other in others if other in labels]
+    return pairs
+
+
+def undo_exchanges(
+    labels: tuple[str, ...], time: FloatArray, positions: FloatArray, inferred: BoolArray
+) -> tuple[Reason, ...]:
+    """Exchange left and right joints back, in place, where the file exchanges them for some time.
+
+    Two joints exchange their places from one row to the next, which no body does. The labels in most rows are right.
+    Positions (K, M, 3) are in m at the times (K,), s; ``inferred`` (K, M) belongs to them.
+    """
+    exchanged: dict[str, BoolArray] = {}
+    for left, right in pair_sides(labels):
+        rows = np.flatnonzero(np.isfinite(positions[:, [left, right]]).all(axis=(1, 2)))
+        if len(rows) < _USUAL_ROWS:
+            continue
+        a, b = positions[rows, left], positions[rows, right]
+        along = np.linalg.norm(np.diff(a, axis=0), axis=1) + np.linalg.norm(np.diff(b, axis=0), axis=1)
+        crossed = np.linalg.norm(b[1:] - a[:-1], axis=1) + np.linalg.norm(a[1:] - b[:-1], axis=1)
+        near = np.diff(time[rows]) <= _LONGEST_S
+        turns = near & (along > max(_APART_M, _SUDDEN * float(np.median(along)))) & (crossed < _CROSSED * along)
+        if not turns.any():
+            continue
+        state = np.concatenate([[0], np.cumsum(turns)]) % 2 == 1
+        state = ~state if state.mean() > 0.5 else state
+        wrong = np.zeros(len(time), dtype=np.bool_)
+        wrong[rows] = state
+        for values in (positions, inferred):
+            values[wrong, left], values[wrong, right] = values[wrong, right], values[wrong, left]
+        exchanged[labels[left]] = wrong
+    if not exchanged:
+        return ()
+    anywhere = np.any(list(exchanged.values()), axis=0)
+    names = ", ".join(list(exchanged)[:_LISTED]) + (" …" if len(exchanged) > _LISTED else "")
+    message = (
+        f"left and right joints ({names}) are exchanged {_list_times(time, anywhere)}: they jump to each other's place "
+        "from one row to the next. They were exchanged back in the results, so that the sides in most rows hold. Look "
+        "at these times whether the person turned round"
+    )
+    return (Reason("skeleton-exchanged", message, float(anywhere.mean()), 0.0),)
+
+
+def find_other_person(path: Path, time: FloatArray, positions: FloatArray) -> tuple[Reason, ...]:
+    """Set the rows of another person to NaN, in place, and return a reason if there are any.
+
+    A camera that takes another person for the recorded one moves all joints at once, and changes the lengths of all
+    bones. The person with most rows is the recorded one. Positions (K, M, 3) are in m at the times (K,), s. Raises
+    RecordingError if less than half of the rows remain.
+    """
+    if positions.shape[1] < _BODY:
+        return ()
+    rows = np.flatnonzero(np.isfinite(positions[..., 0]).sum(axis=1) >= _BODY)
+    if len(rows) < 2 * _USUAL_ROWS:
+        return ()
+    body, stamps = positions[rows], time[rows]
+    with np.errstate(invalid="ignore"):
+        steps = np.nanmedian(np.linalg.norm(np.diff(body, axis=0), axis=2), axis=1)
+    apart = np.diff(stamps)
+    least = max(_JUMP_M, _JUMP_RATIO * float(np.nanquantile(steps, 0.9)))
+    jumps = np.nan_to_num(steps) > least + _SPEED * np.maximum(apart - np.median(apart), 0.0)
+    bones = _measure_bones(body)
+    jumps |= _find_steps(bones)
+    if not jumps.any():
+        return ()
+    cuts = [0, *(np.flatnonzero(jumps) + 1).tolist(), len(rows)]
+    parts = [slice(a, b) for a, b in pairwise(cuts)]
+    own = max(parts, key=lambda part: part.stop - part.start)
+    usual = np.nanmedian(bones[own], axis=0)
+    wrong, jump, bone = np.zeros(len(time), dtype=np.bool_), 0.0, 0.0
+    for forwards in (True, False):
+        last = own
+        order = [part for part in parts if (part.start > own.start if forwards else part.start < own.start)]
+        order = order if forwards else order[::-1]
+        for part, after in zip(order, (*order, None)[1:], strict=True):
+            leaves, enters = (last.stop - 1, part.start) if forwards else (last.start, part.stop - 1)
+            moved = _measure_displacement(body, leaves, enters)
+            difference, error = _compare_bones(bones, part, own, usual)
+            other = difference > max(_OTHER_BONES, _BONE_ERRORS * error)
+            if not other and after is not None and moved > least and abs(stamps[enters] - stamps[leaves]) < _AWAY_S:
+                back = _measure_displacement(body, leaves, after.start if forwards else after.stop - 1)
+                other = back < _BACK * moved
+            if not other:
+                last = part
+                continue
+            wrong[rows[part.start] : rows[part.stop - 1] + 1] = True
+            jump, bone = max(jump, moved), max(bone, difference)
+    if not wrong.any():
+        return ()
+    share = float(wrong.mean())
+    evidence = (
+        f"{_list_times(time, wrong)} the joints are displaced by up to {100 * jump:.0f} cm from one row to the next, "
+        f"and the bones differ by up to {100 * bone:.0f} %"
+    )
+    if share > _MOST_OTHERS:
+        raise RecordingError(
+            f"{path}: {evidence}: the file shows several people in turn, none of them in half of the rows; record with "
+            "one person in view, or delete the rows of the others"
+        )
+    positions[wrong] = np.nan
+    message = (
+        f"{evidence}: the camera took another person for the recorded one. These rows are left out as missing. Record "
+        "with one person in view"
+    )
+    return (Reason("skeleton-other-person", message, share, 0.0),)
+
+
+def _measure_bones(body: FloatArray) -> FloatArray:
+    """Return the logarithms of those distances (K, B) between joints that change least."""
+    first, second = np.triu_indices(body.shape[1], 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        lengths = np.log(np.linalg.norm(body[:, first] - body[:, second], axis=2))
+        lengths = lengths[:, np.isfinite(lengths).any(axis=0)]  # some joints are never seen together
+        scatter = np.nanmedian(np.abs(lengths - np.nanmedian(lengths, axis=0)), axis=0)
+    return np.asarray(lengths[:, np.argsort(scatter)[: 2 * body.shape[1]]])
+
+
+def _find_steps(bones: FloatArray) -> BoolArray:
+    """Return between which rows (K - 1,) all bones become longer or shorter at once, and stay so."""
+    with np.errstate(invalid="ignore"):
+        size = np.nan_to_num(np.nanmedian(bones - np.nanmedian(bones, axis=0), axis=1))
+    summed = np.concatenate([[0.0], np.cumsum(size)])
+    mean = (summed[_USUAL_ROWS:] - summed[:-_USUAL_ROWS]) / _USUAL_ROWS
+    lasting = np.zeros(len(size) - 1)
+    lasting[_USUAL_ROWS - 1 : len(size) - _USUAL_ROWS] = np.abs(mean[_USUAL_ROWS:] - mean[:-_USUAL_ROWS])
+    return np.asarray(np.minimum(lasting, np.abs(np.diff(size))) > _SIZE_STEP)
+
+
+def _compare_bones(bones: FloatArray, part: slice, own: slice, usual: FloatArray) -> tuple[float, float]:
+    """Return the median difference of the bones in two parts, and its usual size in parts of the same length."""
+    difference = float(np.nanmedian(np.abs(np.nanmedian(bones[part], axis=0) - usual)))
+    length, count = part.stop - part.start, own.stop - own.start
+    blocks = [slice(own.start + k, own.start + k + length) for k in range(0, count - length + 1, max(length, 1))]
+    same = [float(np.nanmedian(np.abs(np.nanmedian(bones[each], axis=0) - usual))) for each in blocks[:200]]
+    return difference, float(np.median(same)) if same else 0.0
+
+
+def _measure_displacement(body: FloatArray, first: int, second: int) -> float:
+    """Return the median displacement of the joints between two rows, m; 0 if they have no joint in common."""
+    moved = np.linalg.norm(body[second] - body[first], axis=1)
+    return float(np.nanmedian(moved)) if np.isfinite(moved).any() else 0.0
+
+
+def _list_times(time: FloatArray, rows: BoolArray) -> str:
+    runs = find_runs(rows)
+    listed = ", ".join(f"{time[run.start]:.2f} to {time[run.stop - 1]:.2f} s" for run in runs[:_LISTED])
+    return f"from {listed}" + (f" and {len(runs) - _LISTED} more times" if len(runs) > _LISTED else "")

@@ -11,7 +11,7 @@ import numpy as np
 
 from mocap_id.errors import RecordingError
 from mocap_id.recording.clock import check_rate
-from mocap_id.recording.marker_table import MarkerTable, check_frame_numbers, fit_clock, parse_rate
+from mocap_id.recording.marker_positions import MarkerTable, check_frame_numbers, fit_clock, parse_rate
 from mocap_id.recording.text_tables import TextTable, has_final_line_end, parse_count, split_lines
 
 NEXUS_SECTIONS = frozenset(("trajectories", "devices", "joints", "model outputs", "segments"))

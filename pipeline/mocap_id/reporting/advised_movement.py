@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from mocap_id.design.movement_limits import MovementLimits
-from mocap_id.design.trajectory import Trajectory
+from mocap_id.design.predicted_covariance import Trajectory
+from mocap_id.design.proposal import MovementLimits
 from mocap_id.reporting import paper_figures, style
 
 _PANEL = 1.25  # inches

@@ -12,8 +12,15 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.reporting.numbers import to_number
 from mocap_id.store import Artefact, ArtefactSet, LongTable
-from mocap_id.store.spatial_views import SegmentPoses, SpatialAngles, SpatialSkeleton, is_in_space
-from mocap_id.store.views import IdentifiedDynamics, JointStates, Skeleton
+from mocap_id.store.views import (
+    IdentifiedDynamics,
+    JointStates,
+    SegmentPoses,
+    Skeleton,
+    SpatialAngles,
+    SpatialSkeleton,
+    is_in_space,
+)
 from mocap_id.verdict import Level, Reason, overall
 
 _MOST_SEVERE_FIRST: tuple[Level, ...] = ("refused", "caution", "ok")

@@ -11,9 +11,7 @@ import numpy as np
 from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.geometry.so3 import shift_to_shortest_arc
 from mocap_id.geometry.spatial_chain import SpatialJoint
-from mocap_id.protocols.attempts import Attempt
-from mocap_id.protocols.five_times import FiveTimes
-from mocap_id.protocols.load_share import LoadShare
+from mocap_id.protocols.five_times import Attempt, FiveTimes, LoadShare
 from mocap_id.reporting.numbers import NOT_FINITE, scale, to_number, to_numbers
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.summary_schema import (
@@ -49,8 +47,7 @@ from mocap_id.reporting.summary_schema import (
 )
 from mocap_id.results import join_sentences, why_unknown
 from mocap_id.store import Facts, Table
-from mocap_id.store.spatial_views import MEANINGLESS_AT_POLE, SpatialAngles
-from mocap_id.store.views import IdentifiedDynamics, Skeleton
+from mocap_id.store.views import MEANINGLESS_AT_POLE, IdentifiedDynamics, Skeleton, SpatialAngles
 
 _NO_PLANE = "yaw_deg, origin_m: a trial in space has no plane of motion"
 _NO_STATE_SD = "zero_sd_deg: the joint states have no standard deviations"

@@ -10,9 +10,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from mocap_id.protocols.attempts import Attempt
-from mocap_id.protocols.five_times import FiveTimes
-from mocap_id.protocols.load_share import LoadShare
+from mocap_id.protocols.five_times import Attempt, FiveTimes, LoadShare
 from mocap_id.results import Result
 from mocap_id.verdict import Level
 
@@ -70,7 +68,7 @@ class SegmentsEntry(Result):
     """Segments; ``count`` and ``names`` include the base, and ``assignment`` omits markers without a segment.
 
     ``confidence`` is the probability that count and assignment are right. ``against`` is the reduction of its log
-    odds by each piece of evidence (:class:`mocap_id.kinematics.confidence.Confidence`); 0 without this evidence.
+    odds by each piece of evidence (:class:`mocap_id.kinematics.segmentation.Confidence`); 0 without this evidence.
     ``hypotheses`` are the segmentations considered, lowest cost first.
     """
 

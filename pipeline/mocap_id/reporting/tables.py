@@ -289,7 +289,7 @@ AGAINST: Mapping[str, str] = {
     "links": "a segment has a single marker, and no marker is at either of its joints",
     "ankle": "joint 1 rotates little, and no marker is at this joint",
 }
-"""Text for each piece of evidence in :class:`mocap_id.kinematics.confidence.Confidence`."""
+"""Text for each piece of evidence in :class:`mocap_id.kinematics.segmentation.Confidence`."""
 
 _NEGLIGIBLE = 5e-4  # would be shown as 0.000
 

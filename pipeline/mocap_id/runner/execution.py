@@ -12,17 +12,17 @@ import logging
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import TracebackType
 from typing import Any, Literal, TypeAlias
 
-from mocap_id import store
-from mocap_id.config import Trial
-from mocap_id.errors import ConfigError, MocapIdError, NumericalError, Refused, StoreError
-from mocap_id.runner.background_writer import BackgroundWriter
-from mocap_id.runner.calibration_trial import update_calibration
+from mocap_id import plain_files, store
+from mocap_id.config import Trial, load
+from mocap_id.errors import ConfigError, MocapIdError, NumericalError, RecordingError, Refused, StoreError
 from mocap_id.runner.dependencies import (
     FileHashes,
     collect_parameters,
@@ -32,11 +32,10 @@ from mocap_id.runner.dependencies import (
     find_user_files,
 )
 from mocap_id.runner.log import RUN_LOG, describe_verdict, keep_log
-from mocap_id.runner.refusals import read_refusal, store_refusal
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.store import Document, Folder, Origin
-from mocap_id.store.atomic import replace_together
+from mocap_id.store.atomic import converting_errors, delaying_signals, replace_together
 from mocap_id.store.ownership import check_owner, store_owner
 
 LOG_FILE = "failure.log"  # in the run folder: the traceback of an unexpected failure
@@ -351,3 +350,108 @@ def _check_names(stage: Stage, outputs: Outputs) -> None:
     extra = {output.file for output in outputs if isinstance(output, Document)} - set(stage.outputs)
     if [file for file in given if file not in extra] != list(stage.outputs):
         raise ValueError(f"{stage.name} returned {given}, it declares {list(stage.outputs)}")
+
+
+class BackgroundWriter:
+    """A thread that runs jobs in order. After a job has failed, no further job starts.
+
+    The next call of :meth:`submit` or :meth:`wait` raises the exception of this job. At the end of the context,
+    ``__exit__`` waits for all jobs, even if signals arrive, and raises no exception of a job.
+    """
+
+    def __init__(self) -> None:
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="writer")
+        self._jobs: list[Future[None]] = []
+        self._failed = False
+        self._pool.submit(int)  # start the thread before any job: the pool forgets a thread whose start is interrupted
+
+    def __enter__(self) -> BackgroundWriter:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        with delaying_signals():
+            try:
+                self._pool.shutdown()
+            except BaseException:  # a signal may still arrive through a thread that does not block it
+                self._pool.shutdown()
+                raise
+
+    def submit(self, job: Callable[[], None]) -> None:
+        """Add a job to the queue; if an earlier job has failed, raise its exception instead."""
+        if self._failed:
+            self.wait()
+        self._jobs.append(self._pool.submit(self._run, job))
+
+    def wait(self) -> None:
+        """Wait until all jobs are done, and raise the exception of the first job that failed."""
+        jobs, self._jobs = self._jobs, []
+        for job in jobs:
+            job.result()
+
+    def _run(self, job: Callable[[], None]) -> None:
+        if self._failed:
+            return
+        try:
+            job()
+        except BaseException:
+            self._failed = True
+            raise
+
+
+_LONGEST = 600.0  # s; waiting time if another run updates the calibration
+
+
+def update_calibration(trial: Trial, stages: Sequence[Stage], run_to: Callable[..., Outcome]) -> None:
+    """Run the stages of a trial's calibration that the trial needs, unless they are up to date.
+
+    If several trials do this at the same time, one runs the stages and the others wait.
+
+    Raises
+    ------
+    RecordingError
+        The calibration was refused, so it has no chain.
+    ConfigError, NumericalError, StoreError
+        As for :func:`mocap_id.runner.run_to`.
+    """
+    if trial.keys.calibration is None:
+        return
+    other = load(trial.keys.calibration.trial, stages)
+    last = "fit-joints" if trial.keys.calibration.states is None else "ukf-smooth"
+    refused = run_to(other, last, stages, wait=_LONGEST).refused
+    if refused is not None:
+        raise RecordingError(
+            f"{other.file}: the calibration of {trial.file} was refused ({refused}); choose a trial in which every "
+            "joint moves"
+        )
+
+
+_FILE = ".mocap-id/refusal.json"
+
+
+def store_refusal(folder: Path, stage: str, key: str, refused: Refused) -> None:
+    """Store that the stage has refused the computation with the cache key ``key``, and why.
+
+    Raises
+    ------
+    StoreError
+        The folder cannot be written.
+    """
+    reason = {"code": refused.code, "message": refused.message, "value": refused.value, "limit": refused.limit}
+    text = json.dumps({"stage": stage, "key": key, "refused": reason}, indent=1)
+    replace_together(folder, {_FILE: text.encode()})
+
+
+def read_refusal(folder: Path, stage: str, key: str) -> Refused | None:
+    """Return the stored refusal of the computation with the cache key ``key``; None if it was not refused."""
+    try:
+        found: dict[str, Any] = json.loads(plain_files.read(folder / _FILE, links=False))
+        refused = Refused(**found["refused"]) if (found["stage"], found["key"]) == (stage, key) else None
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+    return refused if refused is not None and isinstance(refused.message, str) else None
+
+
+def forget_refusal(folder: Path) -> None:
+    """Delete the stored refusal, so that the stage is computed again."""
+    with converting_errors(folder / _FILE):
+        (folder / _FILE).unlink(missing_ok=True)

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from mocap_id.store.artefact_set import ArtefactSet
 from mocap_id.store.atomic import hash_bytes, hash_file
-from mocap_id.store.columns import Column, TableSchema, TreeSchema
 from mocap_id.store.folder import Folder
 from mocap_id.store.provenance import Document, Origin, Provenance, dumps
+from mocap_id.store.schemas import Column, TableSchema, TreeSchema
 
 if TYPE_CHECKING:
     from mocap_id.store.artefacts import Artefact, Facts, LongTable, Table, Tree

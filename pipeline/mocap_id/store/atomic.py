@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO, TypeAlias
 
+from filelock import BaseFileLock, FileLock, SoftFileLock
+
 from mocap_id import plain_files
 from mocap_id.errors import StoreError
 
@@ -173,3 +175,40 @@ def delaying_signals() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+try:
+    import fcntl
+except ImportError:  # Windows, where every disk supports locks
+    fcntl = None  # type: ignore[assignment]
+
+LOCK, MARKER = "lock", "lock.held"
+"""Files in ``.mocap-id``. The marker exists only during a run on a disk without locks."""
+
+_UNKNOWN = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOTSUP)
+
+
+def create_lock(hidden: Path) -> BaseFileLock:
+    """Return the lock of a run folder without acquiring it; ``hidden`` is the folder ``.mocap-id`` in the run folder.
+
+    Raises OSError if the folder is not writable.
+    """
+    return FileLock(hidden / LOCK) if _supports_locks(hidden / LOCK) else SoftFileLock(hidden / MARKER)
+
+
+def _supports_locks(path: Path) -> bool:
+    """Return whether the disk supports locks; some network disks do not."""
+    if fcntl is None:
+        return True
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):  # another process has locked it
+        return True
+    except OSError as error:
+        if error.errno not in _UNKNOWN:
+            raise
+        return False
+    finally:
+        os.close(descriptor)
+    return True

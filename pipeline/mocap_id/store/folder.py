@@ -16,15 +16,17 @@ from filelock import SoftFileLock, Timeout
 from mocap_id import plain_files, store
 from mocap_id.errors import StoreError
 from mocap_id.store.atomic import (
+    LOCK,
+    MARKER,
     Content,
     converting_errors,
+    create_lock,
     hash_bytes,
     hash_file,
     remove_leftovers,
     replace_together,
     resolve_path,
 )
-from mocap_id.store.locking import LOCK, MARKER, create_lock
 from mocap_id.store.ownership import OWNER_FILE
 from mocap_id.store.provenance import INVALID_RECORD, Checksum, Document, Origin, Provenance, Record
 from mocap_id.store.schemas import SCHEMAS

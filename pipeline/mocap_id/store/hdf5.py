@@ -6,18 +6,23 @@ The HDF5 library writes a tree. Reading does not need the library, because it us
 
 from __future__ import annotations
 
+import hashlib
 import io
+import json
+import math
+import re
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from mocap_id.store import userblock
+from mocap_id.errors import first_line
 from mocap_id.store.artefacts import Node, Tree
-from mocap_id.store.columns import TreeSchema
 from mocap_id.store.parquet import read_provenance
-from mocap_id.store.provenance import Origin, Provenance
+from mocap_id.store.provenance import Origin, Provenance, dumps
+from mocap_id.store.schemas import TreeSchema
 
 Leaves: TypeAlias = dict[str, np.ndarray[Any, Any]]
 """Arrays by their path in the file; texts are numpy ``U`` arrays, scalars have shape ()."""
@@ -30,12 +35,10 @@ def encode(tree: Tree, origin: Origin) -> bytes:
     """Return the bytes of a tree's HDF5 file; ValueError if the tree does not match its schema."""
     provenance = Provenance(tree.schema.file, tree.schema.version, origin, tree.facts, tree.reasons).encode()
     arrays = {path: _encode_texts(array) for path, array in _find_arrays(tree).items()}
-    size = userblock.compute_block_size(
-        {path: (array.dtype.str, array.shape) for path, array in arrays.items()}, provenance
-    )
+    size = compute_block_size({path: (array.dtype.str, array.shape) for path, array in arrays.items()}, provenance)
     file, places = _write(tree.schema, arrays, provenance, size)
-    whole = userblock.fill_block(file, size, places, provenance)
-    found = userblock.read(whole)[0]
+    whole = fill_block(file, size, places, provenance)
+    found = read(whole)[0]
     if any(_encode_texts(found[path]).tobytes() != array.tobytes() for path, array in arrays.items()):
         raise ValueError(
             f"{tree.schema.file} is damaged: the HDF5 library wrote values at other positions than it reports"
@@ -50,7 +53,7 @@ def _encode_texts(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 
 def _write(
     schema: TreeSchema, arrays: Leaves, provenance: Mapping[str, str], size: int
-) -> tuple[bytes, dict[str, userblock.Place]]:
+) -> tuple[bytes, dict[str, Place]]:
     """Return the bytes of an HDF5 file, of which the first ``size`` are free, and the positions of its datasets."""
     import h5py  # noqa: PLC0415  reading does not need it
 
@@ -63,7 +66,7 @@ def _write(
             dataset = file.create_dataset(node.name, data=data, track_times=False)
             dataset.attrs["unit"], dataset.attrs["meaning"] = node.unit, node.meaning
             start = dataset.id.get_offset() if array.size else 0
-            places[node.name] = userblock.Place(array.dtype.str, array.shape, start)
+            places[node.name] = Place(array.dtype.str, array.shape, start)
         for key, value in provenance.items():
             file.attrs[key] = value
     return stream.getvalue(), places
@@ -75,7 +78,7 @@ def decode(content: bytes, schema: TreeSchema) -> tuple[Tree, Provenance]:
     Raises ValueError if the file is damaged, from another program or of another schema. The message has no subject,
     because the caller writes the file name before it.
     """
-    leaves, metadata = userblock.read(content)
+    leaves, metadata = read(content)
     provenance = read_provenance(metadata, schema)
     problem = "; ".join(_find_mismatches(leaves, schema))
     if problem:
@@ -132,3 +135,99 @@ def _nest(leaves: Leaves) -> dict[str, Any]:
             group = group.setdefault(each, {})
         group[name] = array if array.ndim else array.item()
     return root
+
+
+_TITLE = "mocap-id: HDF5 follows this block of text; SHA-256 of all after this line: "
+_HEAD = len(_TITLE) + 64 + 1  # bytes of the first line
+_SMALLEST = 512  # bytes, the smallest user block of HDF5
+_FARTHEST = 1 << 40  # bytes; largest offset of a dataset
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_TYPE = re.compile(r"<f8|<i8|\|b1|\|S[1-9][0-9]{0,8}")
+_PATH = re.compile(r"[^/\0]+(/[^/\0]+){0,7}")
+_DAMAGED = "is damaged or was edited: its content does not match its own hash"
+
+
+@dataclass(frozen=True)
+class Place:
+    """Position of a dataset's values in the file, in C order."""
+
+    dtype: str  # ``<f8``, ``<i8``, ``|b1``, or ``|S`` and the bytes of each text (UTF-8, padded with NULs)
+    shape: tuple[int, ...]
+    start: int  # offset of the first byte
+
+    @property
+    def size(self) -> int:
+        """Number of bytes."""
+        return math.prod(self.shape) * np.dtype(self.dtype).itemsize
+
+
+def compute_block_size(places: Mapping[str, tuple[str, tuple[int, ...]]], provenance: Mapping[str, str]) -> int:
+    """Return the size of a block that can index datasets of these types and shapes at any offset, bytes."""
+    farthest = {path: Place(dtype, shape, _FARTHEST) for path, (dtype, shape) in places.items()}
+    needed, size = _HEAD + len(_format_index(farthest, provenance)), _SMALLEST
+    while size < needed:
+        size *= 2
+    return size
+
+
+def fill_block(content: bytes, size: int, places: Mapping[str, Place], provenance: Mapping[str, str]) -> bytes:
+    """Return the bytes of an HDF5 file in which the block replaces the first ``size`` bytes, which are free."""
+    rest = _format_index(places, provenance).ljust(size - _HEAD) + content[size:]
+    return _format_head(rest) + rest
+
+
+def read(content: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, str]]:
+    """Return the datasets by path, and the provenance, from the bytes of a file.
+
+    Texts are numpy ``U`` arrays, scalars have shape (). The hash is checked first, then that every dataset lies within
+    the file. Raises ValueError if the file is damaged or from another program. The message has no subject, because the
+    caller writes the file name before it.
+    """
+    if not content.startswith(_TITLE.encode()):
+        if content.startswith(_HDF5):
+            raise ValueError("is HDF5 without the hash of mocap-id: an earlier version or another program wrote it")
+        raise ValueError("is damaged, or was not written by mocap-id: it does not begin with its hash")
+    if content[:_HEAD] != _format_head(content[_HEAD:]):
+        raise ValueError(_DAMAGED)
+    try:
+        index = json.loads(content[_HEAD : content.index(b"\n", _HEAD)])
+        places = {path: Place(dtype, tuple(shape), start) for path, (dtype, shape, start) in index["nodes"].items()}
+        provenance = {key: value for key, value in index["provenance"].items() if isinstance(value, str)}
+        _check_places(places, len(content))
+        return {path: _read_values(content, place) for path, place in places.items()}, provenance
+    except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
+        raise ValueError(f"is damaged ({first_line(error)[:200]})") from error
+
+
+def _format_head(rest: bytes) -> bytes:
+    return f"{_TITLE}{hashlib.sha256(rest).hexdigest()}\n".encode()
+
+
+def _format_index(places: Mapping[str, Place], provenance: Mapping[str, str]) -> bytes:
+    nodes = {path: (place.dtype, place.shape, place.start) for path, place in places.items()}
+    return f"{dumps({'nodes': nodes, 'provenance': provenance})}\n".encode()
+
+
+def _check_places(places: Mapping[str, Place], length: int) -> None:
+    """Raise ValueError unless every dataset lies within ``length`` bytes and no two overlap."""
+    for path, place in places.items():
+        if not _PATH.fullmatch(path) or not _TYPE.fullmatch(place.dtype):
+            raise ValueError(f"a dataset has an invalid name or type: {path[:80]!r}, {place.dtype[:80]!r}")
+        if any(type(number) is not int or not 0 <= number <= _FARTHEST for number in (*place.shape, place.start)):
+            raise ValueError(f"`{path[:80]}` has an invalid shape or offset")
+        if place.start + place.size > length:
+            raise ValueError(f"`{path[:80]}` ends after the end of the file")
+    groups = {path[: slash.start()] for path in places for slash in re.finditer("/", path)}
+    if groups & places.keys():
+        raise ValueError(f"`{min(groups & places.keys())[:80]}` is both a dataset and a group")
+    taken = sorted((place.start, place.start + place.size) for place in places.values() if place.size)
+    if any(start < end for (_, end), (start, _) in pairwise(taken)):
+        raise ValueError("two datasets share bytes")
+
+
+def _read_values(content: bytes, place: Place) -> np.ndarray[Any, Any]:
+    count = math.prod(place.shape)
+    values = np.frombuffer(content, place.dtype, count, place.start).reshape(place.shape)
+    if place.dtype == "|b1" and (values.view(np.uint8) > 1).any():
+        raise ValueError("a truth value that is neither true nor false")
+    return np.char.decode(values, "utf-8") if place.dtype.startswith("|S") else values.copy()

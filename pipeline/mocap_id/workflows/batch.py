@@ -18,7 +18,7 @@ from pydantic import BaseModel
 
 from mocap_id import plain_files
 from mocap_id.config import Trial, load
-from mocap_id.config.source import Source, read
+from mocap_id.config.parsing import Source, read
 from mocap_id.config.study import load_study
 from mocap_id.config.trial import build_trial_model, compose
 from mocap_id.errors import ConfigError, StoreError

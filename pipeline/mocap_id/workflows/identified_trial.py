@@ -13,12 +13,12 @@ import pandas as pd
 
 from mocap_id import runner
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.cutoffs import Cutoffs
-from mocap_id.dynamics.lowpass import LowPass
+from mocap_id.dynamics.identification import Cutoffs
 from mocap_id.dynamics.measured_motion import USUAL
-from mocap_id.dynamics.motion import move_chain
 from mocap_id.dynamics.parameter_transfer import BodyFrames
-from mocap_id.dynamics.reference_prior import ReferencePrior, compute_reference_sd
+from mocap_id.dynamics.preparation import LowPass
+from mocap_id.dynamics.priors import ReferencePrior, compute_reference_sd
+from mocap_id.dynamics.regressor import move_chain
 from mocap_id.store import Folder, Tree
 from mocap_id.store.views import Skeleton, Trajectories, joint_columns
 from mocap_id.workflows.moving_bodies import MovingBodies, read_measured_bodies

@@ -14,8 +14,8 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.measured_motion import BodyPoses, fill_gaps, filter_motion
-from mocap_id.dynamics.motion import PlanarMotion
 from mocap_id.dynamics.parameter_transfer import BodyFrames
+from mocap_id.dynamics.regressor import PlanarMotion
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import planar
 from mocap_id.kinematics.cluster_poses import ClusterPose, measure_cluster

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.cutoffs import Cutoffs
+from mocap_id.dynamics.identification import Cutoffs
 from mocap_id.dynamics.measured_motion import close_gaps, filter_motion
-from mocap_id.dynamics.motion import PlanarMotion
 from mocap_id.dynamics.parameter_transfer import BodyFrames
-from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
-from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, bridge_gaps, read_bodies
+from mocap_id.dynamics.regressor import PlanarMotion, torque_regressor, wrench_regressor
+from mocap_id.stages.identify_dim.validation import MeasuredBodies, bridge_gaps, read_bodies
 from mocap_id.store import Table
 from mocap_id.store.views import Skeleton
 

@@ -11,11 +11,11 @@ import numpy as np
 
 from mocap_id import runner
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.space import payload as dynamics
+from mocap_id.dynamics.space import identification as dynamics
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.results.columns import to_finite
 from mocap_id.store import Tree
-from mocap_id.store.spatial_views import SpatialSkeleton
+from mocap_id.store.views import SpatialSkeleton
 from mocap_id.workflows.run_folder import RunFolder, open_run
 
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")

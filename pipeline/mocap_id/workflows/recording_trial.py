@@ -18,7 +18,7 @@ import numpy as np
 
 from mocap_id import plain_files
 from mocap_id.config import Trial, load
-from mocap_id.config.source import Source
+from mocap_id.config.parsing import Source
 from mocap_id.config.trial import compose
 from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.protocols.kind_of_movement import recognise_movement

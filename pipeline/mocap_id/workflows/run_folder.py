@@ -54,7 +54,7 @@ class RunFolder(ArtefactSet):
     @property
     def in_space(self) -> bool:
         """Whether the trial has `space: 3d`."""
-        from mocap_id.store.spatial_views import is_in_space  # noqa: PLC0415  most commands do not ask
+        from mocap_id.store.views import is_in_space  # noqa: PLC0415  most commands do not ask
 
         return is_in_space(self.facts("planar.parquet"))
 

@@ -8,9 +8,9 @@ from functools import cache
 import numpy as np
 
 from mocap_id.dynamics.preparation import FitSettings
+from mocap_id.dynamics.space.consistency import point_mass
 from mocap_id.dynamics.space.identification import SpatialIdentification, identify
 from mocap_id.dynamics.space.preparation import SpatialRecord, SpatialTrial, prepare
-from mocap_id.dynamics.space.pseudo_inertia import point_mass
 from mocap_id.geometry import se3, so3
 from mocap_id.geometry.spatial_chain import JointKind, SpatialChain, SpatialJoint
 from mocap_id_simulation import SpaceRobotOptions, SpaceRobotTrial, generate_space_robot

@@ -9,10 +9,15 @@ import pytest
 from space_cases import SIX, identified, record, robot, true_base
 
 from mocap_id.dynamics.fit import determines_parameters
-from mocap_id.dynamics.space.identification import SpatialIdentification, identify, measure_excitation_in_space
+from mocap_id.dynamics.space.identification import (
+    BaseEstimate,
+    SpatialIdentification,
+    identify,
+    identify_payload,
+    measure_excitation_in_space,
+    predict,
+)
 from mocap_id.dynamics.space.instrument_errors import make_exact
-from mocap_id.dynamics.space.payload import BaseEstimate, identify_payload
-from mocap_id.dynamics.space.prediction import predict
 from mocap_id.dynamics.space.preparation import prepare, shift_wrench
 from mocap_id.geometry import se3, so3
 

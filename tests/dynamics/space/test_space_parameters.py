@@ -7,10 +7,16 @@ import pytest
 from space_cases import random_base, random_bodies, random_chain
 
 from mocap_id.dynamics.least_squares import CompressedProblem
-from mocap_id.dynamics.space.base_parameters import structural_base
-from mocap_id.dynamics.space.consistency import REACH, SemidefiniteBodies, fit_semidefinite
-from mocap_id.dynamics.space.motion import move_joints, segment_regressor
-from mocap_id.dynamics.space.pseudo_inertia import body_parameters, change_of_frame, point_mass, pseudo_inertia
+from mocap_id.dynamics.space.consistency import (
+    REACH,
+    SemidefiniteBodies,
+    body_parameters,
+    change_of_frame,
+    fit_semidefinite,
+    point_mass,
+    pseudo_inertia,
+)
+from mocap_id.dynamics.space.preparation import move_joints, segment_regressor, structural_base
 from mocap_id.geometry import se3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 

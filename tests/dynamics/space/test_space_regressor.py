@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from space_cases import random_base, random_bodies, random_chain
 
 from mocap_id.dynamics.regressor import LINK_PARAMETERS, spatial_regressor, torque_regressor
-from mocap_id.dynamics.space.motion import move_joints, move_segments, segment_regressor
-from mocap_id.dynamics.space.pseudo_inertia import change_of_frame
+from mocap_id.dynamics.space.consistency import change_of_frame
+from mocap_id.dynamics.space.preparation import move_joints, move_segments, segment_regressor
 from mocap_id.geometry import Ball, Chain, Revolute, se3, so3
 
 TO_PINOCCHIO = [LINK_PARAMETERS.index(n) for n in ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")]

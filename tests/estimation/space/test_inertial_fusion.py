@@ -10,7 +10,7 @@ from spatial_cases import UP, mixed_chain, true_chain
 
 from mocap_id.estimation.inertial import SensorSignals
 from mocap_id.estimation.space import SpatialStates, smooth_in_space
-from mocap_id.estimation.space.chain_model import degrees_of_freedom, make_chain_model, make_track
+from mocap_id.estimation.space.frame_poses import degrees_of_freedom, make_chain_model, make_track
 from mocap_id.estimation.space.inertial_fusion import SensorResult, smooth_with_sensors
 from mocap_id.estimation.space.space_kernels import Pose, Sensors, predict_sensors
 from mocap_id.geometry import so3

@@ -7,12 +7,17 @@ from spatial_cases import mixed_chain, positions
 
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation import FilterSettings, smooth
-from mocap_id.estimation.filter_problem import start_sd
-from mocap_id.estimation.process_model import noise_shape, transition
-from mocap_id.estimation.space.chain_model import ChainModel, degrees_of_freedom, group_columns, make_chain_model
-from mocap_id.estimation.space.frame_poses import FramePoses, find_frame_poses
-from mocap_id.estimation.space.space_filter import SpatialTrack, filter_and_smooth
+from mocap_id.estimation.filter_problem import noise_shape, start_sd, transition
+from mocap_id.estimation.space.frame_poses import (
+    ChainModel,
+    FramePoses,
+    degrees_of_freedom,
+    find_frame_poses,
+    group_columns,
+    make_chain_model,
+)
 from mocap_id.estimation.space.space_kernels import Pose
+from mocap_id.estimation.space.space_smoothing import SpatialTrack, filter_and_smooth
 from mocap_id.estimation.space.spatial_noise import SpatialNoise
 from mocap_id.geometry import so3
 from mocap_id.geometry.planar import marker_positions

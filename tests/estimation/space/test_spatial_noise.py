@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.estimation.space.chain_model import make_chain_model, make_track
-from mocap_id.estimation.space.frame_poses import FramePoses
+from mocap_id.estimation.space.frame_poses import FramePoses, make_chain_model, make_track
 from mocap_id.estimation.space.spatial_noise import estimate_process_noise
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 from mocap_id_simulation.motion import draw_sway, draw_tremor

@@ -8,7 +8,7 @@ import pytest
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
-from mocap_id.kinematics.space.axis_refinement import refine_axes
+from mocap_id.kinematics.space.chain_fit import refine_axes
 
 TRUE = SpatialJoint(
     "two-axis",

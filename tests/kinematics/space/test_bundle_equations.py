@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 
 from mocap_id.geometry import so3
-from mocap_id.kinematics.space.bundle_equations import eliminate_frames, linearise
-from mocap_id.kinematics.space.bundle_model import BundleProblem, BundleState, apply_step, locate_columns
-from mocap_id.kinematics.space.chain_prior import ChainPrior
+from mocap_id.kinematics.space.bundle import ChainPrior
+from mocap_id.kinematics.space.bundle_equations import (
+    BundleProblem,
+    BundleState,
+    apply_step,
+    eliminate_frames,
+    linearise,
+    locate_columns,
+)
 
 _STEP = 1e-6
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from mocap_id.arrays import IntArray
-from mocap_id.kinematics.constraints import Constraints
-from mocap_id.kinematics.space.bodies import SpatialBodies
-from mocap_id.kinematics.space.exchange import exchange_markers
+from mocap_id.kinematics.clusters import Constraints
+from mocap_id.kinematics.space.bodies import SpatialBodies, exchange_markers
 from mocap_id_simulation import simulate_chain
 
 TRIAL = simulate_chain(5, kinds="SS", duration=5)

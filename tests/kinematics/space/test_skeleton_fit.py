@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from mocap_id.errors import Refused
-from mocap_id.estimation.space.chain_model import make_chain_model
-from mocap_id.estimation.space.frame_poses import predict_positions
-from mocap_id.estimation.space.skeleton_poses import LEAST_FLEXION, find_skeleton_poses
-from mocap_id.estimation.space.skeleton_smoothing import bridge_gaps, remove_jumps
+from mocap_id.estimation.space.frame_poses import make_chain_model, predict_positions
+from mocap_id.estimation.space.skeleton_smoothing import LEAST_FLEXION, bridge_gaps, find_skeleton_poses, remove_jumps
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 from mocap_id.kinematics.space.skeleton import SensorNoise, fit_bone, fit_sensor_noise, fit_trunk

@@ -9,7 +9,7 @@ import pytest
 
 from mocap_id.errors import NumericalError
 from mocap_id.geometry import so3
-from mocap_id.kinematics.space.bundle_model import segment_origins
+from mocap_id.kinematics.space.bundle_equations import segment_origins
 from mocap_id.kinematics.space.chain_fit import fit_spatial_chain
 from mocap_id.kinematics.space.chain_result import SpatialFit, move_centre
 from mocap_id.kinematics.space.rigid_body import rigid_poses

@@ -7,9 +7,14 @@ import pytest
 
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
-from mocap_id.kinematics.space.bodies import SpatialBody, fit_spatial_body
+from mocap_id.kinematics.space.bodies import (
+    SpatialBody,
+    fit_spatial_body,
+    gain_of_parts,
+    unexplained_distance_sd,
+    unexplained_motion,
+)
 from mocap_id.kinematics.space.segmentation import segment_in_space
-from mocap_id.kinematics.space.unexplained_motion import gain_of_parts, unexplained_distance_sd, unexplained_motion
 from mocap_id_simulation import simulate_arm
 
 FRAMES = 300

@@ -16,12 +16,57 @@ from scipy.linalg import null_space
 from scipy.optimize import brentq
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.cone_solver import find_closest_step, solve_cones
-from mocap_id.dynamics.consistency_cone import LENGTH, ConeKind
+from mocap_id.dynamics.cone_solver import (
+    LENGTH,
+    PROVEN,
+    ConeKind,
+    SolverAnswer,
+    check_optimality,
+    find_closest_step,
+    solve_cones,
+)
 from mocap_id.dynamics.least_squares import CompressedProblem
-from mocap_id.dynamics.optimality import PROVEN, SolverAnswer, check_optimality
-from mocap_id.dynamics.space.pseudo_inertia import body_parameters, point_mass, pseudo_inertia
 from mocap_id.errors import NumericalError
+
+_ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # matrix entries of Ixx, Iyy, Izz, Ixy, Ixz, Iyz
+
+
+def pseudo_inertia(parameters: FloatArray) -> FloatArray:
+    """Return the pseudo-inertia (..., 4, 4) of ten parameters (..., 10), kg, kg·m and kg·m²."""
+    inertia = np.zeros((*parameters.shape[:-1], 3, 3))
+    for value, (i, j) in zip(np.moveaxis(parameters[..., 4:], -1, 0), _ENTRIES, strict=True):
+        inertia[..., i, j] = inertia[..., j, i] = value
+    matrix = np.zeros((*parameters.shape[:-1], 4, 4))
+    trace = np.trace(inertia, axis1=-2, axis2=-1)[..., None, None]
+    matrix[..., :3, :3] = trace / 2 * np.eye(3) - inertia
+    matrix[..., :3, 3] = matrix[..., 3, :3] = parameters[..., 1:4]
+    matrix[..., 3, 3] = parameters[..., 0]
+    return matrix
+
+
+def body_parameters(matrix: FloatArray) -> FloatArray:
+    """Return the ten parameters (..., 10) of a pseudo-inertia (..., 4, 4); the inverse of :func:`pseudo_inertia`."""
+    second = matrix[..., :3, :3]
+    inertia = np.trace(second, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - second
+    entries = np.stack([inertia[..., i, j] for i, j in _ENTRIES], axis=-1)
+    return np.concatenate([matrix[..., 3:, 3], matrix[..., :3, 3], entries], axis=-1)
+
+
+def point_mass(position: FloatArray) -> FloatArray:
+    """Return the ten parameters (10,) of 1 kg at a point (3,), m."""
+    at = np.append(position, 1.0)
+    return body_parameters(np.outer(at, at))
+
+
+def change_of_frame(pose: FloatArray) -> FloatArray:
+    """Return the matrix (..., 10, 10) that transforms a body's ten parameters into another frame.
+
+    ``pose`` (..., 4, 4) is the pose of the present frame in the other frame.
+    """
+    units = pseudo_inertia(np.eye(10))
+    moved = pose[..., None, :, :] @ units @ np.swapaxes(pose, -1, -2)[..., None, :, :]
+    return np.swapaxes(body_parameters(moved), -1, -2)
+
 
 REACH = 2.0
 """Largest distance of a mass from the origin of its segment, m."""
@@ -38,7 +83,7 @@ _SPREAD = 0.1  # m: radius of gyration of the bodies to approach if the data do 
 
 @dataclass(frozen=True)
 class SemidefiniteBodies:
-    """Possible segments, described by ten full parameters each (:class:`~mocap_id.dynamics.optimality.BodyCone`)."""
+    """Possible segments, described by ten full parameters each (:class:`~mocap_id.dynamics.cone_solver.BodyCone`)."""
 
     mapping: FloatArray  # (b, 10K) matrix from full parameters to the parameters of the problem
 

@@ -5,14 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import null_space
 
-from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.excitation import WEAK, Excitation, classify_parameters
+from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
+from mocap_id.dynamics.cautions import WEAK, Excitation, classify_parameters
 from mocap_id.dynamics.fit import Fit, fit
+from mocap_id.dynamics.instrument_errors import ModelError, estimate_model_error
+from mocap_id.dynamics.least_squares import unit_covariance, variance
+from mocap_id.dynamics.preparation import interpolate_samples
+from mocap_id.dynamics.regressor import torque_regressor
 from mocap_id.dynamics.space.consistency import SemidefiniteSolution, fit_semidefinite
 from mocap_id.dynamics.space.instrument_errors import ErrorMode, SpatialCalibration, propagate_errors, sum_modes
-from mocap_id.dynamics.space.preparation import SpatialTrial
-from mocap_id.dynamics.uncertainty import unit_covariance
+from mocap_id.dynamics.space.preparation import SpatialMotion, SpatialTrial, move_segments, segment_regressor
 
 _LEAST_LEVER = 0.05  # m: least size of the base's first moments, divided by the mass
 
@@ -84,7 +88,7 @@ def identify(trial: SpatialTrial, gate: BoolArray, calibration: SpatialCalibrati
 def measure_excitation_in_space(trial: SpatialTrial, result: SpatialIdentification, weak: float = WEAK) -> Excitation:
     """Measure the excitation of every base parameter; a relative standard deviation above ``weak`` makes it weak.
 
-    The method is that of :func:`mocap_id.dynamics.excitation.classify_parameters`.
+    The method is that of :func:`mocap_id.dynamics.cautions.classify_parameters`.
     """
     return classify_parameters(trial.structure.names, result.fit, result.base_sd, measure_sizes(trial, result), weak)
 
@@ -103,3 +107,178 @@ def measure_sizes(trial: SpatialTrial, result: SpatialIdentification) -> FloatAr
         if segment[i] == 0 and order[i] == 1:
             size[i] = max(size[i], _LEAST_LEVER * abs(result.base[0]))
     return size
+
+
+_RATE = 10.0  # Hz: rate at which the effect of errors of the instruments on torques is evaluated
+
+
+@dataclass(frozen=True)
+class SpatialPrediction:
+    """A model's wrench and joint torques in space."""
+
+    # wrench, wrench_sd: (T, 6) force and moment of the ground about the origin of the trial's frame, N and N·m, with
+    # standard deviations
+    wrench: FloatArray
+    wrench_sd: FloatArray
+    # (T, 6) the plate's wrench, with the clock offset and the constant errors corrected, N and N·m
+    measured: FloatArray
+    # torque, torque_sd: (T, N) torque of each joint coordinate and its standard deviation, N·m
+    torque: FloatArray
+    torque_sd: FloatArray
+
+
+def predict(trial: SpatialTrial, result: SpatialIdentification) -> SpatialPrediction:
+    """Predict wrench and joint torques at every sample."""
+    own, back = result.residual_covariance, trial.recorded.to_trial
+    bias = np.zeros(6)
+    bias[list(trial.constants)] = result.plate_bias
+    measured = trial.measured(result.fit.offset) - bias
+    local = trial.rows @ result.base
+    torque_rows = _compute_torque_rows(trial, trial.recorded.motion)
+    of_wrench, of_torque = _estimate_noise(trial, result, measured - local, torque_rows)
+    rows = back @ trial.rows
+    return SpatialPrediction(
+        wrench=local @ back.T,
+        wrench_sd=np.sqrt(variance(rows, own) + np.einsum("ij,tj->ti", back**2, of_wrench)),
+        measured=measured @ back.T,
+        torque=torque_rows @ result.base,
+        torque_sd=np.sqrt(variance(torque_rows, own) + of_torque + _propagate_errors(trial, result)),
+    )
+
+
+def _compute_torque_rows(trial: SpatialTrial, motion: SpatialMotion) -> FloatArray:
+    """Return the rows (T, N, b) of the joint torques."""
+    moved = motion.in_frames(trial.structure.frames)
+    regressor = segment_regressor(moved, trial.settings.gravity)
+    return torque_regressor(moved, regressor)[:, :, trial.base.kept]
+
+
+def _estimate_noise(
+    trial: SpatialTrial, result: SpatialIdentification, residual: FloatArray, torque_rows: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the variances of the wrench (T, 6) and of the torques (T, N) due to errors of the accelerations.
+
+    As in the plane, the standard deviations of the accelerations give the course of the variances over time, and the
+    plate gives their size (:mod:`mocap_id.dynamics.instrument_errors`). The variances of the torques are scaled like
+    those of the moments.
+    """
+    wrench, torque = _propagate_accelerations(trial, result.base, torque_rows)
+    samples = result.fit.in_fit & find_complete_rows(residual)
+    estimates = (estimate_model_error(residual[:, k], wrench[:, k], samples, trial.recorded.rate) for k in range(6))
+    errors = [each or ModelError(0.0, 1.0, 1.0) for each in estimates]
+    size = np.nanmean(wrench[:, 3:], axis=0)
+    overall = float(np.average([each.overall for each in errors[3:]], weights=np.maximum(size, 1e-300)))
+    scaled = wrench * [each.scale for each in errors] + [each.steady for each in errors]
+    return np.asarray(scaled), np.asarray(overall * torque)
+
+
+def _propagate_accelerations(
+    trial: SpatialTrial, base: FloatArray, torque_rows: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the variances of wrench (T, 6) and torques (T, N) due to the standard deviations of the accelerations.
+
+    The wrench is linear in the accelerations, so a change of each acceleration by 1 rad/s² gives the derivative.
+    """
+    recorded = trial.recorded
+    motion, gravity = recorded.motion, trial.settings.gravity
+    wrench, torque = np.zeros((len(recorded.time), 6)), np.zeros(torque_rows.shape[:2])
+    for j, beyond in enumerate(motion.beyond):
+        alpha = recorded.alpha + beyond[1:, None] * motion.axis[:, j, None]
+        moved = move_segments(recorded.chain, recorded.centred, recorded.rotation, recorded.omega, alpha)
+        spread = recorded.alpha_sd[:, int(np.argmax(beyond)) - 1, None] ** 2
+        wrench += spread * ((trial.build_rows(moved, gravity) - trial.rows) @ base) ** 2
+        torque += spread * ((_compute_torque_rows(trial, moved) - torque_rows) @ base) ** 2
+    return wrench, torque
+
+
+def _propagate_errors(trial: SpatialTrial, result: SpatialIdentification) -> FloatArray:
+    """Return the variance (T, N) of the torques due to errors of instruments and joint centres.
+
+    The effects of an error through the parameters and through the motion are correlated and largely cancel.
+    """
+    recorded = trial.recorded
+    valid = np.flatnonzero(find_complete_rows(trial.regressor))
+    steps = valid[:: max(1, round(recorded.rate / _RATE))]
+    if not len(steps):
+        return np.full((len(recorded.time), recorded.motion.jacobian.shape[2]), np.nan)
+    motion = recorded.motion.at(steps)
+    rows = _compute_torque_rows(trial, motion)
+    total = np.zeros(rows.shape[:2])
+    for mode in result.modes:
+        changed = rows @ mode.parameters[: len(result.base)]
+        if mode.motion is not None:
+            changed = changed + mode.size * ((_compute_torque_rows(trial, mode.motion.at(steps)) - rows) @ result.base)
+        total += changed**2
+    return interpolate_samples(recorded.time, valid, steps, total)
+
+
+_UNKNOWN = 1e-6  # part of a unit vector in the null space above which a parameter is not determined
+
+
+@dataclass(frozen=True)
+class BaseEstimate:
+    """Base parameters of one trial."""
+
+    value: FloatArray  # (b,) base parameters, SI
+    # unit_covariance, residual_covariance: (b, b) as in
+    # `space.identification.SpatialIdentification`
+    unit_covariance: FloatArray
+    residual_covariance: FloatArray
+    modes: FloatArray  # (k, b) change of the parameters with one standard deviation of each instrument's error, SI
+
+
+@dataclass(frozen=True)
+class Payload:
+    """Ten parameters of a payload."""
+
+    # value, sd: (10,) m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the origin of the segment's frame and their
+    # standard deviations, SI; NaN where the two trials do not determine a parameter
+    value: FloatArray
+    sd: FloatArray
+    covariance: FloatArray  # (10, 10) covariance of the parameters
+
+    def centre(self) -> tuple[FloatArray, FloatArray]:
+        """Return the centre of mass (3,) in the segment's frame and its standard deviation (3,), m; NaN if unknown."""
+        mass, moments = self.value[0], self.value[1:4]
+        centre = moments / mass
+        jacobian = np.column_stack([-centre / mass, np.eye(3) / mass])
+        own = np.stack([self.covariance[np.ix_([0, k], [0, k])] for k in (1, 2, 3)])
+        rows = jacobian[np.arange(3)[:, None], np.array([[0, 1], [0, 2], [0, 3]])]
+        return centre, np.sqrt(np.einsum("ki,kij,kj->k", rows, own, rows))
+
+
+def identify_payload(mapping: FloatArray, loaded: BaseEstimate, empty: BaseEstimate, segment: int) -> Payload:
+    """Return the parameters of a payload fixed to one segment.
+
+    They are a weighted least-squares fit to the change of the base parameters (eq. 4.24). Both trials must have the
+    same instruments, and the same chain and base, for example because one trial names the other under ``calibration:``.
+    The errors of the instruments are the same in both trials, so they largely cancel.
+
+    Parameters
+    ----------
+    mapping : (b, 10K) array
+        Matrix from the full parameters of all segments to the base parameters of both trials.
+    loaded, empty : BaseEstimate
+        Base parameters with and without the payload.
+    segment : int
+        Segment that carries the payload, 0 for the base.
+
+    Raises
+    ------
+    ValueError
+        The two identifications have different parameters.
+    """
+    if loaded.modes.shape != empty.modes.shape or loaded.modes.shape[1] != len(mapping):
+        raise ValueError(
+            f"the trials with and without payload have {len(loaded.value)} and {len(empty.value)} base parameters and "
+            "do not match; expected the same chain: give `calibration:` in one of the trials"
+        )
+    columns = mapping[:, 10 * segment : 10 * segment + 10]
+    half = np.linalg.cholesky(np.linalg.inv(loaded.unit_covariance + empty.unit_covariance)).T
+    gain = np.linalg.pinv(half @ columns, rcond=1e-9) @ half
+    change = (loaded.modes - empty.modes) @ gain.T
+    covariance = gain @ (loaded.residual_covariance + empty.residual_covariance) @ gain.T + change.T @ change
+    unknown = np.linalg.norm(null_space(columns, rcond=1e-9), axis=1) > _UNKNOWN
+    value = np.where(unknown, np.nan, gain @ (loaded.value - empty.value))
+    covariance[unknown], covariance[:, unknown] = np.nan, np.nan
+    return Payload(value, np.sqrt(np.diag(covariance)), covariance)

@@ -10,8 +10,7 @@ from scipy.linalg import null_space
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.fit import Fit
-from mocap_id.dynamics.space.motion import SpatialMotion, move_segments
-from mocap_id.dynamics.space.preparation import SpatialTrial
+from mocap_id.dynamics.space.preparation import SpatialMotion, SpatialTrial, move_segments
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 

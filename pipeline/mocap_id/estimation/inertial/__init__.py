@@ -4,10 +4,16 @@ The motion is estimated from the markers alone, in the plane or in space. The eq
 docs/concepts/inertial-sensors.md.
 """
 
-from mocap_id.estimation.inertial.assignment import SensorResult, calibrate_all, find_observed_segments
-from mocap_id.estimation.inertial.calibration import SensorCalibration, calibrate_sensor
-from mocap_id.estimation.inertial.clock import Clock
-from mocap_id.estimation.inertial.preparation import PreparedSensor, prepare_sensor
+from mocap_id.estimation.inertial.calibration import (
+    Clock,
+    PreparedSensor,
+    SensorCalibration,
+    SensorResult,
+    calibrate_all,
+    calibrate_sensor,
+    find_observed_segments,
+    prepare_sensor,
+)
 from mocap_id.estimation.inertial.signals import SegmentMotion, SensorSignals
 
 __all__ = [

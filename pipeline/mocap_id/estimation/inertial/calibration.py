@@ -14,15 +14,78 @@ divided by the number of correlated samples.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
-from mocap_id.arrays import FloatArray
-from mocap_id.estimation.inertial.clock import OBSERVABLE_SD, Clock
-from mocap_id.estimation.inertial.signals import SegmentMotion, SensorSignals
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.estimation.inertial.signals import GRAVITY, SegmentMotion, SensorSignals
 from mocap_id.geometry import so3
+
+OBSERVABLE_SD = 2e-3  # largest standard deviation, s, of a clock that the motion determines
+
+_LEAST_OVERLAP = 0.5  # of the shorter record
+_BORROWED_SD = 0.1  # s, least standard deviation of a clock taken from other sensors
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Clock of a sensor: a sample stamped t was taken at the cameras' time ``offset + t (1 + drift)``."""
+
+    offset: float  # s
+    drift: float = 0.0  # s/s
+    sd: float = np.inf  # standard deviation in the middle of the trial, s
+    observable: bool = False  # the motion determines the clock; otherwise it is another sensor's clock, or zero
+
+    def stamps(self, time: FloatArray) -> FloatArray:
+        """Return the sensor's time stamps at times of the cameras, s."""
+        return np.asarray((time - self.offset) / (1.0 + self.drift))
+
+
+def find_clock(signals: SensorSignals, motion: SegmentMotion, time: FloatArray) -> tuple[float, float]:
+    """Return the clock offset, s, at which angular speeds of sensor and segment correlate best, and the correlation.
+
+    ``time`` (F,) are uniform times of the cameras, s. Both are zero if the motion is known in no frame.
+    """
+    step = float(time[1] - time[0])
+    known = motion.known
+    if not known.any():
+        return 0.0, 0.0
+    speed = np.linalg.norm(motion.omega, axis=1)
+    first = np.where(known, speed - speed[known].mean(), 0.0)
+    stamps = np.arange(signals.time[0], signals.time[-1], step)
+    gyro = np.linalg.norm(signals.gyro - np.median(signals.gyro, axis=0), axis=1)
+    second = np.interp(stamps, signals.time, gyro)
+    second -= second.mean()
+    size = 1 << int(np.ceil(np.log2(len(first) + len(second))))
+
+    def shifted(a: FloatArray, b: FloatArray) -> FloatArray:
+        """Return the sums over k of a[k + lag] b[k] for lags from 1 - len(b)."""
+        product = np.fft.irfft(np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size)), size)
+        return np.concatenate([product[size - len(b) + 1 :], product[: len(a)]])
+
+    there, all_there = known.astype(np.float64), np.ones(len(second))
+    count = shifted(there, all_there)
+    power = shifted(first**2, all_there) * shifted(there, second**2)
+    enough = count > _LEAST_OVERLAP * min(known.sum(), len(second))
+    correlation = np.where(enough & (power > 0), shifted(first, second) / np.sqrt(np.maximum(power, 1e-30)), -1.0)
+    best = int(np.argmax(correlation))
+    return float(time[0] - stamps[0] + (best + 1 - len(second)) * step), float(correlation[best])
+
+
+def borrow_clock(others: Sequence[Clock]) -> Clock:
+    """Return the median offset of the other sensors' clocks, for a sensor whose motion does not determine its clock.
+
+    Without other sensors, the offset is zero and its standard deviation infinite.
+    """
+    if not others:
+        return Clock(0.0, sd=np.inf)
+    offsets = np.array([each.offset for each in others])
+    spread = float(np.std(offsets, ddof=1)) if len(offsets) > 1 else 0.0
+    return Clock(float(np.median(offsets)), 0.0, max(spread, _BORROWED_SD), False)
+
 
 _ROUNDS, _SETTLED = 12, 0.05  # iterations of the search, and the change, in standard deviations, at which it ends
 _MOST, _FEW, _ENOUGH = 3000, 500, 25.0  # frames, and frames per second: residuals are correlated over 0.5 s or more
@@ -214,3 +277,156 @@ def _add_step(found: SensorCalibration, step: FloatArray, middle: float) -> Sens
         lag=found.lag + float(step[_AT["lag"]][0]),
         **{name: getattr(found, name) + step[_AT[name]] for name in _VECTORS},
     )
+
+
+SHARES = (0.5, 1.0)
+"""Standard deviations of gyroscope and accelerometer in the filter, relative to the rms residuals of the calibration.
+
+The skin rotates a sensor on its segment, and the chain cannot follow this rotation. With smaller values, the joints
+would follow the skin.
+"""
+
+_MOST_OFF = 0.35  # largest rms difference of a gyroscope, relative to the segment's rms angular velocity
+_LEAST_RATE = 0.15  # rad/s
+_MOST_FORCE, _MOST_BIAS = 2.0, 3.0  # m/s²
+_LAG_SD = 0.08  # standard deviation of the lag, because the skin under markers and sensor lags by changing fractions
+_UNKNOWN_AXIAL, _BRIDGED_AXIAL = 0.3, 0.1  # rad, sd of the axial rotation in gaps: interpolated, and from sensors
+
+
+@dataclass(frozen=True)
+class PreparedSensor:
+    """Signals and noise of a sensor for a filter, at F frames, in the segment's axes."""
+
+    gyro: FloatArray  # (F, 3) angular velocity of the skin under the sensor, rad/s; NaN where missing
+    force: FloatArray  # (F, 3) specific force at the sensor, m/s²; NaN where missing
+    variance: FloatArray  # (F, 2) variance of a component of the angular velocity, and of the force
+    lasting: FloatArray  # (F,) variance of a gyroscope component from slow errors: scale, mounting, bias and skin
+    spread: FloatArray  # (2,) mean square difference of a component between sensor and markers
+
+
+def prepare_sensor(  # noqa: PLR0917
+    signals: SensorSignals,
+    found: SensorCalibration,
+    motion: SegmentMotion,
+    time: FloatArray,
+    seen: BoolArray,
+    shares: tuple[float, float] = SHARES,
+    *,
+    axial: FloatArray | None = None,
+) -> PreparedSensor:
+    """Return the signals of a sensor at uniform times of the cameras, corrected by its calibration, with their noise.
+
+    ``time`` (F,) is in s. ``motion`` comes from markers alone; its axial rotation converts the signals from the skin's
+    axes to the segment's. ``seen`` (F,) is true where the frame's own markers determine the segment's pose. ``shares``
+    are as :data:`SHARES`. ``axial`` (F,), rad, is the axial rotation in all frames; if omitted, it is interpolated
+    where the markers do not determine it.
+    """
+    frame = float(time[1] - time[0])
+    gyro, force = signals.at(found.clock.stamps(time), frame)
+    given = np.where(seen, motion.axial, np.nan) if axial is None else axial
+    known = np.flatnonzero(np.isfinite(given))
+    angle = np.interp(np.arange(len(time)), known, given[known])
+    back = so3.exp(-found.lag * angle[:, None] * motion.long_axis) @ found.mount
+    gyro = np.einsum("fij,fj->fi", back, (gyro - found.gyro_bias) / (1 + found.gyro_scale))
+    force = np.einsum("fij,fj->fi", back, (force - found.acc_bias) / (1 + found.acc_scale))
+    lag = np.hypot(float(found.sd["lag"][0]), _LAG_SD if found.lag else 0.0)
+    speed = np.nan_to_num(np.sum(gyro**2, axis=1))
+    tilt = float(np.mean(found.sd["turn"] ** 2))
+    spin = np.nan_to_num(gyro @ motion.long_axis) ** 2
+    lasting = speed * (tilt + np.mean(found.sd["gyro_scale"] ** 2)) + spin * lag**2
+    lasting += float(np.mean(found.sd["gyro_bias"] ** 2))
+    unknown = (found.lag * (_UNKNOWN_AXIAL if axial is None else _BRIDGED_AXIAL)) ** 2 * ~seen
+    white = signals.noise**2 / (frame * signals.rate)
+    variance = np.empty((len(time), 2))
+    variance[:, 0] = white[0] + (shares[0] * found.residual[0]) ** 2
+    variance[:, 1] = white[1] + (shares[1] * found.residual[1]) ** 2 + unknown * GRAVITY**2
+    return PreparedSensor(gyro, force, variance, lasting + unknown * speed, found.residual**2)
+
+
+def explain_disagreement(found: SensorCalibration) -> str | None:
+    """Return a text that says how a sensor contradicts the motion of its segment; None if it agrees."""
+    off = float(found.residual[0]) * np.sqrt(3.0)
+    limit = _MOST_OFF * max(found.segment_rate, _LEAST_RATE)
+    if off > limit:
+        return f"its gyroscope differs from the markers by {off:.2g} rad/s rms; expected at most {limit:.2g}"
+    if found.residual[1] > _MOST_FORCE:
+        off = found.residual[1]
+        return f"its accelerometer differs from the markers by {off:.2g} m/s² rms; expected at most {_MOST_FORCE:g}"
+    bias = float(np.linalg.norm(found.acc_bias))
+    if bias > _MOST_BIAS:
+        return (
+            f"its accelerometer has a bias of {bias:.2g} m/s², expected at most {_MOST_BIAS:g}: gravity was probably "
+            "removed from its signal, or the file names a wrong unit"
+        )
+    return None
+
+
+_CLEAR = 0.5  # least correlation of the rotation speeds that determines a clock
+_MARGIN = 0.2  # s before and after a gap in which the motion is also partly bridged
+
+
+@dataclass(frozen=True)
+class SensorResult:
+    """Calibration of the sensor on one segment, and whether it can be used."""
+
+    calibration: SensorCalibration | None  # None if sensor and markers have too little time in common
+    saturated: float  # fraction of its samples that are saturated
+    why: str | None = None  # reason for which the sensor is left out; None if it is used
+    better_segment: int | None = None  # another segment, whose motion the sensor fits better; None if there is none
+
+    @property
+    def used(self) -> SensorCalibration | None:
+        """Calibration of a sensor that can be used; None if the sensor is left out."""
+        return self.calibration if self.why is None else None
+
+
+def calibrate_all(
+    sensors: Mapping[int, SensorSignals], motions: Sequence[SegmentMotion], time: FloatArray
+) -> dict[int, SensorResult]:
+    """Calibrate all sensors; return the results by segment, like ``sensors``.
+
+    A sensor whose motion does not determine its clock takes the clock of the others. ``motions`` are the motions of all
+    segments from markers alone, and ``time`` (F,) are uniform times of the cameras, s.
+    """
+    coarse = {s: find_clock(each, motions[s], time) for s, each in sensors.items()}
+    clocks: list[Clock] = []
+    results = {}
+    for s in sorted(sensors, key=lambda s: -coarse[s][1]):
+        offset, correlation = coarse[s]
+        clock = Clock(offset) if correlation > _CLEAR else borrow_clock(clocks)
+        found = calibrate_sensor(sensors[s], motions[s], time, clock, follows=s > 0)
+        saturated = float(np.mean(sensors[s].saturated))
+        if found is None:
+            results[s] = SensorResult(None, saturated, "too few samples in the time of the recording")
+            continue
+        why = explain_disagreement(found)
+        better = _find_better_segment(sensors[s], motions, time, s, found) if why else None
+        results[s] = SensorResult(found, saturated, why, better)
+        if why is None and found.clock.observable:
+            clocks.append(found.clock)
+    return {s: results[s] for s in sensors}
+
+
+def _find_better_segment(
+    signals: SensorSignals, motions: Sequence[SegmentMotion], time: FloatArray, own: int, found: SensorCalibration
+) -> int | None:
+    """Return the segment whose motion the sensor fits much better than that of its segment; None if there is none."""
+    best, least = None, 0.5 * float(found.residual[0])
+    for s, motion in enumerate(motions):
+        if s == own:
+            continue
+        offset, correlation = find_clock(signals, motion, time)
+        other = calibrate_sensor(signals, motion, time, Clock(offset)) if correlation > _CLEAR else None
+        if other is not None and explain_disagreement(other) is None and other.residual[0] < least:
+            best, least = s, float(other.residual[0])
+    return best
+
+
+def find_observed_segments(observed: BoolArray, rate: float) -> BoolArray:
+    """Return where (F, n) a segment is observed in a frame and in all frames near it.
+
+    ``observed`` (F, n) is false in bridged frames; ``rate`` is in frames per second.
+    """
+    width = 2 * round(_MARGIN * rate) + 1
+    hidden = np.stack([np.convolve(~each, np.ones(width), mode="same") for each in observed.T], axis=1) > 0.5
+    return np.asarray(~hidden)

@@ -13,6 +13,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, chunks, find_runs
 from mocap_id.errors import NumericalError
+from mocap_id.estimation.filter_problem import ORDER
 from mocap_id.estimation.inertial import (
     PreparedSensor,
     SegmentMotion,
@@ -24,17 +25,17 @@ from mocap_id.estimation.inertial import (
     prepare_sensor,
 )
 from mocap_id.estimation.inertial.signals import GRAVITY
-from mocap_id.estimation.process_model import ORDER
-from mocap_id.estimation.space.chain_model import group_columns, make_chain_model
-from mocap_id.estimation.space.frame_poses import FramePoses
-from mocap_id.estimation.space.space_filter import SpatialTrack, filter_and_smooth, scale_to_movement
+from mocap_id.estimation.space.frame_poses import FramePoses, group_columns, make_chain_model
 from mocap_id.estimation.space.space_kernels import ChainModel, Sensors
 from mocap_id.estimation.space.space_smoothing import (
     SpatialSettings,
     SpatialStates,
+    SpatialTrack,
     collect_states,
     estimate_noise,
+    filter_and_smooth,
     find_uncertain_segments,
+    scale_to_movement,
 )
 from mocap_id.estimation.space.spatial_noise import SpatialNoise
 from mocap_id.geometry.spatial_chain import SpatialChain

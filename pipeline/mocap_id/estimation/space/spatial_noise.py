@@ -22,9 +22,8 @@ from typing import TypeAlias
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
-from mocap_id.estimation.process_model import ORDER
-from mocap_id.estimation.space.chain_model import sum_steps
-from mocap_id.estimation.space.frame_poses import FramePoses
+from mocap_id.estimation.filter_problem import ORDER
+from mocap_id.estimation.space.frame_poses import FramePoses, sum_steps
 from mocap_id.estimation.space.space_kernels import ChainModel
 
 SNAP_BOUNDS = (1e-1, 1e6)  # search range of the snap's standard deviation over one frame, rad/s⁴ or m/s⁴

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from typing import TypeAlias
 
 import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
@@ -10,8 +13,8 @@ from scipy.spatial.distance import squareform
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry import so3
-from mocap_id.kinematics.constraints import Constraints
-from mocap_id.kinematics.rigid_body import variance_over_time
+from mocap_id.kinematics.clusters import Constraints
+from mocap_id.kinematics.joint import variance_over_time
 from mocap_id.kinematics.space.rigid_body import fit_shape, mean_rotation, rigid_poses
 
 LEAST = 3
@@ -228,3 +231,351 @@ def _arc(turn: FloatArray) -> float:
     last = len(angle) - 1
     low, high = np.interp([0.025 * last, 0.975 * last], np.arange(len(angle)), angle)
     return float(high - low)
+
+
+_UNEXPLAINED_MOTION_RIDGE = 1e-3  # ridge of the regression, whose terms have unit variance
+_TURNS = 0.09  # rad rms; smaller rotations are not used, because an undetected joint in the body also causes them
+_FLOOR = 0.5e-3  # m; smaller residuals do not increase a gain
+
+
+def unexplained_motion(
+    points: FloatArray, body: SpatialBody, neighbours: Sequence[SpatialBody]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the motion of a body's markers in its frame that rotations relative to its neighbours do not explain.
+
+    The motion (F, k, 3), m, is 0 where missing; the mean position (k, 3) of each marker, m, is also returned. The
+    motion is regressed on the components of each rotation vector relative to a neighbour, and on their products.
+    Neighbours are bodies that joints connect with the body. Trajectories (F, M, 3) are in the lab, m.
+    """
+    off, shape, _ = subtract_means(body.local(points[:, body.markers]))
+    terms = np.concatenate([np.ones((len(off), 1)), *(_posture_terms(body, other) for other in neighbours)], axis=1)
+    known = np.isfinite(terms).all(axis=1)
+    seen = np.isfinite(points[:, body.markers, 0]) & known[:, None]
+    motion = np.zeros_like(off)
+    counts, size = seen.sum(axis=0), terms.shape[1]
+    penalty = _UNEXPLAINED_MOTION_RIDGE * np.diag([0.0, *np.ones(size - 1)])
+    enough = np.flatnonzero(counts > size)
+    if enough.size:
+        given = np.where(known[:, None], terms, 0.0)
+        weight, moved = seen[:, enough].T.astype(np.float64), np.where(seen[..., None], off, 0.0)[:, enough]
+        products = (given[:, :, None] * given[:, None]).reshape(len(given), -1)
+        normal = (weight @ products).reshape(-1, size, size) + counts[enough, None, None] * penalty
+        explained = np.linalg.solve(
+            normal, np.swapaxes((given.T @ moved.reshape(len(moved), -1)).reshape(size, -1, 3), 0, 1)
+        )
+        motion[:, enough] = np.where(seen[:, enough, None], moved - np.swapaxes(given @ explained, 0, 1), 0.0)
+    return motion, shape
+
+
+def gain_of_parts(motion: FloatArray, shape: FloatArray, parts: Sequence[IntArray]) -> float:
+    """Return the sum over all markers of log(residual with one common rigid motion / residual with one each).
+
+    All motions are small. "One each" is one motion for each of the ``parts``, which are arrays of marker indices.
+    ``motion`` and ``shape`` are results of :func:`unexplained_motion`.
+    """
+    together = _without_pose(motion, shape)
+    apart = np.empty_like(together)
+    for part in parts:
+        apart[part] = _without_pose(motion[:, part], shape[part])
+    return float(np.sum(np.log((together**2 + _FLOOR**2) / (apart**2 + _FLOOR**2))) / 2)
+
+
+def unexplained_residuals(points: FloatArray, body: SpatialBody, neighbours: Sequence[SpatialBody]) -> FloatArray:
+    """Return the rms (k,) of the unexplained motion of a body's markers, without rigid motion of the body, m."""
+    return _without_pose(*unexplained_motion(points, body, neighbours))
+
+
+def unexplained_distance_sd(motion: FloatArray, shape: FloatArray) -> FloatArray:
+    """Return the standard deviation (k, k) of mutual distances by the motion of :func:`unexplained_motion`, m."""
+    along = shape[:, None] - shape
+    along /= np.maximum(np.linalg.norm(along, axis=2), 1e-9)[..., None]
+    change = np.einsum("fijc,ijc->fij", motion[:, :, None] - motion[:, None], along)
+    return np.asarray(np.sqrt(np.mean(change**2, axis=0)))
+
+
+def _posture_terms(body: SpatialBody, other: SpatialBody) -> FloatArray:
+    """Return the components of the relative rotation vector and their products (F, 9), scaled to unit variance.
+
+    The components are along the principal axes of the rotation; small ones are set to 0.
+    """
+    turn = np.swapaxes(other.rotation, 1, 2) @ body.rotation
+    known = np.isfinite(turn[:, 0, 0])
+    terms = np.full((len(turn), 9), np.nan)
+    if known.any():
+        vector = so3.log(mean_rotation(turn[known]).T @ turn[known])
+        _, axes = np.linalg.eigh(np.cov(vector.T))
+        vector = vector @ axes
+        size = vector.std(axis=0)
+        vector = np.where(size >= _TURNS, vector / np.maximum(size, _TURNS), 0.0)
+        first, second = np.triu_indices(3)
+        terms[known] = np.concatenate([vector, vector[:, first] * vector[:, second]], axis=1)
+        terms[known] -= terms[known].mean(axis=0)
+    return terms
+
+
+def _without_pose(motion: FloatArray, shape: FloatArray) -> FloatArray:
+    """Return the rms (k,) of motion (F, k, 3) without its rigid-body part (6 degrees of freedom), m."""
+    count = len(shape)
+    centred = shape - shape.mean(axis=0)
+    pose = np.concatenate([np.tile(np.eye(3), (count, 1, 1)), so3.hat(centred)], axis=2).reshape(3 * count, 6)
+    basis, _ = np.linalg.qr(pose)
+    flat = motion.reshape(len(motion), 3 * count)
+    left = flat - (flat @ basis) @ basis.T
+    square = np.sum(left.reshape(motion.shape) ** 2, axis=(0, 2))
+    freedom = 3 * max(count, LEAST)
+    seen = np.maximum(np.any(motion != 0, axis=2).sum(axis=0), 1)
+    return np.asarray(np.sqrt(square / seen * freedom / (freedom - 6)))
+
+
+_GAIN_END = 0.7  # least summed log gain to divide a body with one joint; skin alone reaches 0.5
+_GAIN_BETWEEN = 1.15  # the same between two joints, whose rotations explain less; skin alone reaches 1.1
+
+_FAR_BETTER = float(np.log(3.5))  # mean log gain per marker, larger than by skin
+_RIGID = 1.2e-3  # m; residual of a body without a joint; a joint with 2° of rotation leaves more
+_NEARLY_RIGID = 0.01  # m; largest residual of a body with at most a small joint rotation
+_UNKNOWN = 10.0  # m; residual on a body whose markers are on one line
+_DIVISION_FLOOR = 1e-3  # m; smaller residuals do not increase a gain
+_STAY = 0.5  # after an accepted division, a marker changes its body if its residual is reduced to this fraction
+_MOST = 16  # largest number of bodies
+
+
+@dataclass(frozen=True)
+class Division:
+    """Division of a body into two, and the evidence for it."""
+
+    whole: SpatialBody
+    parts: tuple[SpatialBody, SpatialBody]
+    gain: float  # summed log gain of the markers' residuals
+    own: float  # the same for motion that the neighbouring joints do not explain; ``gain`` without neighbours
+    needed: float  # least ``own`` of a real division
+
+    @property
+    def evidence(self) -> float:
+        """Evidence for two bodies, relative to the required evidence: 1 or more if the bodies are real."""
+        far = self.gain / len(self.whole.markers) / _FAR_BETTER
+        return max(self.own / self.needed, far)
+
+
+@dataclass
+class Partition:
+    """Bodies found so far, joints between them, and divisions that were tested."""
+
+    bodies: list[SpatialBody]
+    joints: dict[tuple[int, int], SpatialPairJoint] = field(default_factory=dict)  # joint of each pair of bodies i < j
+    made: list[Division] = field(default_factory=list)  # accepted divisions
+    refused: list[Division] = field(default_factory=list)  # best division of every body that was not divided
+
+
+def divide(sorter: SpatialBodies, start: Sequence[SpatialBody], needed: float = 1.0) -> Partition:
+    """Divide bodies, best division first, until there are 16 or no division has the evidence ``needed``."""
+    partition = Partition(list(start))
+    joints: dict[bytes, SpatialPairJoint] = {}
+    tried: dict[bytes, Division | None] = {}
+    while True:
+        partition.joints = _fit_all_joints(partition.bodies, joints)
+        divisions = [_best_division(sorter, partition, index, tried) for index in range(len(partition.bodies))]
+        known = [division for division in divisions if division is not None]
+        best = max(known, key=lambda division: (division.evidence >= needed, division.gain), default=None)
+        if best is None or best.evidence < needed or len(partition.bodies) >= _MOST:
+            partition.refused = known
+            return partition
+        partition.made.append(best)
+        others = [body.markers for body in partition.bodies if body is not best.whole]
+        divided = [*others, *(part.markers for part in best.parts)]
+        settled = sorter.reassign_markers(divided, _STAY)
+        partition.bodies = [sorter.body(group) for group in divided] if len(settled) < len(divided) else list(settled)
+
+
+def build_partition(bodies: Sequence[SpatialBody]) -> Partition:
+    """Return bodies with the joints of all pairs, without testing divisions."""
+    return Partition(list(bodies), _fit_all_joints(bodies, {}))
+
+
+def spanning_tree(joints: dict[tuple[int, int], SpatialPairJoint], count: int) -> list[tuple[int, int]]:
+    """Return the pairs of bodies that form the tree with the smallest joint residuals (Kruskal's algorithm)."""
+    group = list(range(count))
+    edges = []
+    for first, second in sorted(joints, key=lambda pair: joints[pair].residual):
+        if group[first] != group[second] and np.isfinite(joints[first, second].residual):
+            edges.append((first, second))
+            group = [group[first] if each == group[second] else each for each in group]
+    return edges
+
+
+def _fit_all_joints(
+    bodies: Sequence[SpatialBody], known: dict[bytes, SpatialPairJoint]
+) -> dict[tuple[int, int], SpatialPairJoint]:
+    """Return the joint of each pair of bodies; new joints are added to the cache ``known``."""
+    joints = {}
+    for i, j in combinations(range(len(bodies)), 2):
+        key = bodies[i].markers.tobytes() + b"|" + bodies[j].markers.tobytes()
+        if key not in known:
+            known[key] = fit_pair_joint(bodies[i], bodies[j])
+        joints[i, j] = known[key]
+    return joints
+
+
+def _best_division(
+    sorter: SpatialBodies, partition: Partition, index: int, cached: dict[bytes, Division | None]
+) -> Division | None:
+    """Return the division of a body with the most evidence; None if it is rigid or has too few markers."""
+    whole = partition.bodies[index]
+    if whole.rms_residual <= _RIGID:
+        return None
+    neighbours = [
+        partition.bodies[j if i == index else i]
+        for i, j in spanning_tree(partition.joints, len(partition.bodies))
+        if index in (i, j)
+    ]
+    key = b"|".join(body.markers.tobytes() for body in (whole, *neighbours))
+    if key not in cached:
+        every = _weigh_divisions(sorter, whole, neighbours)
+        cached[key] = max(every, key=lambda division: division.evidence, default=None)
+    return cached[key]
+
+
+def _weigh_divisions(sorter: SpatialBodies, whole: SpatialBody, neighbours: Sequence[SpatialBody]) -> list[Division]:
+    """Return the divisions of a body, with their gains."""
+    motion, shape = unexplained_motion(sorter.points, whole, neighbours)
+    needed = _GAIN_BETWEEN if len(neighbours) > 1 else _GAIN_END
+    divisions = []
+    deviation = unexplained_distance_sd(motion, shape) if neighbours and whole.rms_residual <= _NEARLY_RIGID else None
+    for parts in sorter.divisions(whole.markers, deviation):
+        gain = sum(_log_gain(whole.residual[part.markers], part.residual[part.markers]) for part in parts)
+        rows = [np.searchsorted(whole.markers, part.markers) for part in parts]
+        own = gain_of_parts(motion, shape, rows) if neighbours else gain
+        divisions.append(Division(whole, parts, gain, own, needed))
+    return divisions
+
+
+def _log_gain(before: FloatArray, after: FloatArray) -> float:
+    """Return the summed log ratio of residuals before and after a division."""
+    before, after = np.minimum(before, _UNKNOWN), np.minimum(after, _UNKNOWN)
+    return float(np.sum(np.log((before**2 + _DIVISION_FLOOR**2) / (after**2 + _DIVISION_FLOOR**2))) / 2)
+
+
+_MARGIN = 0.3  # least gain in summed log residual
+_EXCHANGE_FLOOR, _OWN_FLOOR = (
+    1e-3,
+    0.5e-3,
+)  # m; smaller residuals (of all motion, of unexplained motion) have equal costs
+_EXCHANGE_UNKNOWN = 10.0  # m; residual on a body whose markers are on one line
+_FAR = 4.0  # largest ratio of residuals on the other body and on its own for a marker that may be exchanged
+_CLOSE = 0.012  # m; a marker with a smaller residual on the other body may also be exchanged
+_NEAR_JOINT = 0.06  # m; distance from the joint within which a marker fits both bodies
+_LANDMARK = 3.0  # penalty for reassigning a single marker near the joint
+_SMALL = 0.02  # m; relative motion of two bodies below which their markers are divided again
+_HOPELESS = 2.0  # largest increase of the plain cost for which the cost of the unexplained motion is computed
+_ROUNDS = 3
+
+_Pair: TypeAlias = tuple[SpatialBody, SpatialBody]
+
+
+def exchange_markers(sorter: SpatialBodies, bodies: Sequence[SpatialBody]) -> tuple[SpatialBody, ...]:
+    """Return the bodies of a division after neighbours have exchanged one or two markers at a time."""
+    exchange = _Exchange(sorter, bodies)
+    for _ in range(_ROUNDS):
+        improved = [exchange.improve(i, j) for i, j in exchange.edges]
+        if not any(improved):
+            break
+    return tuple(exchange.bodies)
+
+
+class _Exchange:
+    """Bodies, the tree of their joints, and cached costs."""
+
+    def __init__(self, sorter: SpatialBodies, bodies: Sequence[SpatialBody]) -> None:
+        self.sorter, self.bodies = sorter, list(bodies)
+        self.edges = spanning_tree(build_partition(bodies).joints, len(bodies))
+        self._costs: dict[bytes, float] = {}
+
+    def improve(self, i: int, j: int) -> bool:
+        """Exchange markers of two neighbours while this reduces the cost; return whether the bodies have changed."""
+        before = self.bodies[i]
+        new = fit_pair_joint(self.bodies[i], self.bodies[j]).free < _SMALL
+        for _ in range(_ROUNDS):
+            pair: _Pair = self.bodies[i], self.bodies[j]
+            plain, own = _plain_cost(*pair), self._own_cost(*pair, i, j)
+            best, chosen = plain + own - _MARGIN, pair
+            choices: list[tuple[_Pair, float]] = [
+                *self._propose_exchanges(*pair),
+                *(self._propose_divisions(*pair) if new else ()),
+            ]
+            for choice, doubt in choices:
+                rigid = _plain_cost(*choice) + doubt
+                if rigid > plain + _HOPELESS:
+                    continue
+                cost = rigid + self._own_cost(*choice, i, j)
+                if cost < best:
+                    best, chosen = cost, choice
+            if chosen is pair:
+                break
+            self.bodies[i], self.bodies[j] = chosen
+            new = False
+        return self.bodies[i] is not before
+
+    def _own_cost(self, first: SpatialBody, second: SpatialBody, i: int, j: int) -> float:
+        """Return the summed log residual of two bodies, without the motion that their neighbours explain."""
+        at = {i: first, j: second}
+        total = 0.0
+        for k, body in at.items():
+            others = [b if a == k else a for a, b in self.edges if k in (a, b)]
+            around = [at.get(other, self.bodies[other]) for other in others]
+            key = b"|".join(each.markers.tobytes() for each in (body, *around))
+            if key not in self._costs:
+                left = unexplained_residuals(self.sorter.points, body, around)
+                self._costs[key] = float(np.sum(np.log(left**2 + _OWN_FLOOR**2))) / 2
+            total += self._costs[key]
+        return total
+
+    def _propose_exchanges(self, first: SpatialBody, second: SpatialBody) -> Iterator[tuple[_Pair, float]]:
+        """Yield both bodies after one marker, or one of each, has changed its body, and the penalty for this."""
+        joint = fit_pair_joint(first, second)
+        leaving, joining = self._find_movable(first, second), self._find_movable(second, first)
+        doubts = self._penalise(first, leaving, joint.in_first), self._penalise(second, joining, joint.in_second)
+        moves: list[tuple[list[int], list[int], float]]
+        moves = [([m], [], doubt) for m, doubt in zip(leaving, doubts[0], strict=True)]
+        moves += [([], [m], doubt) for m, doubt in zip(joining, doubts[1], strict=True)]
+        moves += [([m], [k], 0.0) for m in leaving for k in joining]
+        for out, back, doubt in moves:
+            markers = [
+                np.sort(np.append(np.setdiff1d(body.markers, gone), come).astype(np.int64))
+                for body, gone, come in ((first, out, back), (second, back, out))
+            ]
+            if self._is_possible(*markers):
+                made = self.sorter.body(markers[0]), self.sorter.body(markers[1])
+                if min(body.width for body in made) >= NARROW:
+                    yield made, doubt
+
+    def _propose_divisions(self, first: SpatialBody, second: SpatialBody) -> Iterator[tuple[_Pair, float]]:
+        """Yield other divisions of the markers of both bodies, in both orders."""
+        for one, other in self.sorter.divisions(np.sort(np.concatenate([first.markers, second.markers]))):
+            if self._is_possible(one.markers, other.markers):
+                yield (one, other), 0.0
+                yield (other, one), 0.0
+
+    def _find_movable(self, body: SpatialBody, other: SpatialBody) -> list[int]:
+        """Return the markers of a body that also fit the other body roughly."""
+        own = body.residual[body.markers]
+        close = other.residual[body.markers] <= np.maximum(_FAR * own, _CLOSE)
+        return [int(m) for m in body.markers[close]]
+
+    def _penalise(self, body: SpatialBody, markers: list[int], centre: FloatArray) -> list[float]:
+        """Return the penalties for removing single markers from a body: 0 except near the joint ``centre`` (3,), m."""
+        if not markers:
+            return []
+        _, place, _ = subtract_means(body.local(self.sorter.points[:, markers]))
+        near = np.linalg.norm(place - centre, axis=1) <= _NEAR_JOINT
+        return [_LANDMARK if each else 0.0 for each in near]
+
+    def _is_possible(self, first: IntArray, second: IntArray) -> bool:
+        """Return whether both groups are large enough for a body and satisfy the constraints of the user."""
+        constraints = self.sorter.constraints
+        apart = np.isin(constraints.unit[first], constraints.unit[second]).any()
+        return not apart and min(len(first), len(second)) >= LEAST and all(map(constraints.allow, (first, second)))
+
+
+def _plain_cost(first: SpatialBody, second: SpatialBody) -> float:
+    """Return the summed log residual of two bodies."""
+    residual = np.concatenate([body.residual[body.markers] for body in (first, second)])
+    return float(np.sum(np.log(np.minimum(residual, _EXCHANGE_UNKNOWN) ** 2 + _EXCHANGE_FLOOR**2))) / 2

@@ -6,19 +6,101 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import NumericalError
 from mocap_id.geometry import so3
-from mocap_id.kinematics.space.bundle_equations import Linear, Reduced, eliminate_frames, linearise, residuals
-from mocap_id.kinematics.space.bundle_model import (
+from mocap_id.kinematics.space.bundle_equations import (
     BundleProblem,
     BundleState,
     Columns,
+    Linear,
+    Reduced,
     apply_step,
+    eliminate_frames,
     joint_rotations,
+    linearise,
     locate_columns,
+    residuals,
+    tangents,
 )
-from mocap_id.kinematics.space.chain_prior import ChainPrior
+from mocap_id.kinematics.space.rigid_body import mean_rotation
+
+CENTRE_SD = 0.1
+"""Standard deviation of each coordinate of a centre about the point between its clusters, m."""
+MARKED_SD = 0.03
+"""Standard deviation of each coordinate of a centre about markers that are known to be beside the joint, m."""
+_ON_HINGE = 0.005  # m; standard deviation along a hinge, where the motion does not determine the centre
+_GLIDE = 0.02  # m; standard deviation of the glide of the girdle
+_LONG_AXIS = np.radians(3.5)  # standard deviation in the fit; small, because the fit treats soft tissue as noise
+_OFF_LONG_AXIS = np.radians(8)  # typical angle between the axis of pronation and the line between the joints
+_SLOPE = 0.6  # fraction of axial rotation that the skin does not follow at the near end of a segment
+_SCATTER = 0.12  # scatter of single markers about the linear increase from the far end
+_NO_SKIN = 1e-4
+
+
+@dataclass(frozen=True)
+class ChainPrior:
+    """Likely values of the parameters of a chain.
+
+    The centre of a joint is between its clusters. The second axis of a two-axis joint is the long axis of its segment;
+    for example, the forearm rotates about the line from elbow to wrist. The skin follows the axial rotation of the bone
+    at the far end of a segment, at elbow and wrist, and lags behind it by a fraction that grows towards the near end.
+    """
+
+    centres: FloatArray  # (n, 3) likely centres in the frames of the parents, m
+    along: BoolArray  # (n,) two-axis joints whose second axis may be the long axis of their segment
+    soft: BoolArray  # (n,) segments 1 … n whose skin may move
+    centre_sd: FloatArray  # (n,) standard deviation of each coordinate of the centres, m
+    glide_sd: float = _GLIDE  # standard deviation of each coordinate of the glide, m
+
+    def equations(self, problem: BundleProblem, state: BundleState) -> tuple[FloatArray, FloatArray]:
+        """Return the weighted residuals (K,) of the prior, and their derivatives (K, P) by the parameters."""
+        cols = locate_columns(problem)
+        values, rows = [], []
+
+        def add(value: FloatArray, place: slice, by: FloatArray) -> None:
+            block = np.zeros((len(value), cols.size))
+            block[:, place] = by
+            values.append(value)
+            rows.append(block)
+
+        for j, place in enumerate(cols.centre):
+            sd = self.centre_sd[j]
+            add((state.centres[j] - self.centres[j]) / sd, place, np.eye(3) / sd)
+            if problem.kinds[j] == "hinge":
+                axis = state.first[j][None]
+                add(axis @ (state.centres[j] - self.centres[j]) / _ON_HINGE, place, axis / _ON_HINGE)
+            second = cols.second[j]
+            if self.along[j] and second is not None:
+                across = tangents(problem.long_axes[j]).T / _LONG_AXIS
+                add(across @ state.second[j], second, across @ tangents(state.second[j]))
+        if cols.glide is not None:
+            add(state.glide / self.glide_sd, cols.glide, np.eye(3) / self.glide_sd)
+        root = self._skin_root(problem, state)
+        add(root @ state.skin, cols.skin, root)
+        return np.concatenate(values), np.concatenate(rows)
+
+    def axis_errors(self, problem: BundleProblem, state: BundleState) -> FloatArray:
+        """Return the gradients (K, P) of the cost for typical errors of the likely second axes."""
+        cols = locate_columns(problem)
+        rows = np.zeros((2 * len(problem.kinds), cols.size))
+        for j, second in enumerate(cols.second):
+            if self.along[j] and second is not None:
+                across = tangents(problem.long_axes[j]).T @ tangents(state.second[j])
+                rows[2 * j : 2 * j + 2, second] = across * _OFF_LONG_AXIS / _LONG_AXIS**2
+        return rows
+
+    def _skin_root(self, problem: BundleProblem, state: BundleState) -> FloatArray:
+        """Return the root (M, M) of the inverse covariance of the fractions ``state.skin``."""
+        root = np.eye(len(problem.segment)) / _NO_SKIN
+        for k in np.flatnonzero(self.soft) + 1:
+            here = np.flatnonzero(problem.segment == k)
+            length = np.linalg.norm(state.centres[problem.parents.index(k)])
+            height = np.clip(1 + state.local[here] @ problem.long_axes[k - 1] / length, 0, 1.2)
+            covariance = _SCATTER**2 * np.eye(len(here)) + _SLOPE**2 * np.outer(height, height)
+            root[np.ix_(here, here)] = np.linalg.cholesky(np.linalg.inv(covariance)).T
+        return root
+
 
 _ITERATIONS = 60
 _CONVERGED = 1e-4  # relative decrease of the cost
@@ -249,4 +331,84 @@ def count_correlated_frames(off: FloatArray) -> FloatArray:
         correlation = (off[lag:] * off[:-lag]).sum(axis=(0, 2)) / energy
         open_ &= correlation > 2 / np.sqrt(3 * len(off))
         total += np.where(open_, 2 * correlation, 0.0)
+    return total
+
+
+_BUNDLE_COVARIANCE_ANYWHERE = 0.1  # m; standard deviation of a centre along its hinge
+_TURN = 0.5  # variance of the rotation of a cluster, relative to the persistent part of its residuals
+_SLIDE = 0.4  # variance of the slides of a marker, relative to the persistent variance of its residual
+
+
+def chain_covariance(bundle: Bundle) -> FloatArray:
+    """Return the covariance (P, P) of the parameters of the chain; NaN if only the frames' unknowns were fitted."""
+    if np.isnan(bundle.matrix).any():
+        return bundle.matrix
+    inverse = np.linalg.inv(bundle.matrix)
+    problem, linear = bundle.problem, bundle.linear
+    rows = 3 * len(problem.segment)
+    frames = len(linear.off)
+    by = np.concatenate([np.zeros((frames, rows, rows)), linear.by_chain[:, :rows]], axis=2)
+    weights = np.repeat(problem.weights, 3, axis=1)
+    by[:, np.arange(rows), np.arange(rows)] -= weights
+    by -= linear.by_frame[:, :rows] @ bundle.reduced.gain
+    by *= weights[..., None]
+    lasting = bundle.sd**2 * np.maximum(1 - 1 / bundle.together, 0)
+    turns = joint_rotations(problem, bundle.state)
+    total = inverse
+    sliding = _slide_derivatives(bundle)
+    for j, parent in enumerate(problem.parents):
+        shape = so3.log(mean_rotation(turns[:, j]).T @ turns[:, j])
+        shape = shape - shape.mean(axis=0)
+        values, vectors = np.linalg.eigh(shape.T @ shape / len(shape))
+        shape = shape @ (vectors / np.sqrt(np.maximum(values, 1e-8)))  # with unit variance
+        flat = (shape.T @ sliding.reshape(frames, -1)).reshape(-1, inverse.shape[0]) @ inverse
+        total = total + _SLIDE * flat.T @ flat
+        moved = (shape.T @ by.reshape(frames, -1)).reshape(-1, rows, inverse.shape[0]) @ inverse
+        here = np.isin(problem.segment, [parent, j + 1])
+        size = np.repeat(np.sqrt(_SLIDE * lasting * here), 3)
+        flat = (moved * size[:, None]).reshape(-1, inverse.shape[0])
+        total = total + flat.T @ flat
+        for k in (parent, j + 1):
+            flat = (_cluster_rotations(bundle, k, lasting) @ moved).reshape(-1, inverse.shape[0])
+            total = total + _TURN * flat.T @ flat
+    if bundle.prior is not None:
+        flat = bundle.prior.axis_errors(problem, bundle.state) @ inverse
+        total = total + flat.T @ flat
+    return np.asarray(total + _hinge_covariance(bundle))
+
+
+def _slide_derivatives(bundle: Bundle) -> FloatArray:
+    """Return second derivatives (F, 3 J, P) of the cost by slides of J joints (as multiples of rms) and parameters."""
+    problem, linear = bundle.problem, bundle.linear
+    rows = slice(linear.off.shape[1] - 3 * len(problem.sliding), None)
+    size = np.array([np.sqrt(np.mean(bundle.state.slides[:, j] ** 2)) for j in problem.sliding])
+    weights = np.repeat(size / problem.slide_sd[problem.sliding], 3)
+    return np.asarray(weights[:, None] * (linear.by_frame[:, rows] @ bundle.reduced.gain))
+
+
+def _cluster_rotations(bundle: Bundle, k: int, lasting: FloatArray) -> FloatArray:
+    """Return the displacements (3, 3 M) of a segment's markers in three independent rotations of typical size, m."""
+    here = np.flatnonzero(bundle.problem.segment == k)
+    share = float(np.sum(lasting[here]) / np.sum(bundle.sd[here] ** 2))
+    sizes, axes = np.linalg.eigh(bundle.cluster_noise(k))
+    about = bundle.state.local[here] - bundle.state.local[here].mean(axis=0)
+    turns = np.zeros((3, len(bundle.sd), 3))
+    turns[:, here] = np.cross(axes.T[:, None], about) * np.sqrt(share * sizes)[:, None, None]
+    return turns.reshape(3, -1)
+
+
+def _hinge_covariance(bundle: Bundle) -> FloatArray:
+    """Return the covariance (P, P) from the arbitrary position of each hinge centre along its axis."""
+    problem, state = bundle.problem, bundle.state
+    cols = locate_columns(problem)
+    total = np.zeros((cols.size, cols.size))
+    for j, kind in enumerate(problem.kinds):
+        if kind == "hinge":
+            move = np.zeros(cols.size)
+            move[cols.centre[j]] = state.first[j]
+            for m in np.flatnonzero(problem.segment == j + 1):
+                move[3 * m : 3 * m + 3] = -state.second[j]
+            for i in np.flatnonzero(np.array(problem.parents) == j + 1):
+                move[cols.centre[i]] = -state.second[j]
+            total += _BUNDLE_COVARIANCE_ANYWHERE**2 * np.outer(move, move)
     return total

@@ -10,20 +10,39 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.errors import NumericalError
-from mocap_id.geometry.spatial_chain import JointKind
+from mocap_id.geometry.spatial_chain import JointKind, SpatialChain, SpatialJoint
 from mocap_id.kinematics.frame_sampling import frames_along_motion
-from mocap_id.kinematics.space.bundle import Bundle, count_correlated_frames, fit_frames_only, long_axes, solve_bundle
-from mocap_id.kinematics.space.bundle_equations import residuals
-from mocap_id.kinematics.space.bundle_model import BundleProblem, BundleState, glide_share, joint_rotations
-from mocap_id.kinematics.space.centre_estimators import CentreEstimator, estimate_centre
-from mocap_id.kinematics.space.chain_prior import CENTRE_SD, MARKED_SD, ChainPrior
-from mocap_id.kinematics.space.chain_result import SpatialFit, collect_result, find_implausible_skin
-from mocap_id.kinematics.space.chain_start import Clusters, find_joint_slides, fit_clusters
-from mocap_id.kinematics.space.girdle import find_girdle_markers
+from mocap_id.kinematics.space.bundle import (
+    CENTRE_SD,
+    MARKED_SD,
+    Bundle,
+    ChainPrior,
+    count_correlated_frames,
+    fit_frames_only,
+    long_axes,
+    solve_bundle,
+)
+from mocap_id.kinematics.space.bundle_equations import (
+    BundleProblem,
+    BundleState,
+    glide_share,
+    joint_rotations,
+    residuals,
+    tangents,
+)
+from mocap_id.kinematics.space.chain_result import SpatialFit, align_offset, collect_result, find_implausible_skin
+from mocap_id.kinematics.space.chain_start import (
+    CentreEstimator,
+    Clusters,
+    estimate_centre,
+    find_joint_slides,
+    fit_clusters,
+)
 from mocap_id.kinematics.space.joint_kinds import (
     PARALLEL,
     JointAxes,
     JointEvidence,
+    find_girdle_markers,
     fit_hinge,
     fit_pin_axes,
     fit_two_axes,
@@ -314,3 +333,73 @@ def _find_riding_markers(rough: Bundle, kinds: tuple[JointKind, ...], named: Boo
     seen = problem.weights > 0
     base, share = problem.segment == 0, glide_share(problem, state)
     return find_girdle_markers(residuals(problem, state), seen, base, share, named)
+
+
+_AXIS_REFINEMENT_LASTING = np.radians(
+    0.6
+)  # rms change of the angle between the axes by skin that slides with the joint
+_OTHER_ANGLE = np.radians(5)  # typical change of this angle by a constant displacement of the skin
+_ITERATIONS = 8
+_SHOWN = 0.85  # largest ratio of the standard deviations of the first axis after and before the correction
+
+
+def refine_axes(chain: SpatialChain, rotations: FloatArray) -> tuple[SpatialChain, tuple[int, ...]]:
+    """Return the calibrated chain with corrected axes of two-axis joints, and the numbers of these joints, from 0.
+
+    Only joints whose axes become clearly more certain are corrected.
+
+    ``rotations`` (F, n + 1, 3, 3) are the rotations of the clusters in the new trial, NaN where unknown.
+    """
+    joints, refined = list(chain.joints), []
+    for k, joint in enumerate(chain.joints):
+        turn = np.swapaxes(rotations[:, joint.parent], 1, 2) @ rotations[:, k + 1]
+        turn = turn[np.isfinite(turn).all(axis=(1, 2))]
+        if not has_known_axes(joint) or not len(turn):
+            continue
+        refined_joint = _refine_joint(joint, turn)
+        if np.trace(refined_joint.axes_covariance[0]) < _SHOWN**2 * np.trace(joint.axes_covariance[0]):
+            joints[k] = refined_joint
+            refined.append(k)
+    return replace(chain, joints=tuple(joints)), tuple(refined)
+
+
+def has_known_axes(joint: SpatialJoint) -> bool:
+    """Return whether a joint has two axes with known covariances."""
+    return joint.kind == "two-axis" and bool(np.isfinite(joint.axes_covariance).all())
+
+
+def _refine_joint(joint: SpatialJoint, turn: FloatArray) -> SpatialJoint:
+    """Return the joint with axes and κ refined by Gauss-Newton; the error of the skin is the same in all frames."""
+    axis, pin = joint.first_axis, joint.second_axis
+    before = cosine = float(axis @ joint.offset @ pin)
+    bases = tangents(axis), tangents(pin)
+    known = [
+        np.linalg.inv(basis.T @ covariance @ basis)
+        for basis, covariance in zip(bases, joint.axes_covariance, strict=True)
+    ]
+    weight = 1 / (_AXIS_REFINEMENT_LASTING**2 * len(turn))
+    for _ in range(_ITERATIONS):
+        along, across = tangents(axis), tangents(pin)
+        rotated_pin = turn @ pin
+        rows = np.column_stack([rotated_pin @ along, (axis @ turn) @ across, -np.ones(len(turn))])
+        matrix = weight * rows.T @ rows
+        vector = weight * rows.T @ (rotated_pin @ axis - cosine)
+        places = (slice(0, 2), axis, joint.first_axis, along), (slice(2, 4), pin, joint.second_axis, across)
+        for (at, now, start, by), basis, inverse in zip(places, bases, known, strict=True):
+            turned = basis.T @ by
+            matrix[at, at] += turned.T @ inverse @ turned
+            vector[at] += turned.T @ inverse @ basis.T @ (now - start)
+        matrix[4, 4] += 1 / _OTHER_ANGLE**2
+        vector[4] += (cosine - before) / _OTHER_ANGLE**2
+        step = -np.linalg.solve(matrix, vector)
+        axis, pin, cosine = axis + along @ step[:2], pin + across @ step[2:4], cosine + float(step[4])
+        axis, pin = axis / np.linalg.norm(axis), pin / np.linalg.norm(pin)
+    spread = np.linalg.inv(matrix)
+    along, across = tangents(axis), tangents(pin)
+    return replace(
+        joint,
+        first_axis=axis,
+        second_axis=pin,
+        axes_covariance=np.stack([along @ spread[:2, :2] @ along.T, across @ spread[2:4, 2:4] @ across.T]),
+        offset=align_offset(joint.offset, axis, pin, cosine),
+    )

@@ -9,16 +9,15 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import JointKind, SpatialChain, SpatialJoint
-from mocap_id.kinematics.space.bundle import Bundle
-from mocap_id.kinematics.space.bundle_covariance import chain_covariance
-from mocap_id.kinematics.space.bundle_equations import residuals
-from mocap_id.kinematics.space.bundle_model import (
+from mocap_id.kinematics.space.bundle import Bundle, chain_covariance
+from mocap_id.kinematics.space.bundle_equations import (
     BundleProblem,
     BundleState,
     Columns,
     apply_step,
     joint_rotations,
     locate_columns,
+    residuals,
     tangents,
 )
 from mocap_id.kinematics.space.joint_kinds import JointEvidence

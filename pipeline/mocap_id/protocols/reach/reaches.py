@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
-from mocap_id.protocols.reach.arm_geometry import RecordedArm
+from mocap_id.protocols.reach.workspace import RecordedArm
 
 _MOVING = 0.12  # share of the 98 % quantile of the speed; below it, the hand rests
 _SLOWEST = 0.04  # m/s, lowest threshold of the speed

@@ -13,8 +13,7 @@ from mocap_id.reporting.downsampling import find_spans, thin_band, thin_curve
 from mocap_id.reporting.figure import Band, Bars, Dash, Figure, Item, Line, Panel, Rule, Spans, Text, arrange_in_lines
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store import Table
-from mocap_id.store.spatial_views import MEANINGLESS_AT_POLE, SpatialAngles
-from mocap_id.store.views import JointStates
+from mocap_id.store.views import MEANINGLESS_AT_POLE, JointStates, SpatialAngles
 
 _RATES = ("velocity (deg/s)", "acceleration (deg/s²)")
 _STRIP = 0.16  # inches per joint in the panel of gaps

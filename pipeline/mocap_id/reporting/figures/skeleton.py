@@ -10,7 +10,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry.planar import rotate, segment_poses
-from mocap_id.kinematics.circle import fit_circles
+from mocap_id.kinematics.joint import fit_circles
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Bars, Figure, Item, Key, Line, Panel, Points, Text, arrange_in_lines, project
 from mocap_id.reporting.report_data import ReportData, read_positions

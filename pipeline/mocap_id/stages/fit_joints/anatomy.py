@@ -2,34 +2,256 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from mocap_id.anatomy.frames import PALPATION
-from mocap_id.anatomy.landmark_names import SEGMENTS, find_landmarks
-from mocap_id.anatomy.segment_frames import (
+from mocap_id import recording
+from mocap_id.anatomy.frames import (
+    PALPATION,
+    THORAX,
     AnatomicalFrames,
     ElbowAxis,
     SegmentPoses,
     fit_segment_frames,
+    mirror_points,
     rotate_to_elbow_axis,
     set_middle_covariance,
 )
-from mocap_id.anatomy.still_pose import LandmarkPosition, find_still_pose, locate_landmarks
+from mocap_id.anatomy.landmarks import (
+    LandmarkPosition,
+    Pointer,
+    calibrate_pointer,
+    find_pointer_markers,
+    find_still_pose,
+    locate_landmarks,
+    locate_pointed_landmark,
+)
+from mocap_id.anatomy.names import SEGMENTS, find_landmarks
 from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.errors import RecordingError
+from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.geometry.spatial_chain import SpatialChain, change_frames
 from mocap_id.kinematics.space.chain_result import SpatialFit, move_centre
+from mocap_id.kinematics.space.rigid_body import rigid_poses
+from mocap_id.recording import Recording
 from mocap_id.stages.base import Context
 from mocap_id.stages.fit_joints import FitJointsSettings
-from mocap_id.stages.fit_joints.landmark_checks import PAIRS, check_landmarks
-from mocap_id.stages.fit_joints.pointed_landmarks import MarkedChain, read_pointed_landmarks
 from mocap_id.stages.skin_motion import correct_axial_rotation, fit_cluster_poses
-from mocap_id.stages.trial_keys import get_landmark_labels
+from mocap_id.stages.trial_keys import TrialKeys, get_landmark_labels
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
+
+
+@dataclass(frozen=True)
+class MarkedChain:
+    """Chain with the labels of its markers; ``left`` is True if the recordings must be mirrored."""
+
+    chain: SpatialChain
+    labels: tuple[str, ...]
+    left: bool
+
+
+def read_pointed_landmarks(
+    trial: TrialKeys, marked: MarkedChain, segment: Mapping[str, int], labels: tuple[str, ...], palpation: float
+) -> tuple[dict[str, LandmarkPosition], tuple[Reason, ...]]:
+    """Return the positions of the pointed landmarks in the axes of their segments, by name, and cautions about them.
+
+    Parameters
+    ----------
+    segment : mapping
+        Number of the segment of each landmark.
+    labels : tuple of str
+        Labels of all markers of the trial, which does not contain the pointer.
+    palpation : float
+        Standard deviation of a landmark along each axis, m.
+
+    Raises
+    ------
+    RecordingError
+        A recording of the pointer cannot be used; the message names the file.
+    """
+    files = {str(name): path for name, path in trial.pointers.items() if str(name) in segment}
+    if not files:
+        return {}, ()
+    recordings = {name: recording.read(path) for name, path in files.items()}
+    rod = tuple(trial.pointer) or find_pointer_markers(labels, [each.labels for each in recordings.values()])
+    for name, each in recordings.items():
+        missing = [label for label in rod if label not in each.labels]
+        if missing:
+            raise RecordingError(
+                f"{files[name]}: the pointer's markers {', '.join(missing)} are missing; the file has "
+                f"{', '.join(each.labels)}"
+            )
+    if len(rod) < 2:
+        raise RecordingError(
+            f"{next(iter(files.values()))}: {len(rod)} markers are in all recordings of the pointer but not in this "
+            "trial; expected at least two, the markers of the pointer"
+        )
+    touches = {name: _read_touch(each, rod, marked, segment[name]) for name, each in recordings.items()}
+    pointer = (
+        Pointer(np.array(list(trial.pointer.values()))) if trial.pointer else calibrate_pointer(list(touches.values()))
+    )
+    positions: dict[str, LandmarkPosition] = {}
+    reasons: list[Reason] = []
+    for name, touch in touches.items():
+        try:
+            landmark = locate_pointed_landmark(*touch, pointer, palpation)
+        except RecordingError as error:
+            raise RecordingError(f"{files[name]}: {error}") from error
+        positions[name] = landmark.position
+        reasons += [Reason(each.code, f"{name}: {each.message}.", each.value, each.limit) for each in landmark.reasons]
+    return positions, tuple(reasons)
+
+
+def explain_unused_pointers(trial: TrialKeys, names: Sequence[str], why: str = "") -> tuple[Reason, ...]:
+    """Return a caution that names the landmarks under ``pointers:`` that have no effect; ``names`` are the segments."""
+    missing = [str(name) for name in trial.pointers if SEGMENTS[str(name)] not in names]
+    if not missing:
+        return ()
+    wanted = " or ".join(dict.fromkeys(SEGMENTS[name] for name in missing))
+    why = why or (
+        f"no segment is called {wanted}. The segments are called {', '.join(names)}: give their anatomical names, base "
+        "first, such as `segment: {names: [thorax, upper_arm, forearm, hand]}`"
+    )
+    return (Reason("pointers-unused", f"{', '.join(missing)} under `pointers:` have no effect: {why}.", len(missing)),)
+
+
+def _read_touch(
+    trial: Recording, rod: tuple[str, ...], marked: MarkedChain, segment: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return pointer markers (F, P, 3), m, rotations (F, 3, 3) and origins (F, 3), m, of a segment in a recording."""
+    points = PlaneFrame(0.0).to_plane(trial.positions)
+    points = mirror_points(points) if marked.left else points
+    own = [m for m in np.flatnonzero(marked.chain.segment == segment) if marked.labels[m] in trial.labels]
+    if len(own) < 3:
+        raise RecordingError(
+            f"{trial.files[0]}: the recording has {len(own)} markers of the landmark's segment, expected at least 3"
+        )
+    cluster = points[:, [trial.labels.index(marked.labels[m]) for m in own]]
+    rotation, origin, _ = rigid_poses(cluster, marked.chain.local[own])
+    return points[:, [trial.labels.index(label) for label in rod]], rotation, origin
+
+
+_ABOVE = (("IJ", "PX"), ("C7", "T8"))
+"""Pairs of landmarks of the thorax; the first landmark of a pair is above the second."""
+_BELOW = 0.05  # m, limit of the height difference, which is small in a person who lies
+_OUT_OF_PLANE = 0.025  # m, largest rms distance of the thorax's landmarks from the plane through them
+_BESIDE = 0.05  # m, largest distance of the midpoint of two landmarks from the joint centre found from the motion
+_SURE = 0.02  # m; the distance has less weight in directions with a larger standard deviation
+_ACROSS = 45.0  # degrees, largest angle between the line through the epicondyles and the axis found from the motion
+_LENGTHS = {"upper_arm": (0.15, 0.45), "forearm": (0.12, 0.40)}
+"""Shortest and longest segments of children and adults, m."""
+_NEXT = {"upper_arm": "forearm", "forearm": "hand"}
+PAIRS = {"forearm": ("EL", "EM"), "hand": ("RS", "US")}
+"""Landmarks on both sides of the joint before a segment."""
+
+
+def check_landmarks(
+    fit: SpatialFit,
+    places: Mapping[str, LandmarkPosition],
+    frames: AnatomicalFrames,
+    where: Mapping[str, int],
+    standing: SegmentPoses,
+) -> tuple[Reason, ...]:
+    """Return a caution that lists all contradictions with the anatomy of an arm; an empty tuple if there are none.
+
+    ``standing`` are the poses of the segments in the still pose; their y axis points up.
+
+    Parameters
+    ----------
+    fit : SpatialFit
+        Fitted chain before its joint centres are moved to landmarks.
+    places : mapping
+        Landmarks in the axes of their segments, by name.
+    where : mapping
+        Number of each segment, by name.
+    """
+    at = {name: place.local for name, place in places.items()}
+    doubts = [
+        *_check_thorax(at, frames, where, standing, fit),
+        *_check_joints(fit, at, where),
+        *_check_segment_lengths(fit, where),
+    ]
+    return explain_implausible_arm(doubts)
+
+
+def _check_thorax(
+    at: Mapping[str, FloatArray],
+    frames: AnatomicalFrames,
+    where: Mapping[str, int],
+    standing: SegmentPoses,
+    fit: SpatialFit,
+) -> Iterator[str]:
+    """Yield a text for each contradiction of the landmarks of the thorax with its anatomy."""
+    frame = frames.frames.get("thorax")
+    if frame is None:
+        return
+    own = where["thorax"]
+    for upper, lower in _ABOVE:
+        below = float(standing.place(at[lower], own)[1] - standing.place(at[upper], own)[1])
+        if below > _BELOW:
+            yield f"at rest, {upper} is {1e3 * below:.0f} mm below {lower}"
+    landmarks = np.array([at[name] for name in THORAX.up])
+    off = float(np.linalg.svd(landmarks - landmarks.mean(axis=0), compute_uv=False)[-1]) / np.sqrt(len(landmarks))
+    if off > _OUT_OF_PLANE:
+        yield f"{', '.join(THORAX.up)} are {1e3 * off:.0f} mm out of one plane (rms)"
+    joint = fit.chain.joints[where["upper_arm"] - 1] if "upper_arm" in where else None
+    if joint is not None and joint.known and joint.parent == own:
+        side = float((joint.centre - frame.origin) @ frame.rotation[:, 2])
+        if side < 0:
+            yield "the shoulder is on the other side of the thorax, as if IJ and C7 were exchanged"
+
+
+def _check_joints(fit: SpatialFit, at: Mapping[str, FloatArray], where: Mapping[str, int]) -> Iterator[str]:
+    """Yield a text for each contradiction of the landmarks with the joint centres and axes found from the motion."""
+    for child, pair in PAIRS.items():
+        if child not in where or where[child] == 0 or not all(name in at for name in pair):
+            continue
+        joint = fit.chain.joints[where[child] - 1]
+        if not joint.known or not np.isfinite(joint.covariance).all():
+            continue
+        across = at[pair[0]] - at[pair[1]]
+        off = joint.centre - (at[pair[0]] + at[pair[1]]) / 2
+        away = float(np.sqrt(off @ np.linalg.solve(joint.covariance / _SURE**2 + np.eye(3), off)))
+        if away > _BESIDE:
+            yield f"the midpoint of {pair[0]} and {pair[1]} is {1e3 * away:.0f} mm from the centre of their joint"
+        if child == "forearm" and joint.kind == "two-axis" and np.isfinite(joint.axes_covariance[0]).all():
+            cosine = abs(float(across @ joint.first_axis)) / max(float(np.linalg.norm(across)), 1e-9)
+            angle = float(np.degrees(np.arccos(min(cosine, 1.0))))
+            if angle > _ACROSS:
+                yield f"the line through EL and EM is {angle:.0f}° from the axis about which the elbow bends"
+
+
+def _check_segment_lengths(fit: SpatialFit, where: Mapping[str, int]) -> list[str]:
+    """Return a text for each segment of the fit with an impossible length."""
+    lengths = {}
+    for name, tip in _NEXT.items():
+        joint = fit.chain.joints[where[tip] - 1] if where.get(tip, 0) else None
+        if joint is not None and joint.known and joint.parent == where.get(name):
+            lengths[name] = float(np.linalg.norm(joint.centre))
+    return check_lengths(lengths)
+
+
+def check_lengths(lengths: Mapping[str, float]) -> list[str]:
+    """Return a text for each impossible length of upper arm or forearm; ``lengths`` are in m, by segment."""
+    return [
+        f"the {name.replace('_', ' ')} is {length:.3g} m long, expected {shortest:g} to {longest:g} m"
+        for name, length in lengths.items()
+        for shortest, longest in [_LENGTHS[name]]
+        if not shortest <= length <= longest
+    ]
+
+
+def explain_implausible_arm(doubts: Sequence[str]) -> tuple[Reason, ...]:
+    """Return a caution that lists the contradictions ``doubts`` with the anatomy of an arm; () if there are none."""
+    if not doubts:
+        return ()
+    text = "Check the names of the landmarks, and the unit and the vertical axis of the recording; the angles are wrong"
+    return (Reason("landmarks-implausible", f"{'; '.join(doubts)}. {text}", float(len(doubts)), 0.0),)
+
 
 _MIDDLES = {"upper_arm": ("GH",), "forearm": ("EL", "EM"), "hand": ("RS", "US")}
 """Landmarks whose midpoint is the centre of the joint before a segment, by this segment."""

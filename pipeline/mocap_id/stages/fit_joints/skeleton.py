@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.anatomy.skeleton_joints import ARM, TRUNK, find_roles
+from mocap_id.anatomy.names import ARM, TRUNK, find_roles
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialJoint
@@ -20,7 +20,7 @@ from mocap_id.kinematics.space.skeleton import (
     fit_trunk,
 )
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.fit_joints.landmark_checks import check_lengths, explain_implausible_arm
+from mocap_id.stages.fit_joints.anatomy import check_lengths, explain_implausible_arm
 from mocap_id.stages.fit_joints.space import make_joint_arrays
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN

@@ -8,24 +8,26 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.anatomy.landmark_names import find_landmarks
+from mocap_id.anatomy.names import find_landmarks
 from mocap_id.errors import ConfigError
 from mocap_id.geometry.spatial_chain import JointKind, SpatialJoint
-from mocap_id.kinematics.space.axis_refinement import has_known_axes, refine_axes
-from mocap_id.kinematics.space.chain_fit import fit_spatial_chain
+from mocap_id.kinematics.space.chain_fit import fit_spatial_chain, has_known_axes, refine_axes
 from mocap_id.kinematics.space.chain_result import SpatialFit
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.calibration_trial import read_chain
 from mocap_id.stages.fit_joints import FitJointsSettings
-from mocap_id.stages.fit_joints.anatomy import AnatomicalChain, find_points_near_joints, fit_anatomical_frames
+from mocap_id.stages.fit_joints.anatomy import (
+    AnatomicalChain,
+    explain_unused_pointers,
+    find_points_near_joints,
+    fit_anatomical_frames,
+)
 from mocap_id.stages.fit_joints.plane import explain_estimator, explain_uncertain_centre
-from mocap_id.stages.fit_joints.pointed_landmarks import explain_unused_pointers
 from mocap_id.stages.skin_motion import correct_axial_rotation, fit_cluster_poses
 from mocap_id.stages.trial_keys import get_landmark_labels
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN
-from mocap_id.store.spatial_views import SpatialSkeleton, is_skeleton
-from mocap_id.store.views import Trajectories
+from mocap_id.store.views import SpatialSkeleton, Trajectories, is_skeleton
 from mocap_id.verdict import Reason
 
 _ANATOMICAL_KINDS: Mapping[str, JointKind] = {

@@ -9,13 +9,19 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import BoolArray
-from mocap_id.design.recommendation import describe_recommendations, recommend_if_doubtful
-from mocap_id.dynamics.acceleration_noise import correlate_errors
+from mocap_id.design.proposal import describe_recommendations, recommend_if_doubtful
 from mocap_id.dynamics.built_in_sensors import combine_with_sensors
-from mocap_id.dynamics.cautions import OFFSET_LARGE, find_cautions, get_identified_mass
-from mocap_id.dynamics.excitation import WEAK, WEAK_ROBOT, measure_excitation
+from mocap_id.dynamics.cautions import (
+    OFFSET_LARGE,
+    WEAK,
+    WEAK_ROBOT,
+    find_cautions,
+    get_identified_mass,
+    measure_excitation,
+)
+from mocap_id.dynamics.consistency import PointGrid
 from mocap_id.dynamics.identification import Identification, identify
-from mocap_id.dynamics.point_grid import PointGrid
+from mocap_id.dynamics.instrument_errors import correlate_errors
 from mocap_id.dynamics.prediction import Prediction, estimate_chain_noise, predict
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
@@ -26,35 +32,51 @@ from mocap_id.protocols.repetitions import SUPPORT_LIMIT
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.identify_dim import IdentifyDimSettings, validation
 from mocap_id.stages.identify_dim import dynamics_artefacts as artefacts
-from mocap_id.stages.identify_dim.board_position import explain_board
-from mocap_id.stages.identify_dim.few_markers import check_torques, choose_foot_sd, choose_plate_sd, explain_foot_prior
-from mocap_id.stages.identify_dim.identifiability import MASS_CONTRADICTS, NotIdentifiable, judge_mass
-from mocap_id.stages.identify_dim.joint_zeros import find_zeros
-from mocap_id.stages.identify_dim.motion_comparison import compare_motions, compare_torque, explain_motion
-from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, build_reference_bodies
-from mocap_id.stages.identify_dim.repetition_averages import average_signals
-from mocap_id.stages.identify_dim.scales import (
-    ON_TRUST,
-    check_and_calibrate,
-    explain_scales,
-    make_scale_facts,
-    read_calibration,
+from mocap_id.stages.identify_dim.dynamics_artefacts import (
+    check_torques,
+    choose_foot_sd,
+    choose_plate_sd,
+    explain_foot_prior,
 )
-from mocap_id.stages.identify_dim.segment_fit import SegmentFit, fit_segments
-from mocap_id.stages.identify_dim.sit_to_stand_events import (
+from mocap_id.stages.identify_dim.events import (
+    average_signals,
     compute_missing_force,
+    find_zeros,
     make_events,
     make_sit_to_stand_events,
 )
+from mocap_id.stages.identify_dim.segment_fit import (
+    ON_TRUST,
+    SegmentFit,
+    check_and_calibrate,
+    compare_motions,
+    compare_torque,
+    explain_motion,
+    explain_scales,
+    fit_segments,
+    make_scale_facts,
+    read_calibration,
+)
 from mocap_id.stages.identify_dim.trial_data import (
+    MASS_CONTRADICTS,
+    NotIdentifiable,
+    ReferenceBodies,
+    build_reference_bodies,
+    explain_board,
     find_seat_segment,
+    judge_mass,
     read_cop_threshold,
     read_joint_names,
     read_kinematic_error,
     read_wrench,
 )
-from mocap_id.stages.identify_dim.trial_inputs import TrialInputs, describe_gaps, read_inputs
-from mocap_id.stages.identify_dim.wrench_checks import check_sensors, make_gain_facts
+from mocap_id.stages.identify_dim.trial_inputs import (
+    TrialInputs,
+    check_sensors,
+    describe_gaps,
+    make_gain_facts,
+    read_inputs,
+)
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
 from mocap_id.store.views import find_measured

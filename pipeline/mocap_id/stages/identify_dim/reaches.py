@@ -8,16 +8,26 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import NORMAL_95, FloatArray
-from mocap_id.protocols.reach.arm_geometry import ANGLES, RecordedArm, UnknownReach, measure_arm
-from mocap_id.protocols.reach.ranges import HELD, AngleRange, find_usable_samples, get_angle, measure_ranges
-from mocap_id.protocols.reach.reachable_set import Surface, compute_reach_surface
+from mocap_id.protocols.reach.reachable_set import Surface, VisitedRegion, compute_reach_surface, find_visited_region
 from mocap_id.protocols.reach.reaches import Reach, compute_level_heights, find_reaches, locate_body_targets
-from mocap_id.protocols.reach.visited_region import VisitedRegion, find_visited_region
-from mocap_id.protocols.reach.workspace import Volume, Workspace, compute_workspace
+from mocap_id.protocols.reach.workspace import (
+    ANGLES,
+    HELD,
+    AngleRange,
+    RecordedArm,
+    UnknownReach,
+    Volume,
+    Workspace,
+    compute_workspace,
+    find_usable_samples,
+    get_angle,
+    measure_arm,
+    measure_ranges,
+)
 from mocap_id.stages.base import Context
 from mocap_id.store import Table
 from mocap_id.store.schemas import EVENTS
-from mocap_id.store.spatial_views import SegmentPoses, SpatialAngles, SpatialSkeleton
+from mocap_id.store.views import SegmentPoses, SpatialAngles, SpatialSkeleton
 from mocap_id.verdict import Reason
 
 _LEAST_RANGE = np.radians(2.0)  # smallest range of an angle that moves

@@ -2,34 +2,199 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.body_prior import BodyPrior
-from mocap_id.dynamics.chain_parameters import ChainMap, map_to_chain, propagate_centres, propagate_to_base
-from mocap_id.dynamics.cutoffs import ChosenCutoffs, choose_cutoffs, score_left_out
-from mocap_id.dynamics.identification import Identification, identify
-from mocap_id.dynamics.kinematic_error import KinematicError
-from mocap_id.dynamics.measured_motion import USUAL
-from mocap_id.dynamics.point_grid import PointGrid
-from mocap_id.dynamics.pose_error import PoseEffect, PoseErrors, SlidingBody, propagate_pose_errors, propagate_slides
-from mocap_id.dynamics.prediction import PredictionNoise, estimate_residual_noise
-from mocap_id.dynamics.preparation import PreparedTrial
-from mocap_id.dynamics.reference_prior import compute_reference_sd
+from mocap_id import recording
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.base_parameters import BaseSet
+from mocap_id.dynamics.consistency import PointGrid
+from mocap_id.dynamics.identification import ChosenCutoffs, Identification, choose_cutoffs, identify, score_left_out
+from mocap_id.dynamics.instrument_errors import (
+    Calibration,
+    KinematicError,
+    PoseEffect,
+    PoseErrors,
+    ScaleCause,
+    SlidingBody,
+    propagate_calibration,
+    propagate_pose_errors,
+    propagate_slides,
+)
+from mocap_id.dynamics.measured_motion import USUAL, ChainMap, map_to_chain, propagate_centres, propagate_to_base
+from mocap_id.dynamics.prediction import PredictionNoise, compare, estimate_residual_noise
+from mocap_id.dynamics.preparation import PreparedTrial, SampledWrench
+from mocap_id.dynamics.priors import BodyPrior, compute_reference_sd
+from mocap_id.dynamics.scale_check import check_scales, find_body_ratios
 from mocap_id.protocols.movement import Movement
 from mocap_id.protocols.reference_body import ReferenceBody
 from mocap_id.stages.base import Context
-from mocap_id.stages.identify_dim import validation
-from mocap_id.stages.identify_dim.joint_positions import compute_centre_covariance, compute_position_sd
-from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, make_body_prior, prepare_bodies
-from mocap_id.stages.identify_dim.model_selection import RepetitionPredictor
-from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies
-from mocap_id.stages.identify_dim.scales import check_and_calibrate
-from mocap_id.stages.identify_dim.validation import Validation
+from mocap_id.stages.identify_dim import IdentifyDimSettings, validation
+from mocap_id.stages.identify_dim.trial_data import ReferenceBodies, describe_comparison
+from mocap_id.stages.identify_dim.validation import (
+    MeasuredBodies,
+    RepetitionPredictor,
+    Validation,
+    compute_centre_covariance,
+    compute_position_sd,
+    make_body_prior,
+    prepare_bodies,
+)
+from mocap_id.verdict import Reason
+
+_PERSON, _ROBOT = 0.005, 0.001  # m: standard deviation of a plate's position under a person, and under a bolted robot
+_LEAST_JOINTS = 2  # ankle and knee, because the ratios of a person need a shank
+
+
+def read_calibration(context: Context) -> Calibration:
+    """Return the standard deviations of the errors of scale of plate and cameras, from the settings."""
+    settings: IdentifyDimSettings = context.settings
+    position = settings.plate_position_sd_m
+    if position is None:
+        position = _ROBOT if context.trial.protocol == "robot-joint" else _PERSON
+    return Calibration(
+        gain=settings.plate_gain_sd,
+        moments=settings.plate_moments_sd,
+        lengths=settings.camera_scale_sd,
+        tilt=float(np.radians(settings.camera_tilt_sd_deg)),
+        position=position,
+        mass=context.trial.subject.mass,
+        mass_sd=settings.subject_mass_sd_kg,
+    )
+
+
+def check_and_calibrate(
+    context: Context,
+    prepared: PreparedTrial,
+    movement: Movement,
+    found: Identification,
+    reference: FloatArray,
+    *,
+    chain: tuple[BaseSet, ChainMap] | None = None,
+    unsmoothed: PreparedTrial | None = None,
+) -> Identification:
+    """Return the identification with the result of the check of scales, and with errors of scale in its covariance.
+
+    If the check suspects an error, the covariance contains the error at the size that the check has estimated.
+
+    Parameters
+    ----------
+    reference : (4(n + 1),) array
+        Full parameters of the reference body with the chain; without a reference body (NaN), there is no check.
+    chain : (BaseSet, ChainMap), optional
+        Base parameters of the chain, and the map from the bodies to them; for measured poses.
+    unsmoothed : PreparedTrial, optional
+        Trial with nearly unfiltered poses for the check, because the low-pass of the fit reduces accelerations.
+    """
+    usual = read_calibration(context)
+    mass = float(found.full[::4].sum())
+    mass_sd = float(np.sqrt(found.covariance[::4, ::4].sum() if chain else found.covariance[0, 0]))
+    whole = {0, 1, 2} <= set(prepared.settings.components)
+    scales = None
+    if whole and np.isfinite(reference).all() and len(prepared.recorded.centres) >= _LEAST_JOINTS:
+        base, map_ = (prepared.base, None) if chain is None else chain
+        ratios = find_body_ratios(
+            base,
+            prepared.recorded.centres,
+            reference,
+            mass,
+            usual,
+            chain=None if map_ is None else (map_.matrix, map_.constant),
+        )
+        scales = check_scales(unsmoothed or prepared, movement.free, found, ratios)
+    sd = {
+        "gain": usual.estimate_gain_error(mass, mass_sd) if 1 in prepared.settings.components else usual.gain,
+        "moments": usual.moments,
+        "position": prepared.recorded.position_sd or usual.position,
+        "lengths": usual.lengths,
+        "tilt": usual.tilt,
+    }
+    if scales is not None:
+        sd |= {name: max(sd.get(name, 0.0), abs(scales.causes[name].value)) for name in scales.suspects}
+    return found.add_calibration(propagate_calibration(prepared, found.fit, found.base, sd), scales)
+
+
+def make_scale_facts(found: Identification) -> dict[str, Any]:
+    """Return JSON about the check, and the part of the base parameters' covariance that comes from errors of scale."""
+    scales = None
+    if found.scales is not None:
+        causes = {name: asdict(cause) for name, cause in found.scales.causes.items()}
+        scales = {"suspects": list(found.scales.suspects), "causes": causes}
+    covariance = None if found.calibration is None else found.calibration.covariance.tolist()
+    return {"scales": scales, "calibration_covariance": covariance}
+
+
+def explain_scales(found: Identification, given: float | None, *, stands: bool) -> tuple[Reason, ...]:
+    """Return a caution about suspected errors of scale, and a note if the user has not given the mass ``given``, kg.
+
+    ``stands`` says whether the plates or a balance board measure a standing person.
+    """
+    scales = found.scales
+    trust = () if given is not None or not (stands or scales is not None) else (ON_TRUST,)
+    if scales is None or not scales.suspects:
+        return trust
+    first = scales.causes[scales.suspects[0]]
+    certain = len(scales.suspects) == 1
+    if certain:
+        text = f"{_describe_cause(scales.suspects[0], first)}. {_CHECK[scales.suspects[0]]}"
+    else:
+        either = "; or ".join(_describe_cause(name, scales.causes[name]) for name in scales.suspects[:3])
+        text = f"the data do not determine which of these is wrong: {either}. Check them in this order"
+    text += ". The standard deviations of the parameters contain an error of this size"
+    value, limit = first.value, first.limit
+    return (*trust, Reason("scale-error" if certain else "scales-contradict", text, value=value, limit=limit))
+
+
+ON_TRUST = Reason(
+    "scale-on-trust",
+    "the mass of the person is not given, so the gain of all channels of the plate cannot be checked: the scale of "
+    "forces, torques and parameters is assumed to be right, with the standard deviation `identify-dim: {plate_gain_sd: "
+    "…}`. Weigh the person and give `subject: {mass: …}` to check it",
+    level="ok",
+)
+
+
+def _describe_cause(name: str, cause: ScaleCause) -> str:
+    """Return a text with the error and the size that it has if only this cause is wrong."""
+    value, sd = cause.value, cause.sd
+    if name == "inertia":
+        factor = max(1.0 + value, 0.05)
+        rate = 100 * (factor**-0.5 - 1.0)
+        return (
+            f"the frame rate in the file is {_describe_size(rate)} (inertial forces are {factor:.2f} ± {sd:.2f} times "
+            "those computed from the accelerations)"
+        )
+    percent = f"{_describe_size(100 * value)} (± {100 * sd:.1f} %)"
+    sentences = {
+        "moments": f"the plate's moments are {percent}",
+        "vertical gain": f"the gain of the plate's vertical force is {percent}",
+        "vertical force": f"the plate's vertical force has a constant error of {value:+.0f} ± {sd:.0f} N",
+        "position": f"the plate is {1e3 * abs(value):.0f} ± {1e3 * sd:.0f} mm away from its position in the file",
+        "lengths": f"distances between markers are {percent}",
+        "tilt": f"the cameras' axes are tilted by {np.degrees(value):.1f}° ± {np.degrees(sd):.1f}° against gravity",
+        "gain": f"all components of the plate's wrench are {percent}",
+    }
+    return sentences[name]
+
+
+def _describe_size(percent: float) -> str:
+    return f"{abs(percent):.0f} % too {'large' if percent > 0 else 'small'}"
+
+
+_CHECK = {
+    "inertia": "Compare the rates in the file (`POINT:RATE`, `ANALOG:RATE`) with the rates of the recording system",
+    "moments": "Check the calibration matrix of the plate and the units of its moments",
+    "vertical gain": "Check the calibration matrix and the amplifier of the plate's vertical channels",
+    "vertical force": "Zero the plate without load before the trial, and check that no other object is on it",
+    "position": "Measure the corners of the plate again",
+    "lengths": "Calibrate the cameras again, and check the length of the wand in their software",
+    "tilt": "Set the origin and axes of the cameras again with a vertical axis",
+    "gain": "Compare the plate with a known weight, and check `subject: {mass: …}`",
+}
+
 
 _UNSMOOTHED = (10.0, 10.0, 10.0)  # Hz, cut-offs that leave the movement unchanged
 _CORRELATED = 0.12  # s, correlation time of residuals with measured poses
@@ -248,3 +413,134 @@ def _convert_to_chain(
         solution=replace(pinned.solution, full=chain, masses=np.full(len(pinned.solution.masses), np.nan)),
     )
     return in_chain, np.clip(share, 0.0, 1.0)
+
+
+ASKED_FOR = "asked for"
+"""Reason in the facts of dynamics.h5 if the pinned chain is used because of the setting `motion: chain`."""
+_CLOCKS_APART = 0.005  # s, largest difference; 5 ms changes a base parameter of a person by a fifth or more
+
+
+def predict_on_chain(
+    prepared: PreparedTrial, pinned: Identification, movement: Movement, segments: SegmentFit
+) -> tuple[BoolArray, FloatArray, FloatArray] | None:
+    """Return True (T,) in left-out samples, the wrench (T, 3) that the chain predicts, and the measured wrench (T, 3).
+
+    In these samples, chain and bodies both have predictions. The wrenches are filtered by the low-pass of the bodies.
+    The result is None without predictions.
+    """
+    on_chain = validation.validate(prepared, movement, pinned, np.zeros((len(prepared.recorded.time), 3))).held_out
+    on_bodies = segments.validation.held_out
+    if on_chain is None or on_bodies is None:
+        return None
+    both = on_chain.samples & on_bodies.samples
+    lowpass = segments.prepared.lowpass
+    return both, lowpass(on_chain.wrench), lowpass(on_chain.measured)
+
+
+def compare_motions(
+    prepared: PreparedTrial, pinned: Identification, movement: Movement, segments: SegmentFit, threshold: float
+) -> dict[str, Any]:
+    """Return the fact ``pins``: errors of chain and measured poses on the same samples, after the same low-pass.
+
+    Parameters
+    ----------
+    prepared, pinned
+        Trial on the pinned chain, and its identification.
+    movement : Movement
+        Repetitions and usable samples.
+    segments : SegmentFit
+        Identification with measured poses.
+    threshold : float
+        Largest vertical force without a centre of pressure, N.
+    """
+    chain, bodies = predict_on_chain(prepared, pinned, movement, segments), segments.validation.held_out
+    if chain is None or bodies is None:
+        why = segments.validation.why
+        return {"why": why, "chain": None, "segments": None, "clock_offset_s": _get_offset(pinned)}
+    both, model, measured = chain
+    both = both & np.isfinite(model).all(axis=1)
+    return {
+        "why": None,
+        "samples": int(both.sum()),
+        "chain": describe_comparison(compare(model, measured, both, threshold)),
+        "segments": describe_comparison(compare(bodies.filtered, bodies.filtered_measured, both, threshold)),
+        "clock_offset_s": _get_offset(pinned),
+    }
+
+
+def _get_offset(found: Identification) -> float | None:
+    """Return the clock offset, s; None if the trial does not determine it."""
+    return found.fit.total_offset if found.fit.offset_known else None
+
+
+def explain_motion(facts: Mapping[str, Any]) -> tuple[Reason, ...]:
+    """Return reasons about the gaps of joints and the clock offset, from the facts of dynamics.h5."""
+    return (*_explain_gaps(facts["motion"]), *_check_clocks(facts.get("held_out") or {}))
+
+
+def _explain_gaps(motion: Mapping[str, Any]) -> Iterator[Reason]:
+    """Yield a note about joints whose two sides separate more than the noise, or a caution if a setting pins them."""
+    loose = {name: gap for name, gap in (motion.get("joints") or {}).items() if not gap["pinned"]}
+    asked_for = motion["source"] == "chain" and motion["why"] == ASKED_FOR
+    if not loose or not (asked_for or motion["source"] == "segments"):
+        return
+    listed = ", ".join(f"{name} {1e3 * gap['gap_m']:.1f} mm" for name, gap in loose.items())
+    observation = f"the two sides of a joint separate by more than the noise (rms): {listed}"
+    largest = max(gap["gap_m"] for gap in loose.values())
+    if asked_for:
+        yield Reason(
+            "pinned-joint-gives-way",
+            f"{observation}, and `identify-dim: {{motion: chain}}` pins this joint. The masses then move differently "
+            "from the model, in the same way in every repetition, so the standard deviations of parameters and torques "
+            "are too small. Remove the setting to use the measured pose of every segment",
+            value=largest,
+        )
+        return
+    yield Reason(
+        "joint-gives-way",
+        f"{observation}. The dynamics therefore use the measured pose of every segment; lengths and angles still come "
+        "from the chain. Set `identify-dim: {motion: chain}` to use the chain",
+        value=largest,
+        level="ok",
+    )
+
+
+def _check_clocks(held_out: Mapping[str, Any]) -> Iterator[Reason]:
+    """Yield a caution if the clock offsets of the fits without each of the repetitions differ too much."""
+    offsets = np.asarray(held_out.get("clock_offset_s") or [], dtype=np.float64)
+    apart = float(np.ptp(offsets)) if len(offsets) > 1 else 0.0
+    if apart > _CLOCKS_APART:
+        yield Reason(
+            "clocks-disagree",
+            f"the clock offset between cameras and plate depends on the repetitions it is estimated from: it differs "
+            f"by {1e3 * apart:.0f} ms, expected at most {1e3 * _CLOCKS_APART:.0f} ms. One of the clocks drifts, or "
+            "the model does not fit the movement: check the synchronisation of cameras and plate",
+            value=apart,
+            limit=_CLOCKS_APART,
+        )
+
+
+def compare_torque(context: Context, dynamics: Mapping[str, FloatArray]) -> dict[str, Any] | None:
+    """Return the difference of the model's torque from the torque in the encoder file; None if one of them is missing.
+
+    The result has ``bias`` and ``sd``, N·m, ``r2`` and the number of ``samples``. ``dynamics`` are the columns of
+    dynamics.parquet. The model's torque is interpolated at the encoder's times, with the clock offset of ukf-smooth.
+    """
+    file = context.trial.encoder
+    if file is None or "tau_1" not in dynamics:
+        return None
+    matched, log = context.table("encoder.parquet").facts, recording.read_encoder(file)
+    if matched.get("why") is not None or log.torque is None:
+        return None
+    measured = matched["sign"] * log.torque
+    model = SampledWrench.of(dynamics["time"], dynamics["tau_1"][:, None])
+    off = model(log.time + matched["clock_offset_s"])[:, 0] - measured
+    both = np.isfinite(off)
+    if np.count_nonzero(both) < 2 or not np.ptp(measured[both]) > 0.0:
+        return None
+    return {
+        "bias": float(np.mean(off[both])),
+        "sd": float(np.std(off[both])),
+        "r2": 1.0 - float(np.mean(off[both] ** 2)) / float(np.var(measured[both])),
+        "samples": int(np.count_nonzero(both)),
+    }

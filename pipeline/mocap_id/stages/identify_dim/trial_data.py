@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any, get_args
 
 import numpy as np
 
 from mocap_id import recording
-from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.external_wrenches import SEAT, ExternalWrench
-from mocap_id.dynamics.kinematic_error import KinematicError
-from mocap_id.dynamics.preparation import CoarseClock, FitSettings, TrialData
-from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.fit import LEAST_SECONDS, Fit, determines_parameters, fit, select_samples
+from mocap_id.dynamics.instrument_errors import KinematicError, propagate_to_parameters
+from mocap_id.dynamics.prediction import Comparison, compare
+from mocap_id.dynamics.preparation import CoarseClock, FitSettings, PreparedTrial, TrialData, measure_arcs, prepare
+from mocap_id.dynamics.priors import TableName, compute_foot_sd, compute_reference_sd, estimate_height, look_up_table
+from mocap_id.dynamics.regressor import SEAT, WRENCH_COMPONENTS, ExternalWrench
 from mocap_id.errors import ConfigError, StoreError
-from mocap_id.stages import skin_artefact
+from mocap_id.protocols.body_names import GROUND
+from mocap_id.protocols.movement import Movement, find_facing
+from mocap_id.protocols.reference_body import ReferenceBody, build_reference_body, make_empty_reference
+from mocap_id.protocols.repetitions import measure_standing_angles
+from mocap_id.stages import skin_motion
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.store import Table
 from mocap_id.store.views import Skeleton, joint_columns
+from mocap_id.verdict import Reason
 
 _SEARCH = 0.15  # s: range of the fit's search around the coarse offset, whose error is up to 0.04 s
 _VERTICAL = (1, 2)  # Fy and tauz
@@ -164,7 +172,7 @@ def read_joint_names(context: Context) -> tuple[str, ...]:
 
 def read_kinematic_error(context: Context) -> KinematicError:
     """Return the effect of skin motion on the joint centres and angles of the chain."""
-    skin = skin_artefact.read_skin_tree(context.tree("skin.h5"))
+    skin = skin_motion.read_skin_tree(context.tree("skin.h5"))
     centres, turned = skin.stored_chain_errors()
     return KinematicError(lambda q: skin.errors(q)[0] + turned, centres)
 
@@ -182,3 +190,372 @@ def make_fit_settings(settings: IdentifyDimSettings, recorded: TrialData) -> Fit
         block=settings.block_s,
         gravity=settings.gravity,
     )
+
+
+@dataclass(frozen=True)
+class ReferenceBodies:
+    """Reference bodies with the chain of a trial."""
+
+    chosen: ReferenceBody  # body from the table in the settings
+    every: tuple[ReferenceBody, ...]  # bodies from all tables, in a fixed order; empty without a reference body
+
+
+def build_reference_bodies(context: Context, recorded: TrialData, movement: Movement) -> ReferenceBodies:
+    """Return the reference bodies of a sit-to-stand trial; for other protocols, there is no reference body."""
+    settings, subject, chain = context.settings, context.trial.subject, recorded.centres
+    if context.trial.protocol != "sit-to-stand":
+        return ReferenceBodies(make_empty_reference(len(chain), None), ())
+    if read_skeleton(context).segments[:1] == (GROUND,):
+        return ReferenceBodies(
+            make_empty_reference(len(chain), "the tables are for people whose feet are flat on the ground"), ()
+        )
+    if not np.isfinite(recorded.q).all(axis=1).any():
+        return ReferenceBodies(make_empty_reference(len(chain), "no sample has all joint angles"), ())
+    mass = context.table("wrench.parquet").facts.get("mass_kg")
+    if mass is None and movement.contact is not None and np.isfinite(movement.contact.weight):
+        mass = movement.contact.weight / settings.gravity
+    bodies = {
+        name: build_reference_body(
+            name,
+            chain,
+            find_facing(recorded),
+            height=subject.height,
+            mass=subject.mass,
+            sex=subject.sex,
+            plate_mass=mass,
+            standing=None if movement.posture is None else measure_standing_angles(recorded.q, movement.posture),
+        )
+        for name in get_args(TableName)
+    }
+    chosen = bodies[settings.reference]
+    return ReferenceBodies(chosen, () if chosen.table is None else tuple(bodies.values()))
+
+
+def compare_references(
+    bodies: ReferenceBodies,
+    regressor: FloatArray,
+    measured: FloatArray,
+    samples: BoolArray,
+    threshold: float,
+    *,
+    external: FloatArray,
+) -> dict[str, Any] | None:
+    """Return JSON about the reference bodies and the errors of their wrench, by table; None without reference bodies.
+
+    Parameters
+    ----------
+    regressor : (T, 3, 4(n + 1)) array
+        Regressor of the full parameters.
+    measured : (T, 3) array
+        Wrench of the ground, N and N·m.
+    samples : (T,) bool array
+        Samples to compare.
+    threshold : float
+        Largest vertical force without a centre of pressure, N.
+    external : (T, 3) array
+        Other external wrenches on the body, N and N·m.
+    """
+    if not bodies.every:
+        return None
+    found = {}
+    for body in bodies.every:
+        compared = compare(regressor @ body.parameters - external, measured, samples, threshold)
+        found[str(body.table)] = {
+            "height_m": body.height,
+            "mass_kg": body.mass,
+            "assumed": list(body.assumed),
+            **describe_comparison(compared),
+        }
+    return found
+
+
+def describe_comparison(compared: Comparison) -> dict[str, Any]:
+    """Return JSON about a comparison of wrenches and centres of pressure."""
+    wrench = {name: None if one is None else asdict(one) for name, one in compared.wrench.items()}
+    return {"wrench": wrench, "cop_rms_m": compared.cop_rms}
+
+
+_TAUZ = 2
+_INERTIA = 3  # index of Izz among the four parameters of a segment
+_ROUNDS = 2  # the response depends on the clock offset and the weights, so the shift is estimated twice
+_FOOT_SD = 0.001  # m: standard deviation of the foot's first moment divided by the body's mass
+_REPEATED_SD = 0.0025  # m: joint errors that are the same in all repetitions, from simulated trials
+_GIVEN_SD, _FEET_SD = 0.005, 0.03  # m: standard deviation of a position from the configuration, and from the feet
+_CLEARLY = 3.0  # smallest ratio of misfits of opposite and assumed direction for certainty; 2 to 200 simulated
+_FITTED = 0.9  # smallest r² of tauz; in simulations at least 0.98 for the right direction, at most 0.6 for the opposite
+_OPPOSITE = {"forwards": "backwards", "backwards": "forwards", "left": "right", "right": "left"}
+
+
+@dataclass(frozen=True)
+class _Shift:
+    """Shift of the board along the motion for which the model fits best and its standard deviation, m.
+
+    ``misfit`` is the remaining sum of squares divided by the degrees of freedom.
+    """
+
+    value: float
+    sd: float
+    misfit: float
+
+
+def locate_board(
+    context: Context, prepared: PreparedTrial, movement: Movement
+) -> tuple[PreparedTrial, dict[str, Any] | None]:
+    """Return the trial with the board at its estimated position, and the fact ``board`` of dynamics.h5.
+
+    If the board is e away from its assumed position (from the configuration, or under the feet), the moment is e·Fy too
+    large. Without a board, the trial is unchanged and the fact is None.
+    """
+    board = context.table("wrench.parquet").facts.get("board")
+    if board is None:
+        return prepared, None
+    shift = _estimate_shift(context, prepared, movement)
+    mirrored = None if shift is None else _estimate_shift(context, _change_moment(prepared, -1.0), movement)
+    worse = None if shift is None or mirrored is None else mirrored.misfit / shift.misfit
+    if board["centre_given"] or shift is None:
+        sd, by = (_GIVEN_SD, "configuration") if board["centre_given"] else (_FEET_SD, "feet")
+        return _change_moment(prepared, sd=sd), {"shift_m": 0.0, "sd_m": sd, "by": by, "mirrored_misfit": worse}
+    total = 0.0
+    for _ in range(_ROUNDS):
+        total, prepared = total + shift.value, _change_moment(prepared, shift=shift.value, sd=shift.sd)
+        shift = _estimate_shift(context, prepared, movement) or shift
+    return prepared, {"shift_m": total, "sd_m": shift.sd, "by": "model", "mirrored_misfit": worse}
+
+
+def explain_board(context: Context, facts: dict[str, Any]) -> tuple[Reason, ...]:
+    """Return cautions about the board's direction and position, from the facts of dynamics.h5."""
+    fact = facts.get("board")
+    if fact is None:
+        return ()
+    board, reasons = context.table("wrench.parquet").facts["board"], []
+    worse, fitted = fact["mirrored_misfit"], facts["wrench"]["tauz"]
+    poor = fitted is None or fitted["r2"] < _FITTED
+    if worse < 1.0 or (worse < _CLEARLY and poor) if worse is not None else not board["top_sure"]:
+        reasons.append(
+            Reason(
+                "board-direction-unsure",
+                f"the top of the balance board is assumed to point {board['top']}, as seen by the person, but this is "
+                f"not certain: if it points {_OPPOSITE[board['top']]}, tauz and all parameters are wrong. Give or "
+                "check `top:` beside `balance_board:`",
+                value=worse,
+                limit=_CLEARLY,
+            )
+        )
+    if fact["by"] == "feet":
+        reasons.append(
+            Reason(
+                "board-place-unknown",
+                "the position of the balance board along the motion is known only to about 3 cm, from the feet: the "
+                "first moment of the base segment, the centre of pressure and the torques contain this error. Give "
+                "`centre_m:` beside `balance_board:`",
+                value=fact["sd_m"],
+            )
+        )
+    return tuple(reasons)
+
+
+def _change_moment(
+    prepared: PreparedTrial, sign: float = 1.0, *, shift: float = 0.0, sd: float | None = None
+) -> PreparedTrial:
+    """Return the trial as if its board were rotated by 180° (``sign`` -1) or shifted by ``shift`` ± ``sd``, m."""
+    wrench = prepared.recorded.wrench.copy()
+    wrench[:, _TAUZ] = sign * wrench[:, _TAUZ] + shift * wrench[:, 1]
+    return prepare(replace(prepared.recorded, wrench=wrench, position_sd=sd), prepared.settings)
+
+
+def _estimate_shift(context: Context, prepared: PreparedTrial, movement: Movement) -> _Shift | None:
+    """Return the board's shift for which the fitted first moments agree best with the reference body; None if unknown.
+
+    Fit and reference body are weighted by their covariances. The data determine trunk and thigh, whose angles change
+    most; the reference body determines foot and shank, whose first moments along the motion are small. Moments of
+    inertia are left out, because a person's accelerations hardly determine them for single segments.
+    """
+    reference = build_reference_bodies(context, prepared.recorded, movement).chosen.parameters
+    if _TAUZ not in prepared.settings.components or not np.isfinite(reference).all():
+        return None
+    found, base = fit(prepared, movement.free), prepared.base.regrouping
+    values, relative = found.problem.free_solution()[: found.base], context.settings.reference_sd
+    deviations = compute_reference_sd(reference, relative)
+    deviations[:2] = compute_foot_sd(reference, _FOOT_SD * float(reference[::4].sum()), relative)[:2]
+    skin = propagate_to_parameters(prepared, found, values, read_kinematic_error(context))[: found.base]
+    spread = base @ np.diag(deviations**2) @ base.T + found.covariance[: found.base, : found.base] + skin @ skin.T
+    kept = np.asarray(prepared.base.kept)
+    spread[kept == 1, kept == 1] += (prepared.settings.plate_zero[1] / prepared.settings.gravity) ** 2
+    used = np.flatnonzero(kept % 4 != _INERTIA)
+    response, spread = _compute_response(prepared, found)[used], spread[np.ix_(used, used)]
+    away = (values - base @ reference)[used]
+    precision = float(response @ np.linalg.solve(spread, response))
+    excess = float(response @ np.linalg.solve(spread, away)) / precision
+    rest = away - excess * response
+    misfit = float(rest @ np.linalg.solve(spread, rest)) / max(len(used) - 1, 1)
+    return _Shift(-excess, float(np.sqrt(_REPEATED_SD**2 + max(misfit, 1.0) / precision)), misfit)
+
+
+def _compute_response(prepared: PreparedTrial, found: Fit) -> FloatArray:
+    """Return the change of the fitted base parameters (b,) for a board that is one metre away from its position."""
+    row = prepared.settings.components.index(_TAUZ)
+    stamped = prepared.recorded.time[found.samples] - found.offset
+    moment = np.zeros((*found.target.shape, 1))
+    moment[:, row, 0] = prepared.filtered_measured(found.samples, stamped)[:, 1] * found.weights[row]
+    return found.response(moment)[: found.base, 0]
+
+
+MASS_CONTRADICTS = 0.2
+"""Relative difference of two masses of one person from which the trial is refused."""
+
+_THIN, _HEAVY = ((1.1, 1.5), (12.0, 14.0)), 42.0
+"""Least body mass index for the heights in the first tuple, and largest one, kg/m²."""
+
+_UNUSUAL, _POUND_KG = 36.0, 0.4536
+"""Body mass index from which the mass is to be confirmed: a thin person's mass in pounds gives such an index too."""
+
+_BESIDE_M, _BESIDE_SHARE = 0.05, 0.2
+"""A foot this far beside all plates, m, is certainly not measured if the force is also this near to the other foot, as
+a fraction of the distance of the feet.
+"""
+
+_ABSURD = (10.0, 75.0)
+"""Range of the body mass index outside which a mass is not used."""
+
+
+@dataclass(frozen=True)
+class NotIdentifiable:
+    """Code and text of the reason why nothing can be identified; ``mass`` is the mass, kg, or None if unknown."""
+
+    code: str
+    why: str
+    mass: float | None = None
+
+
+def check_wrench(context: Context, recorded: TrialData) -> NotIdentifiable | None:
+    """Return the reason why the data do not suffice for an identification; None if they do."""
+    facts = context.table("wrench.parquet").facts
+    if facts.get("unusable"):
+        text = f"the inertial parameters need the moments of the ground's wrench: {facts['unusable']}"
+        return NotIdentifiable("no-wrench", text, facts.get("mass_kg"))
+    measured = np.isfinite(recorded.surroundings).all(axis=1)
+    if not measured.any():
+        why = facts.get("why") or "the recording has no usable force plate"
+        return NotIdentifiable("no-wrench", f"the inertial parameters need the ground's wrench: {why}")
+    standing, given = facts.get("mass_kg"), context.trial.subject.mass
+    implausible = judge_mass(context, standing)
+    if implausible is not None and implausible.code != "mass-implausible":
+        implausible = None
+    absurd = implausible is not None and not _ABSURD[0] <= (implausible.value or 0.0) <= _ABSURD[1]
+    beside = (facts.get("registration") or {}).get("foot_beside")
+    confirmed = standing is not None and given is not None and abs(standing / given - 1.0) <= MASS_CONTRADICTS
+    clear = beside is not None and (beside["beside_m"] or 0.0) > _BESIDE_M and abs(beside["share"]) < _BESIDE_SHARE
+    if implausible is not None and (absurd or beside is not None):
+        text = f"the inertial parameters need the whole wrench of the ground: {implausible.message}"
+        return NotIdentifiable("mass-implausible", text)
+    if clear and not confirmed:
+        text = (
+            "the inertial parameters need the whole wrench of the ground, but one foot stands beside the plates "
+            "(`foot-off-plate`). If the corners of the plates are wrong instead, give `subject: {mass: …}`"
+        )
+        return NotIdentifiable("no-wrench", text)
+    known = np.isfinite(recorded.ddq).all(axis=1)
+    if (measured & known).sum() < LEAST_SECONDS * recorded.rate:
+        return NotIdentifiable(
+            "no-common-samples",
+            f"wrench and joint angles are both known for {(measured & known).sum() / recorded.rate:.2f} s, expected at "
+            f"least {LEAST_SECONDS:g} s",
+            facts.get("mass_kg"),
+        )
+    return None
+
+
+def judge_mass(context: Context, mass: float | None) -> Reason | None:
+    """Return a caution if a mass, kg, does not fit the height of the person, or must be confirmed.
+
+    The value of the caution is the body mass index, kg/m².
+
+    The height is that in the configuration, or else follows from shank and thigh. Without one of these, or if the given
+    mass of the person confirms the mass, the result is None.
+    """
+    subject, chain = context.trial.subject, read_skeleton(context)
+    if mass is None or context.trial.protocol == "robot-joint":
+        return None
+    if subject.mass is not None and abs(mass / subject.mass - 1.0) <= MASS_CONTRADICTS:
+        return None
+    height, source = subject.height, "`subject: {height: …}`"
+    if height is None:
+        if not {"shank", "thigh"} <= set(chain.segments):
+            return None
+        ends = [chain.centres[chain.segments.index(name)] for name in ("shank", "thigh")]
+        height = estimate_height(look_up_table("winter", None), *(float(np.linalg.norm(end)) for end in ends))
+        source = "the lengths of shank and thigh"
+    index = mass / height**2
+    low = float(np.interp(height, *_THIN))
+    if low <= index <= _UNUSUAL:
+        return None
+    if _UNUSUAL < index <= _HEAVY:
+        return Reason(
+            "mass-unusual",
+            f"the plates measure {mass:.1f} kg, and the height is {height:.2f} m (from {source}): a body mass index of "
+            f"{index:.1f} kg/m². This is right for a very heavy person, but loads in pounds give the same for a person "
+            f"of {_POUND_KG * mass:.1f} kg, and forces alone cannot tell the two apart. Weigh the person and give "
+            "`subject: {mass: …}`",
+            value=index,
+            limit=_UNUSUAL,
+        )
+    unit = "the plates measure only a part of the weight, or have a wrong gain or unit"
+    if index > _HEAVY:
+        unit = "the loads have a wrong gain or unit (such as pounds), or the plates carry something else"
+    return Reason(
+        "mass-implausible",
+        f"the plates measure {mass:.1f} kg, but the height is {height:.2f} m (from {source}): a body mass index of "
+        f"{index:.1f} kg/m², expected {low:g} to {_HEAVY:g}. Probably {unit}; then all forces, masses and torques are "
+        "wrong. Check that both feet are on plates that are used, and the units. If the mass is right, give `subject: "
+        "{mass: …}`",
+        value=index,
+        limit=_HEAVY if index > _HEAVY else low,
+    )
+
+
+def check_excitation(context: Context, prepared: PreparedTrial, movement: Movement) -> NotIdentifiable | None:
+    """Return the reason why the usable samples do not determine the parameters; None if they do."""
+    settings, recorded = context.settings, prepared.recorded
+    chosen = select_samples(prepared, movement.free)
+    mass = context.table("wrench.parquet").facts.get("mass_kg")
+    if not movement.free.any():
+        return NotIdentifiable(
+            "not-free",
+            "the person may touch the chair in every sample, and its force is not measured. Use a window in which the "
+            "person rises and stands",
+            mass,
+        )
+    if chosen.sum() < LEAST_SECONDS * recorded.rate:
+        return NotIdentifiable(
+            "too-few-samples",
+            f"{chosen.sum() / recorded.rate:.2f} s are usable, expected at least {LEAST_SECONDS:g} s: usable samples "
+            f"are off the chair and at least {prepared.lowpass.reach:.2f} s from gaps, which the low-pass spreads. "
+            "Record longer or with fewer gaps",
+            mass,
+        )
+    arc = np.degrees(np.max(measure_arcs(recorded.q, chosen)))
+    if arc < settings.still_arc_deg:
+        if mass is None and _is_contact_excluded(context, movement, recorded.seat is not None):
+            mass = float(np.nanmedian(recorded.surroundings[chosen, 1])) / settings.gravity
+        result = "nothing" if mass is None else "only the mass"
+        return NotIdentifiable(
+            "standing-still",
+            f"no joint rotates more than {arc:.1f}° while only the ground touches the body, expected at least "
+            f"{settings.still_arc_deg:g}°: {result} is known; record a movement",
+            mass,
+        )
+    if not determines_parameters(prepared, movement.free):
+        return NotIdentifiable(
+            "not-excited",
+            "a joint does not move while only the ground touches the body, so the parameters of its two segments "
+            "cannot be separated; record a movement of every joint",
+            mass,
+        )
+    return None
+
+
+def _is_contact_excluded(context: Context, movement: Movement, seat_measured: bool) -> bool:
+    """Return whether measurements, and not only assumptions, exclude contacts with unmeasured force."""
+    if context.trial.protocol == "robot-joint" or seat_measured:
+        return True
+    return movement.contact is not None and movement.contact.chair is not None

@@ -80,7 +80,7 @@ def _planarise_in_its_space(context: Context) -> Outputs:
 
         return planarise_in_space(context)
     if context.trial.recording is None:
-        from mocap_id.stages.planarise.sensors_alone import planarise_sensors  # noqa: PLC0415
+        from mocap_id.stages.planarise.skeleton import planarise_sensors  # noqa: PLC0415
 
         return planarise_sensors(context)
     from mocap_id.stages.planarise.plane import planarise  # noqa: PLC0415  loads its libraries only when run

@@ -4,33 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from mocap_id import recording
-from mocap_id.arrays import BoolArray
-from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.kinematics import PlaneFit, fit_plane
-from mocap_id.kinematics.base_motion import find_base_motion
+from mocap_id.kinematics.base_motion import BaseMotion, BaseStretch, find_base_motion, find_heel_lift
+from mocap_id.kinematics.marker_faults import find_lone_markers
 from mocap_id.kinematics.plane import find_feet
-from mocap_id.kinematics.simple_faults import find_lone_markers
 from mocap_id.plates import GRAVITY, PlateChoice, choose_plates, find_clock_offset, find_dropouts
 from mocap_id.plates.direction import compare_courses
-from mocap_id.plates.feet import find_standing_feet
+from mocap_id.plates.placement import find_standing_feet
 from mocap_id.recording import PlateSamples, Recording, ThinnedFrames
 from mocap_id.recording.marker_posture import Facing, find_facing, find_upright
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.planarise import PlanariseSettings, moved_base
-from mocap_id.stages.planarise.balance_board import place_board, read_board_plate
-from mocap_id.stages.planarise.plate_reasons import (
+from mocap_id.stages.planarise import PlanariseSettings
+from mocap_id.stages.planarise.plate_registration import (
     FOLLOWS,
+    PlateCheck,
+    check_registration,
     describe_losses,
     describe_plates,
     doubt_units,
     judge_course,
 )
-from mocap_id.stages.planarise.plate_registration import PlateCheck, check_registration
 from mocap_id.stages.planarise.used_part import (
     UsedPart,
     check_swaps,
@@ -45,6 +46,8 @@ from mocap_id.stages.planarise.wrenches import (
     measure_lateral_cop,
     measure_seat,
     measure_sensors,
+    place_board,
+    read_board_plate,
 )
 from mocap_id.stages.trial_keys import BalanceBoard, get_recording
 from mocap_id.store import LongTable, Table
@@ -71,7 +74,7 @@ def planarise(context: Context) -> Outputs:
         choice = choose_plates(source.plates, thinned.samples, thinned.positions, feet=plates.feet, seat=plates.seat)
     samples = [recording.decimate(plate, part.time, source.rate) for plate in source.plates]
     base = find_base_motion(thinned.positions, thinned.time, thinned.rate)
-    still = moved_base.undo_in_frames(base, thinned)
+    still = undo_in_frames(base, thinned)
     frame, faced, plane = _fit_frame(still, source, choice, settings)
     board = None
     if log is not None and not log.problem and isinstance(files.forces, BalanceBoard):
@@ -79,7 +82,7 @@ def planarise(context: Context) -> Outputs:
         source, frame = replace(source, plates=(board.plate,)), replace(frame, origin=board.origin)
         samples = [recording.decimate(board.plate, part.time, source.rate)]
         thinned = replace(thinned, samples=(recording.decimate(board.plate, thinned.time, thinned.rate),))
-        still = moved_base.undo_in_frames(base, thinned)
+        still = undo_in_frames(base, thinned)
     used = UsedFrames(part.labels, part.positions, part.time, thinned, frame, base)
     external = measure_seat(used, samples, choice, settings.seat_zero)
     external += measure_sensors(used, context.trial.external, source)
@@ -87,8 +90,8 @@ def planarise(context: Context) -> Outputs:
         part = replace(part, positions=base.undo_positions(part.positions, part.time))
     if plane.lean:
         part = replace(part, positions=plane.straighten(part.positions, find_feet(still.positions)))
-    thinned, samples = still, moved_base.undo_in_samples(base, samples, part.time)
-    moved, moved_reasons = moved_base.describe_motion(base, thinned, part.labels, frame, plane)
+    thinned, samples = still, undo_in_samples(base, samples, part.time)
+    moved, moved_reasons = describe_motion(base, thinned, part.labels, frame, plane)
     feet = [source.plates[index] for index in choice.indices("feet")]
     assumptions = tuple(text for plate in feet for text in plate.assumptions)
     notes = (*swap_reasons, *moved_reasons, *_list_notes(part, assumptions, faced if person else None, settings))
@@ -134,7 +137,7 @@ def planarise(context: Context) -> Outputs:
     across = measure_lateral_cop(thinned.samples, frame, threshold)
     facts["plates"] = [plate | {"across_m": each} for plate, each in zip(facts["plates"], across, strict=True)]
     losses = describe_losses(feet, part.time, missing, clock.offset_s)
-    registered = moved_base.remove_explained_by_lean(check.reasons, plane)
+    registered = remove_explained_by_lean(check.reasons, plane)
     reasons = (*doubt_units(assumptions), *reasons, *losses, *registered, *belonging, *external.reasons)
     return planar, Table(WRENCH, wrench, facts, reasons)
 
@@ -221,3 +224,126 @@ def _list_notes(
         )
         notes.append(Reason("facing-unsure", text, level="ok"))
     return notes
+
+
+_LISTED = 5  # largest number of changes in the message; the facts contain all
+_HIGH_M = 1.1  # largest height of the centre of mass
+
+
+def undo_in_samples(base: BaseMotion | None, samples: Sequence[PlateSamples], time: FloatArray) -> list[PlateSamples]:
+    """Return the plates' wrenches at ``time`` (F,), s, relative to a base that stands still.
+
+    They are unchanged if ``base`` is None.
+    """
+    if base is None:
+        return list(samples)
+    moved = [base.undo_wrench(each.force, each.moment, time) for each in samples]
+    return [replace(each, force=force, moment=moment) for each, (force, moment) in zip(samples, moved, strict=True)]
+
+
+def undo_in_frames(base: BaseMotion | None, thinned: ThinnedFrames) -> ThinnedFrames:
+    """Return thinned frames, expressed relative to a base that stands still; unchanged if ``base`` is None."""
+    if base is None:
+        return thinned
+    positions = base.undo_positions(thinned.positions, thinned.time)
+    return replace(thinned, positions=positions, samples=tuple(undo_in_samples(base, thinned.samples, thinned.time)))
+
+
+def describe_motion(
+    base: BaseMotion | None, still: ThinnedFrames, labels: Sequence[str], frame: PlaneFrame, plane: PlaneFit
+) -> tuple[dict[str, Any], tuple[Reason, ...]]:
+    """Return facts of planar.parquet and reasons about a base that moves, heels that lift and a plane that leans.
+
+    ``base`` is the motion that was removed, None if the base is fixed. ``still`` are the frames relative to a base that
+    stands still. ``frame`` is the plane's frame before the base moved.
+    """
+    lift = find_heel_lift(still.positions, still.time, still.rate)
+    facts = {
+        "base_motion": None if base is None else _list_motion(base, labels, frame),
+        "heel_lift": None
+        if lift is None
+        else {
+            "marker": labels[lift.marker],
+            "about": labels[lift.about],
+            "height_m": lift.height,
+            "turn_deg": float(np.degrees(lift.turn)),
+            "time_s": lift.time,
+        },
+    }
+    moved = () if base is None else (_describe_base(base),)
+    return facts, (*moved, *_describe_lean(plane))
+
+
+def remove_explained_by_lean(reasons: Sequence[Reason], plane: PlaneFit) -> tuple[Reason, ...]:
+    """Return the reasons, without `plate-misplaced` if the lean of the plane explains the force beside the feet."""
+    beside = _HIGH_M * abs(np.sin(plane.lean))
+    return tuple(
+        each for each in reasons if each.code != "plate-misplaced" or (each.value or 0.0) - beside > (each.limit or 0.0)
+    )
+
+
+def _list_motion(base: BaseMotion, labels: Sequence[str], frame: PlaneFrame) -> dict[str, Any]:
+    axes = frame.axes[[0, 2], :2]
+    return {
+        "stretches": [
+            {
+                "from_s": each.start,
+                "to_s": each.end,
+                "along_m": float(axes[0] @ each.shift),
+                "across_m": float(axes[1] @ each.shift),
+                "turn_deg": float(np.degrees(each.turn)),
+                "misfit_m": each.misfit,
+            }
+            for each in base.stretches
+        ],
+        "markers": [labels[marker] for marker in base.feet],
+        "fixed_markers": [label for label, fixed in zip(labels, base.fixed, strict=True) if fixed],
+        "centre_m": base.centre.tolist(),
+        "path": [
+            {"time_s": float(time), "shift_m": pose[:2].tolist(), "turn_deg": float(np.degrees(pose[2]))}
+            for time, pose in zip(base.knots, base.poses, strict=True)
+        ],
+    }
+
+
+def _describe_base(base: BaseMotion) -> Reason:
+    changes = list(pairwise(base.stretches))
+    listed = "; ".join(_describe_change(*each) for each in changes[:_LISTED])
+    rest = f"; and {len(changes) - _LISTED} more changes" if len(changes) > _LISTED else ""
+    farthest = max(float(np.linalg.norm(each.shift)) for each in base.stretches)
+    first = base.stretches[0]
+    if not base.rigid:
+        return Reason(
+            "base-moved",
+            f"the feet moved to another position: {listed}{rest}. They did not move together: their markers differ by "
+            f"{1e3 * max(each.misfit for each in base.stretches):.0f} mm rms from a common motion. Only their mean "
+            "displacement was corrected, so the joints are less exact: analyse each part alone with `window:`",
+            farthest,
+        )
+    return Reason(
+        "base-moved",
+        f"the feet moved to another position: {listed}{rest}. This was corrected: markers, forces and moments are "
+        f"expressed relative to the feet. x, tauz and the centre of pressure refer to the position of the feet from "
+        f"{first.start:.1f} to {first.end:.1f} s.",
+        farthest,
+        level="ok",
+    )
+
+
+def _describe_change(before: BaseStretch, after: BaseStretch) -> str:
+    """Return how far and when the feet moved between two stretches, as text."""
+    shift, turn = 1e2 * float(np.linalg.norm(after.shift - before.shift)), float(np.degrees(after.turn - before.turn))
+    rotation = f" and rotated by {abs(turn):.0f}°" if abs(turn) >= 1.0 else ""
+    return f"by {shift:.1f} cm{rotation} between {before.end:.1f} and {after.start:.1f} s"
+
+
+def _describe_lean(plane: PlaneFit) -> tuple[Reason, ...]:
+    if plane.lean == 0:
+        return ()
+    lean = abs(float(np.degrees(plane.lean)))
+    text = (
+        f"the plane of motion leans sideways by {lean:.1f}°: the person moves at an angle to the vertical, or "
+        "the cameras' vertical is wrong. Angles and lengths are measured in this plane, forces and moments in the "
+        "vertical plane along it"
+    )
+    return (Reason("plane-leans", text, lean, level="ok"),)

@@ -7,17 +7,21 @@ from dataclasses import replace
 import numpy as np
 
 from mocap_id import recording
-from mocap_id.anatomy.landmark_names import find_landmarks
-from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.anatomy.names import find_landmarks
+from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.kinematics import fit_plane
 from mocap_id.plates import choose_plates, find_clock_offset
-from mocap_id.plates.feet import find_standing_feet
+from mocap_id.plates.placement import find_standing_feet
 from mocap_id.recording import ThinnedFrames
 from mocap_id.recording.marker_posture import find_upright, shows_standing
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.planarise import PlanariseSettings
-from mocap_id.stages.planarise.plate_reasons import describe_losses, describe_plates, doubt_units
-from mocap_id.stages.planarise.plate_registration import check_registration
+from mocap_id.stages.planarise.plate_registration import (
+    check_registration,
+    describe_losses,
+    describe_plates,
+    doubt_units,
+)
 from mocap_id.stages.planarise.skeleton import read_upright
 from mocap_id.stages.planarise.used_part import express_trajectories, list_bursts, read_recording, select_part
 from mocap_id.stages.planarise.wrenches import ExternalWrenches, compute_ground_wrench_in_space, find_plates_centre

@@ -11,7 +11,7 @@ import numpy as np
 from mocap_id import recording
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
 from mocap_id.errors import ConfigError, RecordingError
-from mocap_id.geometry.plane_frame import PlaneFrame
+from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.kinematics import find_bursts, find_swaps, propose_window, undo_swaps
 from mocap_id.recording import Recording, ThinnedFrames
 from mocap_id.recording.held_samples import describe_held

@@ -66,7 +66,7 @@ def _function(context: Context) -> Outputs:
 
         return segment_bodies(context)
     if has_no_markers(context.long("planar.parquet").facts):
-        from mocap_id.stages.segment.known_segments import assign_by_calibration  # noqa: PLC0415
+        from mocap_id.stages.segment.hints import assign_by_calibration  # noqa: PLC0415
 
         return assign_by_calibration(context)
     from mocap_id.stages.segment.plane import segment  # noqa: PLC0415  loads its libraries only when run

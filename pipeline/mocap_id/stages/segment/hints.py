@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from mocap_id.anatomy.names import ARM, TRUNK, find_roles
+from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import ConfigError
 from mocap_id.kinematics import Constraints, SegmentationRules
+from mocap_id.protocols.body_names import GROUND
+from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.calibration_trial import get_calibration, read_chain
 from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.segment import SegmentSettings
+from mocap_id.store import Table
+from mocap_id.store.schemas import SEGMENTS
+from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
 UNSURE = 0.5
@@ -71,3 +82,135 @@ def explain_doubt(why: str, confidence: float | None = None) -> tuple[Reason, ..
             None if confidence is None else UNSURE,
         ),
     )
+
+
+_TRUNK = ("pelvis", "torso", "trunk")
+_PLUG_IN_GAIT = {
+    ("foot",): ("HEE", "HEEL", "TOE", "TOES", "MT1", "MT2", "MT5", "CAL", "CALC"),
+    ("foot", "shank"): ("ANK", "ANKLE", "MED", "MMA", "LMA"),
+    ("shank",): ("TIB", "SHA", "SHANK"),
+    ("shank", "thigh"): ("KNE", "KNEE", "MKN", "KNM"),
+    ("thigh",): ("THI", "THIGH"),
+    ("thigh", *_TRUNK): ("GTR", "TROCH"),
+    _TRUNK: ("ASI", "ASIS", "PSI", "PSIS", "SACR", "SHO", "SHOULDER", "C7", "T10", "CLAV", "STRN", "RBAK"),
+}
+"""Names in Plug-in Gait and usual synonyms, without the side, by the segments on which such a marker may be."""
+_SEGMENTS_OF = {name: segments for segments, names in _PLUG_IN_GAIT.items() for name in names}
+_SIDES = re.compile(r"^(LEFT|RIGHT|L|R)[_. ]?|[_. ](LEFT|RIGHT|L|R)$")
+_LEAST = 5  # smallest number of different known names that indicates a known marker set
+_SURE = 0.8  # confidence above which a contradiction is only a note
+_LISTED = 6  # largest number of markers named in the message
+
+
+def check_marker_names(
+    labels: Sequence[str], segment: IntArray, names: Sequence[str], confidence: float
+) -> tuple[Reason, ...]:
+    """Return a note, or a caution if the segments are not certain, about markers whose names belong to other segments.
+
+    Parameters
+    ----------
+    labels : sequence of str, length M
+        Labels of the markers.
+    segment : (M,) int array
+        Segment of each marker, found from the motion; -1 if it is on no segment.
+    names : sequence of str
+        Names of the segments in the protocol.
+    confidence : float
+        Probability that the segments are right.
+    """
+    expected = [[name for name in _find_segments(label) if name in names] for label in labels]
+    known = {_remove_side(label) for label in labels if _find_segments(label)}
+    if len(known) < _LEAST or "shank" not in names:
+        return ()
+    wrong = [
+        f"{label} is on the {names[k]}, but by its name on the {' or '.join(segments)}"
+        for label, segments, k in zip(labels, expected, segment, strict=True)
+        if k >= 0 and segments and names[k] not in (*segments, GROUND)
+    ]
+    if not wrong:
+        return ()
+    rest = f"; and {len(wrong) - _LISTED} more" if len(wrong) > _LISTED else ""
+    return (
+        Reason(
+            "names-contradict",
+            f"the names of a known marker set contradict the motion: {'; '.join(wrong[:_LISTED])}{rest}. The motion "
+            "was used. Check the labels in the camera software; if the segments are wrong, set `segment: {count: …}`.",
+            float(len(wrong)),
+            level="ok" if confidence >= _SURE else "caution",
+        ),
+    )
+
+
+def _find_segments(label: str) -> tuple[str, ...]:
+    """Return the segments on which a marker with this label may be; empty for an unknown label."""
+    return _SEGMENTS_OF.get(label.upper(), _SEGMENTS_OF.get(_remove_side(label), ()))
+
+
+def _remove_side(label: str) -> str:
+    """Return a label without its side, in capitals."""
+    return _SIDES.sub("", label.upper())
+
+
+_NAMES = ("thorax", "upper_arm", "forearm", "hand")
+_JOINTS = ("shoulder", "elbow", "wrist")
+
+
+def assign_skeleton(view: Trajectories) -> Table:
+    """Return segments.parquet for a skeleton: the trunk is the base, and each joint of the arm ends a segment."""
+    roles = find_roles(view.labels, view.planar.facts["side"])
+    segment = np.full(len(view.labels), -1, dtype=np.int64)
+    limbs = [role for role in ARM if role in roles]
+    for role in roles.keys() & {*TRUNK, *limbs}:
+        segment[roles[role]] = limbs.index(role) + 1 if role in limbs else 0
+    why = ["" if k >= 0 else "not a joint of the trunk or of this arm" for k in segment]
+    columns = make_columns(view.labels, segment, np.where(segment >= 0, 0.0, np.nan), why)
+    return Table(SEGMENTS, columns, make_facts(_NAMES[: len(limbs) + 1], _JOINTS[: len(limbs)], range(len(limbs))))
+
+
+def assign_by_calibration(context: Context) -> Outputs:
+    """Return segments.parquet for a trial without markers, with the markers and segments of the calibration."""
+    tree = read_chain(get_calibration(context.trial))
+    names = tree.texts("segments/name")
+    segment = tree.integers("markers/segment")
+    why = [f"as in the calibration: {names[k]}" for k in segment]
+    columns = make_columns(tree.texts("markers/name"), segment, np.full(len(segment), np.nan), why)
+    facts = make_facts(names, tree.texts("joints/name"), tree.integers("joints/parent").tolist())
+    return (Table(SEGMENTS, columns, facts),)
+
+
+def make_columns(
+    labels: Sequence[str], segment: IntArray, residual: FloatArray, why: Sequence[str]
+) -> dict[str, NDArray[Any]]:
+    """Return the columns of segments.parquet; ``residual``, m, and ``why`` belong to each marker on its segment."""
+    return {
+        "marker": np.array(labels, dtype=object),
+        "segment": segment,
+        "residual": residual,
+        "reason": np.array(why, dtype=object),
+    }
+
+
+def make_facts(names: Sequence[str], joint_names: Sequence[str], parents: Sequence[int]) -> dict[str, Any]:
+    """Return the facts of segments.parquet; the facts about evidence from a search are empty or None.
+
+    ``parents`` are the numbers of the segments before the joints.
+    """
+    return {
+        "count": len(names),
+        "names": list(names),
+        "joint_names": list(joint_names),
+        "parents": list(parents),
+        "joint_markers": {},
+        "links": None,
+        "bad_stretches": [],
+        "confidence": None,
+        "against": {},
+        "planarity": None,
+        "joint_confidences": [],
+        "joint_ratios": [],
+        "asymmetry_deg": [],
+        "noise_floor_m": None,
+        "static_gap": None,
+        "hypotheses": [],
+        "divisions": [],
+    }

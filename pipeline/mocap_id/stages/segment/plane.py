@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,24 +15,25 @@ from mocap_id.kinematics import (
     Hypothesis,
     Segmentation,
     SegmentationRules,
+    frames_over_time,
     measure_asymmetry,
     segment_markers,
 )
+from mocap_id.kinematics.marker_faults import BadStretch, RecordedMarkers, find_bad_stretches, find_repeats, sample_rows
 from mocap_id.protocols.body_names import LONGEST, name_bodies
 from mocap_id.protocols.kind_of_movement import ELSEWHERE, recognise_movement
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.segment import SegmentSettings
-from mocap_id.stages.segment.bad_markers import (
-    SegmentedMarkers,
-    describe_bad_stretches,
-    explain_bad_markers,
-    segment_without_bad_markers,
+from mocap_id.stages.segment.hints import (
+    UNSURE,
+    check_marker_names,
+    check_names,
+    explain_doubt,
+    make_columns,
+    make_constraints,
+    make_rules,
 )
-from mocap_id.stages.segment.hints import UNSURE, check_names, explain_doubt, make_constraints, make_rules
-from mocap_id.stages.segment.known_names import check_marker_names
-from mocap_id.stages.segment.known_segments import make_columns
-from mocap_id.stages.segment.lifted_heel import add_foot, check_lift, explain_lift, is_foot_a_segment
 from mocap_id.store import Table
 from mocap_id.store.schemas import SEGMENTS
 from mocap_id.store.views import Trajectories
@@ -364,3 +365,225 @@ def _explain_asymmetry(asymmetries: FloatArray, names: tuple[str, ...], limit: f
         f"{asymmetries[worst]:.1f}° rms. One segment represents both; its angle is their mean."
     )
     return (Reason("segments-unsure", text, float(asymmetries[worst]), limit),)
+
+
+_ROUNDS = 3  # largest number of searches
+_CLOSE = 0.1  # s: smaller differences of times are ignored
+_UNSURE = 0.5  # confidence below which the segments are doubtful
+_LISTED = 5  # largest number of stretches named in a note
+
+_CAUSES = {
+    "frozen": Reason(
+        "marker-frozen",
+        "does not move in the laboratory while its segment moves; its last position was repeated",
+        level="ok",
+    ),
+    "moved": Reason(
+        "marker-moved",
+        "is at another position on its segment; it was probably pushed, or it fell off and was attached again",
+        level="ok",
+    ),
+    "elsewhere": Reason(
+        "marker-elsewhere",
+        "is away from its position on its segment; it is probably mislabelled, or a reflection",
+        level="ok",
+    ),
+    "ghost": Reason(
+        "marker-ghost",
+        "is on no segment, and its distance from every other moving marker changes; it is probably not on the body",
+        level="ok",
+    ),
+}
+"""Incomplete note by the kind of a bad stretch; its message is an observation with the probable cause."""
+
+
+@dataclass(frozen=True)
+class SegmentedMarkers:
+    """Segments that were found without the samples in bad stretches."""
+
+    found: Segmentation  # segments of the markers
+    view: Trajectories  # markers without the bad stretches
+    points: FloatArray  # (f, M, 3) markers in the frames used for the segmentation, m
+
+
+def segment_without_bad_markers(
+    recorded: Trajectories, frames: int, examined: IntArray, segment: Callable[[FloatArray], Segmentation]
+) -> SegmentedMarkers:
+    """Return the segments found without the bad stretches of the markers.
+
+    The markers are segmented, then bad stretches are found; both are repeated until the stretches no longer change.
+
+    Parameters
+    ----------
+    frames : int
+        Number of frames used for the segmentation.
+    examined : int array
+        Indices of the markers in which bad stretches are searched.
+    segment : callable
+        Function that returns the segments for the positions (f, M, 3) of the markers, m.
+
+    Raises
+    ------
+    Refused
+        The markers as recorded do not form a chain.
+    """
+    swapped = _find_swapped_stretches(recorded)
+    rows = sample_rows(len(recorded.frames), recorded.rate)
+    markers = RecordedMarkers(recorded.read_positions(frames=rows), rows, recorded.read_track, recorded.rate)
+    done = _segment(Trajectories(recorded.planar, swapped), frames, segment)
+    bad: tuple[dict[str, Any], ...] = ()
+    for _ in range(_ROUNDS):
+        plane = done.points[..., 0] + 1j * done.points[..., 1]
+        before = bad
+        bad = tuple(
+            _make_facts(recorded, stretch, swapped)
+            for stretch in find_bad_stretches(markers, done.found, plane, examined)
+        )
+        bad_labels = {each["marker"] for each in bad}  # their times are more certain than those of swaps
+        others = (each for each in swapped if each["marker"] not in bad_labels)
+        view = Trajectories(recorded.planar, (*others, *bad))
+        if _are_same(bad, before):
+            return replace(done, view=view)
+        try:
+            other = _segment(view, frames, segment)
+        except Refused:  # the other markers do not form a chain
+            break
+        if other.found.confidence.value < _UNSURE <= done.found.confidence.value:  # more certain with the bad samples
+            return replace(done, view=view, points=other.points)
+        done = other
+    return done
+
+
+def remove_repeats(recorded: Trajectories) -> Trajectories:
+    """Return the markers of a trial in space without the stretches in which a marker has exactly the same position."""
+    points = recorded.read_positions(np.arange(len(recorded.labels)))
+    repeats = find_repeats(points, recorded.rate)
+    return Trajectories(recorded.planar, [_make_facts(recorded, each, ()) for each in repeats])
+
+
+def _segment(view: Trajectories, frames: int, segment: Callable[[FloatArray], Segmentation]) -> SegmentedMarkers:
+    points = view.read_positions(frames=frames_over_time(view.read_plane(), frames))
+    return SegmentedMarkers(segment(points), view, points)
+
+
+def _make_facts(view: Trajectories, stretch: BadStretch, swapped: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return marker, times and kind of a stretch; "elsewhere" becomes "swapped" in one of the stretches ``swapped``."""
+    marker, first, last = view.labels[stretch.marker], view.time[stretch.first], view.time[stretch.last]
+    known = any(each["marker"] == marker and each["first_s"] < last and first < each["last_s"] for each in swapped)
+    how = "swapped" if known and stretch.how == "elsewhere" else stretch.how
+    return {"marker": marker, "first_s": float(first), "last_s": float(last), "how": how}
+
+
+def _are_same(bad: Sequence[Mapping[str, Any]], before: Sequence[Mapping[str, Any]]) -> bool:
+    """Return whether two searches found the same stretches, with times that differ by less than 0.1 s."""
+    return len(bad) == len(before) and all(
+        one["marker"] == other["marker"]
+        and abs(one["first_s"] - other["first_s"]) < _CLOSE
+        and abs(one["last_s"] - other["last_s"]) < _CLOSE
+        for one, other in zip(bad, before, strict=True)
+    )
+
+
+def _find_swapped_stretches(view: Trajectories) -> tuple[dict[str, Any], ...]:
+    """Return the stretches in which two markers have exchanged labels that planarise has not repaired."""
+    return tuple(
+        {"marker": label, "first_s": swap["first_s"], "last_s": swap["last_s"], "how": "swapped"}
+        for swap in view.planar.facts.get("swaps", ())
+        if not swap["repaired"]
+        for label in swap["labels"]
+    )
+
+
+def explain_bad_markers(bad: Sequence[Mapping[str, Any]]) -> Iterator[Reason]:
+    """Yield a note for each kind of bad stretch that occurs, with the markers and times."""
+    for how, cause in _CAUSES.items():
+        stretches = [each for each in bad if each["how"] == how]
+        if not stretches:
+            continue
+        listed = "; ".join(
+            each["marker"]
+            if how == "ghost"
+            else f"{each['marker']} from {each['first_s']:.2f} to {each['last_s']:.2f} s"
+            for each in stretches[:_LISTED]
+        )
+        rest = f"; and {len(stretches) - _LISTED} more" if len(stretches) > _LISTED else ""
+        text = (
+            f"a marker {cause.message}: {listed}{rest}. These samples were left out; all other samples are used. Check "
+            "the marker in the camera software."
+        )
+        seconds = float(sum(each["last_s"] - each["first_s"] for each in stretches))
+        yield replace(cause, message=text, value=seconds)
+
+
+def describe_bad_stretches(label: str, bad: Sequence[Mapping[str, Any]]) -> str:
+    """Return a text with the times and kinds of the bad stretches of a marker; an empty text if it has none."""
+    own = [each for each in bad if each["marker"] == label]
+    return "".join(f"; left out from {each['first_s']:.2f} to {each['last_s']:.2f} s: {each['how']}" for each in own)
+
+
+_SURE = 0.5  # smallest confidence of a chain with the foot
+_FEWEST = 5  # smallest number of segments: ground, foot, shank, thigh and torso
+
+
+def check_lift(lift: Mapping[str, Any] | None, bad: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | None:
+    """Return the fact ``lift`` unchanged, or None if one of its markers has one of the stretches ``bad``."""
+    if lift is None or {each["marker"] for each in bad} & {lift["marker"], lift["about"]}:
+        return None
+    return lift
+
+
+def is_foot_a_segment(lift: Mapping[str, Any] | None, labels: Sequence[str], found: Segmentation) -> bool:
+    """Return whether the first moving segment is the foot, decided by the two markers of the fact ``heel_lift``.
+
+    At least one of these markers must be on the first segment; the other one may be on the next, near the ankle.
+    """
+    if lift is None or found.count < _FEWEST:
+        return False
+    segments = {int(found.segment[labels.index(lift[which])]) for which in ("marker", "about")}
+    return segments in ({1}, {1, 2})
+
+
+def add_foot(
+    done: SegmentedMarkers,
+    lift: Mapping[str, Any] | None,
+    labels: Sequence[str],
+    segment: Callable[[int], SegmentedMarkers],
+) -> SegmentedMarkers:
+    """Return the segments with the foot as an additional segment; unchanged if it is not certain that the foot rotates.
+
+    Parameters
+    ----------
+    lift : mapping or None
+        Fact ``heel_lift`` of planar.parquet.
+    labels : sequence of str
+        Labels of the markers.
+    segment : callable
+        Function that segments the markers into a given number of segments.
+    """
+    if lift is None or is_foot_a_segment(lift, labels, done.found):
+        return done
+    try:
+        other = segment(done.found.count + 1)
+    except Refused:
+        return done
+    sure = other.found.confidence.value >= _SURE
+    return other if sure and is_foot_a_segment(lift, labels, other.found) else done
+
+
+def explain_lift(lift: Mapping[str, Any] | None, *, moves: bool) -> tuple[Reason, ...]:
+    """Return a note about a lift of the heels if the foot is a segment (``moves``), or else a caution."""
+    if lift is None:
+        return ()
+    observation = (
+        f"a foot rotates by {lift['turn_deg']:.0f}° and {lift['marker']} rises by {100 * lift['height_m']:.1f} cm, "
+        f"first at {lift['time_s']:.1f} s"
+    )
+    if moves:
+        text = f"{observation}: the foot is a segment of the chain, which rotates about the toes on the ground"
+        return (Reason("heel-lifts", text, float(lift["turn_deg"]), level="ok"),)
+    text = (
+        f"{observation}: the base of the chain and the ankle move, but there are too few markers to make the foot a "
+        "segment. The ankle's torque is wrong by the weight on the feet times this displacement; angles of knee and "
+        "hip may be wrong by some degrees. Record again with the heels on the ground, for example from a higher chair"
+    )
+    return (Reason("heel-lifts", text, float(lift["turn_deg"])),)

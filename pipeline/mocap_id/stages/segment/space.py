@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.anatomy.landmark_names import SEGMENTS as LANDMARK_SEGMENTS
-from mocap_id.anatomy.landmark_names import find_landmarks
+from mocap_id.anatomy.names import SEGMENTS as LANDMARK_SEGMENTS
+from mocap_id.anatomy.names import find_landmarks
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.kinematics import Constraints
 from mocap_id.kinematics.space.rigid_body import rigid_poses
@@ -18,14 +18,21 @@ from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.calibration_trial import read_chain
 from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.segment import SegmentSettings
-from mocap_id.stages.segment.bad_markers import explain_bad_markers, remove_repeats
-from mocap_id.stages.segment.hints import UNSURE, check_names, explain_doubt, make_constraints, make_rules
-from mocap_id.stages.segment.known_segments import assign_skeleton, make_columns, make_facts
+from mocap_id.stages.segment.hints import (
+    UNSURE,
+    assign_skeleton,
+    check_names,
+    explain_doubt,
+    make_columns,
+    make_constraints,
+    make_facts,
+    make_rules,
+)
+from mocap_id.stages.segment.plane import explain_bad_markers, remove_repeats
 from mocap_id.stages.trial_keys import get_landmark_labels
 from mocap_id.store import Table
 from mocap_id.store.schemas import SEGMENTS
-from mocap_id.store.spatial_views import is_skeleton
-from mocap_id.store.views import Trajectories
+from mocap_id.store.views import Trajectories, is_skeleton
 from mocap_id.verdict import Reason
 
 _LONGEST = 9  # largest number of segments

@@ -67,7 +67,7 @@ def _function(context: Context) -> Outputs:
 
         return smooth_rotations(context)
     if has_no_markers(context.long("planar.parquet").facts):
-        from mocap_id.stages.ukf_smooth.sensors_alone import states_of_sensors  # noqa: PLC0415
+        from mocap_id.stages.ukf_smooth.inertial import states_of_sensors  # noqa: PLC0415
 
         return states_of_sensors(context)
     from mocap_id.stages.ukf_smooth.plane import ukf_smooth  # noqa: PLC0415  loads its libraries only when run

@@ -9,18 +9,35 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, as_complex, chunks
-from mocap_id.dynamics.measured_motion import Stretch
+from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray, as_complex, as_xy, chunks, interpolate_gaps
+from mocap_id.dynamics.measured_motion import BodyPoses, Stretch, fill_gaps, measure_stretch
 from mocap_id.estimation import FRAMEWISE, FilterSettings, States, smooth
-from mocap_id.estimation.chain_residuals import ChainResiduals
-from mocap_id.estimation.dropouts import find_rejected_segments
 from mocap_id.estimation.inverse_kinematics import MarkerChain
-from mocap_id.estimation.lasting_errors import add_lasting_errors, estimate_camera_sd
-from mocap_id.estimation.residual_spectrum import ResidualSpectrum, compute_residual_spectrum
-from mocap_id.kinematics import SkinModel
-from mocap_id.kinematics.joint_corrections import BENDS_M
-from mocap_id.kinematics.rigid_body import count_positions
-from mocap_id.stages import skin_artefact
+from mocap_id.estimation.lasting_errors import (
+    ChainResiduals,
+    LastingErrors,
+    ResidualSpectrum,
+    add_lasting_errors,
+    compute_residual_spectrum,
+    compute_variance_growth,
+    estimate_camera_sd,
+    estimate_coloured_variance,
+)
+from mocap_id.estimation.smoothing import find_rejected_segments
+from mocap_id.geometry.planar import marker_positions
+from mocap_id.kinematics import ChainState, SkinModel, angle_errors, fit_skin, skin_from_residuals
+from mocap_id.kinematics.base_motion import find_moving_markers
+from mocap_id.kinematics.cluster_poses import (
+    BENDS_M,
+    AnklePosition,
+    ClusterPose,
+    HipShift,
+    estimate_hip_shift,
+    locate_ankle,
+    measure_cluster,
+)
+from mocap_id.kinematics.joint import count_positions
+from mocap_id.stages import skin_motion
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.trial_keys import list_sensors
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
@@ -37,19 +54,9 @@ from mocap_id.stages.ukf_smooth.checks import (
     report_rejected,
     report_repeated_frames,
 )
-from mocap_id.stages.ukf_smooth.columns import marker_columns, state_columns
 from mocap_id.stages.ukf_smooth.encoder_states import read_encoder_states, use_encoder
-from mocap_id.stages.ukf_smooth.measured_poses import measure_poses
-from mocap_id.stages.ukf_smooth.state_errors import (
-    NOISE,
-    SKIN,
-    UNKNOWN,
-    assume_skin,
-    estimate_lasting_errors,
-    estimate_skin,
-)
 from mocap_id.store import LongTable, Table, Tree
-from mocap_id.store.schemas import ANGLES, MARKERS, STATES
+from mocap_id.store.schemas import ANGLES, MARKERS, POSES, STATES
 from mocap_id.store.views import Skeleton, Trajectories
 from mocap_id.verdict import Reason
 
@@ -208,9 +215,9 @@ def _make_skin_tree(chain: Tree, skeleton: Skeleton, states: States, skin: SkinM
     labels = [skeleton.markers[k] for k in np.flatnonzero(moves)]
     if skin is None:
         assumed = assume_skin(states, chain.array("markers/residual")[moves], skeleton.covariance)
-        return skin_artefact.make_skin_tree(assumed, labels, camera, "residuals of the joint fit")
+        return skin_motion.make_skin_tree(assumed, labels, camera, "residuals of the joint fit")
     used = [labels[k] for k in np.flatnonzero(np.any(states.used, axis=0))]
-    return skin_artefact.make_skin_tree(skin, used, camera, "residuals of all frames")
+    return skin_motion.make_skin_tree(skin, used, camera, "residuals of all frames")
 
 
 def _facts(
@@ -246,3 +253,330 @@ def _report_method(settings: UkfSmoothSettings) -> tuple[Reason, ...]:
         "`ukf-smooth: {method: …}` to use the default, filter and smoother."
     )
     return (Reason("states-method", message),)
+
+
+def state_columns(time: FloatArray, mean: FloatArray, sd: FloatArray, observed: BoolArray) -> dict[str, Any]:
+    """Return the columns of states.parquet by name.
+
+    They are the time (F,), the states (F, n, 4), the standard deviations (F, n, 3 or 4) without that of the jerk, and
+    the flags (F, n).
+    """
+    columns: dict[str, FloatArray | BoolArray] = {"time": time}
+    for j in range(mean.shape[1]):
+        for d, name in enumerate(("theta", "dtheta", "ddtheta", "dddtheta")):
+            columns[f"{name}_{j + 1}"] = mean[:, j, d]
+        for d, name in enumerate(("theta", "dtheta", "ddtheta")):
+            columns[f"sd_{name}_{j + 1}"] = sd[:, j, d]
+        columns[f"observed_{j + 1}"] = observed[:, j]
+    return columns
+
+
+def marker_columns(
+    states: States, view: Trajectories, columns: IntArray, chain: MarkerChain
+) -> dict[str, FloatArray | BoolArray]:
+    """Return the marker positions ``x`` and ``y`` that the states predict (eq. 3.18), with ``residual`` and ``used``.
+
+    ``chain`` includes the M markers of base and moving segments, and ``columns`` (M,) are the columns of these markers
+    in the view. The results are (F, M). Positions, m, are NaN where an angle is missing. The residual, m, is the
+    distance to the measured marker, and NaN where the marker is not visible. ``used`` marks the markers that the states
+    use.
+    """
+    shape = (len(view.time), len(columns))
+    used: BoolArray = np.zeros(shape, dtype=np.bool_)
+    used[:, chain.segment > 0] = states.used
+    x, y, residual = np.empty(shape), np.empty(shape), np.empty(shape)
+    for part in chunks(len(view.time)):
+        predicted = marker_positions(states.mean[part, :, 0], chain.centres, chain.segment, chain.local)
+        x[part], y[part] = predicted[..., 0], predicted[..., 1]
+        residual[part] = np.abs(as_complex(view.read_positions(columns, part, "xy", keep_bursts=True) - predicted))
+    return {"x": x, "y": y, "residual": residual, "used": used}
+
+
+_BENT = (0.6, 2.2, 0.5)  # errors of shank, thigh and trunk, relative to the turn of a thigh that follows the hip
+# errors of shank, thigh and trunk, relative to the thigh's, at a hip that gives way
+_LOOSE = (0.2, 1.0, 0.2)
+# angle, s², velocity, s, and acceleration of the thigh times its length, relative to the acceleration of its stretch; a
+# hip that follows its angle is hidden in its centre, so the angle is less visible than the acceleration
+_OF_STRETCH = (0.12, 0.4, 2.2)
+_HIDDEN = (0.007, 0.02, 0.15)  # m, m/s, m/s²: largest rms that a gap of the hip hides; hips shift by about a centimetre
+_AROUND = 0.3  # s, time over which a stretch is averaged
+_LEAST = 50  # least number of frames with all joint angles for an estimate of skin motion
+
+UNKNOWN = "not known"
+NOISE = "noise taken for white"
+SKIN = "camera noise and skin"
+
+
+def estimate_skin(states: States, used_markers: FloatArray, camera: float) -> SkinModel | None:
+    """Return a model of the motion of the skin under the markers; None if there are too few complete frames.
+
+    It is valid for a chain from a joint fit of all segments. ``used_markers`` (F, M, 2) are the markers used for the
+    states, plane frame, m, otherwise NaN. ``camera`` is the standard deviation of a coordinate due to camera noise, m.
+    """
+    chain = states.chain
+    used: BoolArray = np.any(states.used, axis=0)
+    complete: BoolArray = np.all(states.observed & np.isfinite(states.mean[..., 0]), axis=1)
+    if np.count_nonzero(complete) < _LEAST or set(chain.segment[used]) < set(range(1, len(chain.centres) + 1)):
+        return None
+    points = as_complex(used_markers)
+    points = points if used.all() else points[:, used]
+    return fit_skin(points, chain.segment[used], _chain_state(states, used), np.flatnonzero(complete), camera)
+
+
+def assume_skin(states: States, residual: FloatArray, centre_covariance: FloatArray) -> SkinModel:
+    """Return a model of the skin in which all residuals of the markers in the fit of the joints are skin motion.
+
+    ``residual`` (M,) is the rms residual of each marker, m; ``centre_covariance`` (n, 2, 2) is the covariance of the
+    joint centres, m^2.
+    """
+    every = np.ones(len(states.chain.segment), dtype=np.bool_)
+    return skin_from_residuals(_chain_state(states, every), states.chain.segment, residual, centre_covariance)
+
+
+def estimate_lasting_errors(
+    states: States,
+    used_markers: FloatArray,
+    skin: SkinModel,
+    camera: float,
+    spectrum: ResidualSpectrum,
+    *,
+    bend: tuple[int, FloatArray] | None = None,
+    stretch: tuple[int, Stretch] | None = None,
+) -> LastingErrors:
+    """Return the variances of errors of the states that average out slowly or not at all.
+
+    ``used_markers`` and ``camera`` are as for :func:`estimate_skin`. ``bend`` is the hip, a joint from 0, and the turn
+    (F,) of the thigh if it followed the hip of a trunk that bends, rad; None if the trunk is rigid. ``stretch`` is the
+    hip and the stretch of the thigh; None if it is unknown.
+    """
+    angles, rate = interpolate_gaps(states.mean[..., 0]), spectrum.rate
+    frames, variance = angle_errors(skin, angles, rate)
+    variance *= compute_variance_growth(states, used_markers, angles, frames, rate=rate, camera=camera)[..., None]
+    coloured = estimate_coloured_variance(ChainResiduals(states, used_markers, rate), angles, frames, camera)
+    variance = np.maximum(variance, coloured) + spectrum.oscillating_variance(frames)
+    moved = np.zeros_like(variance)
+    if bend is not None:
+        moved = _compute_bend_variance(*bend, angles, frames, rate)
+    if stretch is not None:  # a trunk that bends also stretches the thigh
+        moved = np.maximum(moved, _compute_stretch_variance(*stretch, states.chain.centres, frames, rate))
+    variance += moved
+    return LastingErrors(camera, frames, variance)
+
+
+def _compute_bend_variance(hip: int, turn: FloatArray, angles: FloatArray, frames: IntArray, rate: float) -> FloatArray:
+    """Return the variance (T, n, 4) of joint angles and their derivatives due to a trunk that bends.
+
+    The turn (F,) of the thigh, rad, has noise. A smooth function of the posture replaces it, which has derivatives.
+    """
+    posture = np.column_stack([angles[:, hip], angles.sum(axis=1)])
+    posture -= posture.mean(axis=0)
+    shapes = np.column_stack([np.ones(len(angles)), posture, posture**2, posture.prod(axis=1)])
+    known = np.isfinite(turn)
+    course = (shapes @ np.linalg.lstsq(shapes[known], turn[known])[0])[frames]
+    course -= course.mean()
+    variance = np.zeros((len(frames), angles.shape[1], 4))
+    segment = np.zeros(angles.shape[1] + 1)
+    segment[hip - 1 : hip + 2] = _BENT
+    joint = segment[:-1] ** 2 + segment[1:] ** 2
+    for order in range(4):
+        variance[:, :, order] = np.outer((course**2 + np.mean(course**2)) / 2, joint)
+        course = np.gradient(course, (frames[1] - frames[0]) / rate) if len(course) > 1 else np.zeros_like(course)
+    return variance
+
+
+def _compute_stretch_variance(
+    hip: int, stretch: Stretch, centres: FloatArray, frames: IntArray, rate: float
+) -> FloatArray:
+    """Return the variance (T, n, 4) of joint angles and their derivatives due to a hip that gives way.
+
+    ``centres`` (n, 2) are the joint centres, m. The chain cannot follow a gap of the hip, so the angle of the thigh is
+    wrong by about the gap divided by its length: the angle in every posture, its derivatives while the gap changes.
+    """
+    joints, rms = len(centres), stretch.above_noise
+    variance = np.zeros((len(frames), joints, 4))
+    if rms == 0.0:
+        return variance
+    square = np.nan_to_num(stretch.acceleration**2 - stretch.noise**2, nan=rms**2)
+    wide = min(round(3 * _AROUND * rate), (len(square) - 1) // 2)
+    window = np.exp(-((np.arange(-wide, wide + 1) / (_AROUND * rate)) ** 2) / 2)
+    nearby = np.convolve(square, window, "same") / np.convolve(np.ones(len(square)), window, "same")
+    nearby = np.maximum(nearby, 0.0)[frames]
+    segment = np.zeros(joints + 1)
+    segment[hip - 1 : hip + 2] = _LOOSE
+    joint = (segment[:-1] ** 2 + segment[1:] ** 2) / float(centres[hip] @ centres[hip])
+    for order, (usual, hidden, visible) in enumerate(zip(_OF_STRETCH, _HIDDEN, stretch.visible, strict=True)):
+        factor = min(usual, float(np.hypot(hidden, visible)) / rms)
+        variance[:, :, order] = factor**2 * np.outer(nearby if order else np.full(len(frames), rms**2), joint)
+    return variance
+
+
+def _chain_state(states: States, markers: BoolArray) -> ChainState:
+    """Return the chain in every frame, with the markers for which ``markers`` (M,) is true."""
+    chain = states.chain
+    angles = np.cumsum(interpolate_gaps(states.mean[..., 0]), axis=1)
+    return ChainState(as_complex(chain.centres), as_complex(chain.local[markers]), angles)
+
+
+OTHERS = "others"  # name of the body with all markers that are on no segment, for example on arms and head
+_MEASURED_POSES_BENT = "hip"  # joint below a trunk that may bend
+_BESIDE = 0.02  # m, largest distance in the plane between a left and a right marker at the same height
+_ONE_BODY = ("pelvis", "trunk")  # each has few markers, so the pose of both as one body is an alternative
+
+
+def measure_poses(
+    view: Trajectories,
+    chain: MarkerChain,
+    skeleton: Skeleton,
+    *,
+    observed: FloatArray,
+    angles: FloatArray,
+    camera: float,
+) -> tuple[Table, HipShift, Stretch | None]:
+    """Return poses.parquet, the effect of a trunk that bends, and the stretch of the segment below the hip.
+
+    The table contains the measured poses of all bodies of the dynamics. The stretch is None without the poses of the
+    bodies around this segment.
+
+    A body whose markers do not determine a pose has no columns. The facts list the bodies in the order of the columns.
+    Pelvis and trunk are included separately and as one body, the torso. ``chain`` includes the markers of the base.
+    ``observed`` (F, K, 2) are the markers of the moving segments, m; NaN where they are not used for the states. The
+    mean of ``angles`` (F, n), rad, is the posture in which pelvis and trunk are one body. ``camera`` is the standard
+    deviation of a coordinate due to camera noise, m.
+    """
+    columns = {label: column for column, label in enumerate(view.labels)}
+    labels = skeleton.markers
+    of_chain = np.array([columns[label] for label in labels], dtype=np.int64)
+    free = np.setdiff1d(np.arange(len(view.labels)), of_chain)
+    moves = np.flatnonzero(chain.segment > 0)
+    local = as_complex(chain.local)
+    found: list[tuple[str, list[int], list[str], ClusterPose]] = []
+    seen: list[ComplexArray] = []
+    feet_move = False
+    for name, numbers in _list_bodies(skeleton.segments):
+        own = np.flatnonzero(np.isin(chain.segment, numbers))
+        if numbers == [0]:
+            base = view.read_positions(of_chain[own], axes="xy")
+            on_feet = find_moving_markers(base, view.rate)
+            feet_move = bool(on_feet.any())
+            used = on_feet if feet_move else np.ones_like(on_feet)
+            own, points = own[used], as_complex(base[:, used])
+        else:
+            points = as_complex(observed[:, np.searchsorted(moves, own)])
+        pose = measure_cluster(points, _express_in_body(chain, local, numbers, angles)[own])
+        if pose is not None:
+            found.append((name, numbers, [labels[k] for k in own[pose.markers]], pose))
+            seen.append(points[:, pose.markers])
+    others = measure_cluster(as_complex(view.read_positions(free, axes="xy"))) if len(free) > 1 else None
+    if others is not None:
+        found.append((OTHERS, [], [view.labels[k] for k in free[others.markers]], others))
+    facts = [_fact(*each) for each in found]
+    bodies = [(each[1], each[3]) for each in found]
+    above, shift = _estimate_hip_shift(skeleton, bodies, seen)
+    ankle = _estimate_ankle(chain, bodies) if feet_move else None
+    for fact in facts:
+        if above in fact["segments"]:
+            fact["joint_shift_m"] = [shift.place.real, shift.place.imag]
+        if ankle is not None and fact["segments"] == [1]:
+            fact["joint_m"] = [[place.real, place.imag] for place in (ankle.foot, ankle.shank)]
+            fact["joint_sd_m"] = ankle.sd
+    table = Table(POSES, _columns(view, [pose for *_, pose in found]), {"bodies": facts})
+    return table, shift, _measure_thigh(view, chain, bodies, above - 1, camera)
+
+
+def _measure_thigh(
+    view: Trajectories,
+    chain: MarkerChain,
+    bodies: Sequence[tuple[list[int], ClusterPose]],
+    hip: int,
+    camera: float,
+) -> Stretch | None:
+    """Return the stretch of the segment below the joint ``hip`` (from 0); None without the poses around it."""
+    single = {numbers[0]: pose for numbers, pose in bodies if len(numbers) == 1}
+    if hip < 1 or not {hip - 1, hip, hip + 1} <= single.keys():
+        return None
+    three = [single[number] for number in (hip - 1, hip, hip + 1)]
+    spread = [float(np.sum(np.abs(pose.local - pose.local.mean()) ** 2)) for pose in three]
+    poses = BodyPoses(
+        time=view.time,
+        position=np.stack([as_xy(pose.position) for pose in three], axis=1),
+        angle=np.stack([pose.angle for pose in three], axis=1),
+        centroid=np.array([as_xy(pose.local).mean(axis=0) for pose in three]),
+        information=np.ones((3, 2)),
+        body=np.arange(3),
+        centres=chain.centres[[hip - 1, hip]],
+        camera=camera**2 * np.array([[1 / len(each.local), 1 / s] for each, s in zip(three, spread, strict=True)]),
+    )
+    return measure_stretch(fill_gaps(poses)[0], 1)
+
+
+def _estimate_hip_shift(
+    skeleton: Skeleton, bodies: Sequence[tuple[list[int], ClusterPose]], seen: Sequence[ComplexArray]
+) -> tuple[int, HipShift]:
+    """Return the segment above the hip, and the displacement of the hip due to the bending of the trunk.
+
+    It is zero if the poses are missing. ``seen`` are the positions (F, m) of each body's markers, m.
+    """
+    hip = (
+        skeleton.joints.index(_MEASURED_POSES_BENT)
+        if _MEASURED_POSES_BENT in skeleton.joints
+        else len(skeleton.segments)
+    )
+    single = {numbers[0]: k for k, (numbers, _) in enumerate(bodies) if len(numbers) == 1}
+    if hip not in single or hip + 1 not in single:
+        return hip + 1, HipShift()
+    k = single[hip + 1]
+    trunk, points = bodies[k][1], seen[k]
+    far = np.abs(trunk.local)
+    near = points[:, far <= far.min() + _BESIDE]  # left and right
+    return hip + 1, estimate_hip_shift(_frame(bodies[single[hip]][1]), _frame(trunk), near.mean(axis=1))
+
+
+def _estimate_ankle(chain: MarkerChain, bodies: Sequence[tuple[list[int], ClusterPose]]) -> AnklePosition | None:
+    """Return the position of the first joint, between moving feet and the segment above; None if it is unknown."""
+    single = {numbers[0]: pose for numbers, pose in bodies if len(numbers) == 1}
+    if not {0, 1} <= single.keys():
+        return None
+    return locate_ankle(_frame(single[0]), _frame(single[1]), complex(*chain.centres[0]))
+
+
+def _frame(pose: ClusterPose) -> tuple[ComplexArray, FloatArray]:
+    """Return the origin (F,), m, and the angle (F,), rad, of a body's frame."""
+    return pose.position - np.exp(1j * pose.angle) * pose.local.mean(), pose.angle
+
+
+def _list_bodies(segments: Sequence[str]) -> list[tuple[str, list[int]]]:
+    """Return name and segments of each body: every segment, then pelvis and trunk as one body, if both exist."""
+    apart = [(name, [k]) for k, name in enumerate(segments)]
+    if not set(_ONE_BODY) <= set(segments):
+        return apart
+    return [*apart, ("torso", [segments.index(name) for name in _ONE_BODY])]
+
+
+def _express_in_body(chain: MarkerChain, local: ComplexArray, numbers: list[int], angles: FloatArray) -> ComplexArray:
+    """Return the markers (M,), m, x + 1j y, in the frame of a body's first segment.
+
+    ``numbers`` are the segments of the body; the later ones have their mean angle.
+    """
+    found = local.copy()
+    for segment in numbers[1:]:
+        mean = np.nanmean(np.exp(1j * angles[:, segment - 1]))
+        on = chain.segment == segment
+        found[on] = complex(*chain.centres[segment - 1]) + mean / abs(mean) * local[on]
+    return found
+
+
+def _columns(view: Trajectories, poses: list[ClusterPose]) -> dict[str, FloatArray | IntArray]:
+    columns: dict[str, FloatArray | IntArray] = {"time": view.time}
+    for k, pose in enumerate(poses, start=1):
+        columns |= {
+            f"x_{k}": pose.position.real.copy(),
+            f"y_{k}": pose.position.imag.copy(),
+            f"angle_{k}": pose.angle,
+            f"markers_{k}": pose.count.astype(np.int64),
+        }
+    return columns
+
+
+def _fact(name: str, numbers: list[int], labels: list[str], pose: ClusterPose) -> dict[str, Any]:
+    local = {label: [float(z.real), float(z.imag)] for label, z in zip(labels, pose.local, strict=True)}
+    return {"name": name, "segments": numbers, "markers": local, "residual_m": pose.residual}

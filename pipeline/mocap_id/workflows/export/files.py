@@ -6,8 +6,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from mocap_id.store.spatial_views import SpatialSkeleton
-from mocap_id.store.views import Skeleton
+from mocap_id.store.views import Skeleton, SpatialSkeleton
 from mocap_id.workflows.run_folder import RunFolder
 
 MODEL, FREE_MODEL = ".osim", "_free.osim"

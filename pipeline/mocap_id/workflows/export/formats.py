@@ -12,20 +12,19 @@ from mocap_id.errors import ConfigError, StoreError
 from mocap_id.store.atomic import write_files
 from mocap_id.store.ownership import check_owner, store_owner
 from mocap_id.workflows.export.files import ExportFiles
-from mocap_id.workflows.export.forces import export_forces
 from mocap_id.workflows.export.free_bodies import export_free_model, export_free_poses, export_free_states
 from mocap_id.workflows.export.kinetics_toolkit import export_kinetics_toolkit
 from mocap_id.workflows.export.markers import export_markers
-from mocap_id.workflows.export.model import export_model
-from mocap_id.workflows.export.motions import (
+from mocap_id.workflows.export.opensim_model import export_model, export_spatial_model
+from mocap_id.workflows.export.opensim_tables import (
     export_anatomical_angles,
     export_angles,
+    export_forces,
     export_model_motion,
     export_states,
     export_torques,
     note_missing_states,
 )
-from mocap_id.workflows.export.spatial_model import export_spatial_model
 from mocap_id.workflows.export.spreadsheets import export_spatial_tables, export_tables
 from mocap_id.workflows.run_folder import RunFolder, find_owner_of_files, open_run
 

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.motion import PlanarMotion
-from mocap_id.dynamics.regressor import PLANAR_PARAMETERS
+from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, PlanarMotion
 from mocap_id.store import Table
 from mocap_id.store.views import Skeleton
 from mocap_id.workflows.export.files import (
@@ -27,8 +26,7 @@ from mocap_id.workflows.export.files import (
     name_bodies,
     name_joints,
 )
-from mocap_id.workflows.export.inertia import convert_planar_inertia
-from mocap_id.workflows.export.model import (
+from mocap_id.workflows.export.opensim_model import (
     LEAST_RANGE,
     format_dynamics_setup,
     format_model,
@@ -36,8 +34,8 @@ from mocap_id.workflows.export.model import (
     planar_joint,
     read_gravity,
 )
-from mocap_id.workflows.export.motions import format_motion
-from mocap_id.workflows.export.xml import Element, body_element, coordinate_element
+from mocap_id.workflows.export.opensim_parts import Element, body_element, convert_planar_inertia, coordinate_element
+from mocap_id.workflows.export.opensim_tables import format_motion
 from mocap_id.workflows.moving_bodies import MovingBodies, read_measured_bodies
 from mocap_id.workflows.run_folder import RunFolder
 

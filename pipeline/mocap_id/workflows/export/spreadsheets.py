@@ -10,8 +10,7 @@ import pandas as pd
 
 from mocap_id.store import Table
 from mocap_id.store.parquet import expand_columns
-from mocap_id.store.spatial_views import SpatialSkeleton
-from mocap_id.store.views import IdentifiedDynamics, Skeleton
+from mocap_id.store.views import IdentifiedDynamics, Skeleton, SpatialSkeleton
 from mocap_id.workflows.export.files import ExportFiles, note_contact
 from mocap_id.workflows.run_folder import RunFolder
 

@@ -19,7 +19,7 @@ import numpy as np
 from mocap_id import runner
 from mocap_id.anatomy.skin_motion import draw_centred_skin_motion
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.dynamics.clock_offset import SampledWrench
+from mocap_id.dynamics.preparation import SampledWrench
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.geometry import so3
 from mocap_id.geometry.planar import marker_positions, rotate

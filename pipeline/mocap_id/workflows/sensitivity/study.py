@@ -21,8 +21,7 @@ from pydantic import Field
 
 from mocap_id import __version__, runner
 from mocap_id.arrays import FloatArray
-from mocap_id.config.parsing import parse, raise_mistakes, suggest_name
-from mocap_id.config.source import Source, read
+from mocap_id.config.parsing import Source, parse, raise_mistakes, read, suggest_name
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.numbers import show
 from mocap_id.reporting.results.columns import ResultColumn as Column

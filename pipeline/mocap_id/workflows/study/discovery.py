@@ -20,14 +20,13 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from mocap_id import recording
-from mocap_id.anatomy.landmark_names import Side, find_landmarks
-from mocap_id.anatomy.skeleton_joints import ARM, find_roles
+from mocap_id.anatomy.names import ARM, Side, find_landmarks, find_roles
 from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.plain_files import suggest
 from mocap_id.protocols.kind_of_movement import recognise_movement
 from mocap_id.recording import is_marker_text
 from mocap_id.recording.model import Recording
-from mocap_id.recording.mot_plates import find_force_columns
+from mocap_id.recording.sensor_logs import find_force_columns
 from mocap_id.recording.skeleton_log import read_skeleton
 from mocap_id.recording.text_tables import read_table
 from mocap_id.store.atomic import write_files

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.comparison import Agreement
+from mocap_id.dynamics.prediction import Agreement
 from mocap_id.reporting.contents import COHORT
 
 T = TypeVar("T")

@@ -27,7 +27,7 @@ from mocap_id import __version__, recording, runner
 from mocap_id.arrays import FloatArray
 from mocap_id.config import Trial
 from mocap_id.config.robot_study import RobotReference, RobotTrial, load_robot_study
-from mocap_id.dynamics.clock_offset import SampledWrench
+from mocap_id.dynamics.preparation import SampledWrench
 from mocap_id.errors import ConfigError, MocapIdError, RecordingError
 from mocap_id.reporting.numbers import UNKNOWN, show_fixed, to_number
 from mocap_id.reporting.results.columns import (

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from mocap_id.config.study import Person, Study, StudyTrial
-from mocap_id.dynamics.allometry import TableName, look_up_table
-from mocap_id.dynamics.comparison import Agreement
+from mocap_id.dynamics.prediction import Agreement
+from mocap_id.dynamics.priors import TableName, look_up_table
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.contents import COHORT
 from mocap_id.reporting.grids import millimetres

@@ -1,0 +1,319 @@
+"""Still pose of a recording, and positions of landmarks in the frames of marker clusters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.anatomy.frames import PALPATION
+from mocap_id.arrays import BoolArray, FloatArray, find_runs
+from mocap_id.errors import RecordingError
+from mocap_id.verdict import Reason
+
+_SPAN = 0.2  # s; time over which a speed is measured
+_QUIET = 0.02  # m/s; postural sway is slower
+_SHORTEST = 0.3  # s; shortest still pose
+_SHARE = 0.9  # fraction of the visible markers that must be quiet; one shaking marker is ignored
+_HOLES = 0.1  # s; shorter gaps between quiet frames are closed
+_LOOSE = 0.01  # m; a landmark with a larger rms spread does not follow its cluster
+
+
+@dataclass(frozen=True)
+class StillPose:
+    """Frames in which the body stands still."""
+
+    frames: slice
+    speed: float  # 90th percentile of the markers' speeds in these frames, m/s
+    reasons: tuple[Reason, ...]  # empty if the pose is still
+
+
+@dataclass(frozen=True)
+class LandmarkPosition:
+    """Position of a landmark in the frame of a cluster."""
+
+    local: FloatArray  # (3,) mean over the frames, m
+    sd: float  # standard deviation along each axis, including palpation, m
+    spread: float  # rms distance from the mean in the frames used, m
+
+
+def find_still_pose(points: FloatArray, rate: float, given: tuple[float, float] | None = None) -> StillPose:
+    """Return the longest interval in which the markers hardly move.
+
+    A marker's speed is its displacement over 0.2 s. A frame is quiet if 90 % of the visible markers move at 20 mm/s or
+    less, which is the sway of a standing person. If no interval of 0.3 s is quiet, the quietest 0.3 s are returned. If
+    ``given`` (start and end in s from the first frame), that interval is returned. The caution ``no-still-pose`` is
+    added if the markers move faster than 30 mm/s. Marker positions (F, M, 3) are in m, NaN where missing; ``rate`` is
+    in frames per second.
+
+    Raises
+    ------
+    RecordingError
+        The given interval is outside the recording, or the recording is too short or has no visible marker.
+    """
+    speed = _measure_speeds(points, rate)
+    shortest = max(round(_SHORTEST * rate), 2)
+    if given is not None:
+        frames = slice(max(round(given[0] * rate), 0), min(round(given[1] * rate) + 1, len(points)))
+        if frames.stop - frames.start < 2:
+            end = (len(points) - 1) / rate
+            raise RecordingError(f"static: {given[0]:g} to {given[1]:g} s is outside the recording, 0 to {end:.2f} s")
+        return _judge_pose(frames, speed)
+    if len(points) < shortest + 2 or not np.isfinite(speed).any():
+        raise RecordingError(f"the recording has {len(points)} frames, too few for a still pose; record at least 0.5 s")
+    quiet = _close_holes(np.nan_to_num(speed, nan=np.inf) <= _QUIET, int(_HOLES * rate))
+    runs = [run for run in find_runs(quiet) if run.stop - run.start >= shortest]
+    if runs:
+        return _judge_pose(max(runs, key=lambda run: run.stop - run.start), speed)
+    filled = np.where(np.isfinite(speed), speed, np.nanmax(speed))
+    window = np.convolve(filled, np.ones(shortest) / shortest, mode="valid")
+    start = int(np.argmin(window))
+    return _judge_pose(slice(start, start + shortest), speed)
+
+
+def _judge_pose(frames: slice, speed: FloatArray) -> StillPose:
+    """Return a still pose of some frames, with a caution if the markers move in it."""
+    inside = speed[frames]
+    value = float(np.nanpercentile(inside, 90)) if np.isfinite(inside).any() else np.inf
+    if value <= 1.5 * _QUIET:
+        return StillPose(frames, value, ())
+    message = (
+        f"no pose is still: the markers move at {1000 * value:.0f} mm/s, expected at most {1000 * _QUIET:.0f} mm/s, so "
+        "landmarks are located while the skin moves. Record one second of rest, or give a still interval in `static:`"
+    )
+    return StillPose(frames, value, (Reason("no-still-pose", message, value, _QUIET),))
+
+
+def _measure_speeds(points: FloatArray, rate: float) -> FloatArray:
+    """Return the speed (F,), m/s, that 90 % of the visible markers do not exceed; NaN where no marker is visible."""
+    half = max(round(_SPAN * rate / 2), 1)
+    count = len(points)
+    late, early = np.minimum(np.arange(count) + half, count - 1), np.maximum(np.arange(count) - half, 0)
+    steps = np.linalg.norm(points[late] - points[early], axis=-1) * rate / np.maximum(late - early, 1)[:, None]
+    seen = np.isfinite(steps).sum(axis=1)
+    rank = np.maximum(np.ceil(_SHARE * seen).astype(np.int64) - 1, 0)
+    return np.asarray(np.take_along_axis(np.sort(steps, axis=1), rank[:, None], axis=1)[:, 0])
+
+
+def _close_holes(flags: BoolArray, longest: int) -> BoolArray:
+    """Return the flags (F,), with True also in gaps of at most ``longest`` frames between frames that are True."""
+    closed = flags.copy()
+    for hole in find_runs(~flags):
+        inside = hole.start > 0 and hole.stop < len(flags)
+        if inside and hole.stop - hole.start <= longest:
+            closed[hole] = True
+    return closed
+
+
+def locate_landmarks(
+    points: Mapping[str, FloatArray],
+    segment: Mapping[str, int],
+    rotations: FloatArray,
+    origins: FloatArray,
+    *,
+    frames: slice,
+    palpation: float = PALPATION,
+) -> tuple[dict[str, LandmarkPosition], tuple[Reason, ...]]:
+    """Return the positions of landmarks in the frames of their segments, averaged over the still pose.
+
+    Landmarks that are never visible together with their cluster are left out, with a reason. A landmark that is hidden
+    in the still pose is averaged over the whole recording. Because the skin moves during the recording, the larger
+    spread is included in the landmark's standard deviation. Trajectories (F, 3) of landmarks and origins (F, S, 3) of
+    clusters are in m, rotations (F, S, 3, 3) are cluster to trial, NaN where missing. ``palpation`` is the standard
+    deviation of each landmark along each axis, m.
+    """
+    places: dict[str, LandmarkPosition] = {}
+    reasons: list[Reason] = []
+    for name, track in points.items():
+        k = segment[name]
+        local = np.einsum("fji,fj->fi", rotations[:, k], track - origins[:, k])
+        still = _average_positions(local[frames], palpation, 0.0)
+        place = still or _average_positions(local, palpation, 1.0)
+        if place is None:
+            message = f"the landmark {name} was left out, because it is never visible together with its segment"
+            reasons.append(Reason("landmark-hidden", message))
+            continue
+        if still is None:
+            message = (
+                f"the landmark {name} is hidden in the still pose, so its mean position over the recording was used"
+            )
+            reasons.append(Reason("landmark-hidden", message, place.spread, level="ok"))
+        elif place.spread > _LOOSE:
+            message = (
+                f"{name} moves by {1000 * place.spread:.0f} mm rms in its segment in the still pose, expected "
+                f"below {1000 * _LOOSE:.0f} mm; check the name of its marker, and `static:`"
+            )
+            reasons.append(Reason("landmark-loose", message, place.spread, _LOOSE))
+        places[name] = place
+    return places, tuple(reasons)
+
+
+def _average_positions(local: FloatArray, palpation: float, skin: float) -> LandmarkPosition | None:
+    """Return the mean of positions (K, 3), m; None if all are missing.
+
+    The fraction ``skin`` of their spread is an error that averaging does not reduce.
+    """
+    seen = np.isfinite(local).all(axis=1)
+    count = int(seen.sum())
+    if count == 0:
+        return None
+    mean = local[seen].mean(axis=0)
+    spread = float(np.sqrt(np.mean(np.sum((local[seen] - mean) ** 2, axis=1))))
+    lasting = (skin * spread) ** 2 / 3
+    return LandmarkPosition(mean, float(np.sqrt(palpation**2 + lasting + spread**2 / 3 / count)), spread)
+
+
+_SD_TIP = 0.005  # m; largest usable standard deviation of the tip
+_BEND = 0.005  # m; largest rms distance of the markers from the rod
+_LASTING = 50.0  # frames over which the error of skin and hand is practically constant
+_MOVES = 0.005  # m; largest rms motion of the tip in the cluster's frame
+
+
+@dataclass(frozen=True)
+class Pointer:
+    """Straight pointer with markers."""
+
+    distances: FloatArray  # (P,) distances from the tip to the markers, m
+    sd: float = 0.0  # standard deviation of the tip's position along the rod, m
+
+
+@dataclass(frozen=True)
+class PointedLandmark:
+    """Landmark from one pointer trial."""
+
+    position: LandmarkPosition  # position in the frame of the segment's cluster
+    rod_residual: float  # rms distance of the pointer's markers from their positions on the rod, m
+    reasons: tuple[Reason, ...]  # cautions: the rod does not fit its markers, or the tip moves
+
+
+def find_pointer_markers(trial: Sequence[str], pointer_trials: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """Return the names of the markers that every pointer trial has and the trial itself does not have.
+
+    Examples
+    --------
+    >>> find_pointer_markers(["UA1", "UA2"], [["UA1", "UA2", "P1", "P2"], ["P1", "P2", "UA1"]])
+    ('P1', 'P2')
+    """
+    first, *others = pointer_trials
+    return tuple(name for name in first if name not in set(trial) and all(name in other for other in others))
+
+
+def locate_tip(markers: FloatArray, pointer: Pointer) -> tuple[FloatArray, FloatArray]:
+    """Return the tip positions and the residuals of a least-squares line through the pointer's markers in each frame.
+
+    The markers (F, P, 3) are in m, NaN where missing. The tip (F, 3), m, is NaN where a marker is missing. The residual
+    (F,), m, is the rms distance of the markers from their positions on the rod. A RecordingError is raised unless the
+    pointer has one distance for each marker, at least two, and 50 mm between the smallest and the largest.
+    """
+    distances = np.asarray(pointer.distances, dtype=np.float64)
+    if distances.shape != (markers.shape[1],) or len(distances) < 2 or np.ptp(distances) < 0.05:
+        raise RecordingError(
+            f"the pointer has {markers.shape[1]} markers and {distances.size} distances from its tip; expected one "
+            "distance for each marker, at least two, and 50 mm between the nearest and the farthest"
+        )
+    centred = distances - distances.mean()
+    along = np.einsum("p,fpi->fi", centred, markers)
+    length = np.linalg.norm(along, axis=1)
+    direction = along / np.where(length > 0, length, np.nan)[:, None]
+    tip = markers.mean(axis=1) - distances.mean() * direction
+    off = markers - tip[:, None] - distances[None, :, None] * direction[:, None]
+    return tip, np.sqrt(np.mean(np.sum(off**2, axis=-1), axis=1))
+
+
+def locate_pointed_landmark(
+    markers: FloatArray,
+    rotation: FloatArray,
+    origin: FloatArray,
+    pointer: Pointer,
+    palpation: float = PALPATION,
+) -> PointedLandmark:
+    """Return the landmark of a pointer trial in the frame of the segment's cluster.
+
+    The pointer's markers (F, P, 3) are in m. ``rotation`` (F, 3, 3), cluster to trial, and ``origin`` (F, 3), m, are
+    the pose of the cluster. All are NaN where missing. ``palpation`` is the standard deviation of the touched position
+    along each axis, m.
+
+    Raises
+    ------
+    RecordingError
+        Pointer and cluster are never visible in the same frame.
+    """
+    tip, residual = locate_tip(markers, pointer)
+    local = np.einsum("fji,fj->fi", rotation, tip - origin)
+    seen = np.isfinite(local).all(axis=1)
+    if not seen.any():
+        raise RecordingError(
+            "the pointer and the markers of the landmark's segment are never visible in the same frame"
+        )
+    mean = np.median(local[seen], axis=0)
+    spread = float(np.sqrt(np.mean(np.sum((local[seen] - mean) ** 2, axis=1))))
+    bend = float(np.sqrt(np.mean(residual[seen] ** 2)))
+    sd = float(np.sqrt(palpation**2 + (spread**2 + bend**2 + pointer.sd**2) / 3))
+    reasons: list[Reason] = []
+    if bend > _BEND:
+        message = (
+            f"the pointer's markers are {1000 * bend:.1f} mm rms from their positions on a straight rod, expected "
+            f"below {1000 * _BEND:.0f} mm; check the distances in `pointer:` and their order"
+        )
+        reasons.append(Reason("pointer-bent", message, bend, _BEND))
+    if spread > _MOVES:
+        message = (
+            f"the pointer's tip moves by {1000 * spread:.1f} mm rms in the segment, expected below {1000 * _MOVES:.0f} "
+            "mm; shorten the trial to the time in which the tip touches the landmark"
+        )
+        reasons.append(Reason("pointer-moves", message, spread, _MOVES))
+    return PointedLandmark(LandmarkPosition(mean, sd, spread), bend, tuple(reasons))
+
+
+def calibrate_pointer(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> Pointer:
+    """Return the pointer, with its distances estimated from trials in which it rotates about its resting tip.
+
+    The tip p is constant in the frame of the cluster: c(t) - l e(t) = p. Here c is the mean of the markers, e the
+    direction of the rod, and l the distance from the tip to c. A least-squares fit gives l, and p of each trial. The
+    noise of e is estimated from neighbouring frames and subtracted, because it is not a rotation. The standard
+    deviation of l assumes errors that persist for about half a second.
+
+    Parameters
+    ----------
+    trials : sequence of (markers, rotation, origin)
+        Arrays as in :func:`locate_pointed_landmark`, with the markers in the same order in every trial.
+
+    Raises
+    ------
+    RecordingError
+        The pointer rotates too little: the standard deviation of the tip is above 5 mm.
+    """
+    gain, noise, product = 0.0, 0.0, 0.0
+    centred, offsets = [], []
+    for markers, rotation, origin in trials:
+        seen = np.isfinite(markers).all(axis=(1, 2)) & np.isfinite(rotation).all(axis=(1, 2))
+        middle = np.einsum("fji,fj->fi", rotation[seen], markers[seen].mean(axis=1) - origin[seen])
+        direction, offset = _measure_rod(markers[seen])
+        direction = np.einsum("fji,fj->fi", rotation[seen], direction)
+        offsets.append(offset)
+        middle, direction = middle - middle.mean(axis=0), direction - direction.mean(axis=0)
+        gain += float(np.sum(direction**2))
+        noise += float(np.mean(np.sum(np.diff(direction, axis=0) ** 2, axis=1)) / 2 * len(direction))
+        product += float(np.sum(direction * middle))
+        centred.append((middle, direction))
+    turn = gain - noise
+    length = product / turn if turn > noise else np.nan
+    off = np.concatenate([middle - length * direction for middle, direction in centred])
+    sd = float(np.sqrt(np.mean(off**2) * _LASTING / turn)) if turn > noise else np.inf
+    if not sd < _SD_TIP:
+        raise RecordingError(
+            f"the pointer rotates too little to locate its tip (± {1000 * sd:.0f} mm along the rod). Give "
+            "the distances from the tip to its markers in `pointer:`, or a trial in which it rotates by 45° about its "
+            "resting tip"
+        )
+    offset = np.mean(offsets, axis=0)
+    return Pointer(length + offset if length > 0 else -length - offset, sd)
+
+
+def _measure_rod(markers: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the direction (F, 3) from the last marker to the first, and the markers' positions (P,) along it, m."""
+    ends = markers[:, 0] - markers[:, -1]
+    direction = ends / np.linalg.norm(ends, axis=1, keepdims=True)
+    along = np.einsum("fpi,fi->fp", markers - markers.mean(axis=1, keepdims=True), direction)
+    return direction, along.mean(axis=0)

@@ -1,0 +1,317 @@
+"""Recognition of upper-limb landmarks by the names of markers.
+
+Separators, capitals and the name of a subject are ignored. A landmark of an arm has its side before or after its name:
+``REL``, ``EL_R``, ``Subject:right lateral epicondyle``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from mocap_id.errors import RecordingError
+from mocap_id.verdict import Reason
+
+Side: TypeAlias = Literal["right", "left"]
+
+MIDDLE = {
+    "IJ": "ij clav clavicle sternumnotch sternalnotch jugularnotch incisurajugularis suprasternale suprasternalnotch"
+    " manubrium",
+    "PX": "px xiph xiphoid xiphoidprocess xyph xyphoid xpro xp processusxiphoideus",
+    "C7": "c7 cv7 vertebrac7 c7spinalprocess c7sp",
+    "T8": "t8 th8 tv8 vertebrat8 t8spinalprocess t8sp",
+}
+"""Spellings of landmarks of the thorax that have no side."""
+
+SIDED = {
+    "AC": "ac acj acr acrom acromion acromium acromioclavicular sho acromionedge",
+    "EL": "el lel hle elb elbl elblat elbowlat elbowlateral lateralelbow latelbow latepi latepicondyle"
+    " lateralepicondyle epl epicondyluslateralis armlatepicondyle lee lhum elbowouter outerelbow",
+    "EM": "em mel hme elbm elbmed elbowmed elbowmedial medialelbow medelbow medepi medepicondyle medialepicondyle epm"
+    " epicondylusmedialis armmedepicondyle mee mhum elbowinner innerelbow",
+    "RS": "rs rsp wra wrr wrl wristrad wristradius wristradial radialstyloid radial radius radstyl rad styloidradius"
+    " wristlat wristlateral latwrist lw thumbwrist",
+    "US": "us usp wrb wru wrm wristuln wristulna wristulnar ulnarstyloid ulnar ulna ulnstyl uln styloidulna wristmed"
+    " wristmedial medwrist mw",
+    "GH": "gh ghjc glenohumeral shoulderjointcentre shoulderjointcenter gu",
+    "AA": "aa angulusacromialis acromialangle scapaa",
+    "AI": "ai angulusinferior inferiorangle scapai",
+    "TS": "ts trigonumspinae trigonumscapulae scapts",
+    "PC": "pc processuscoracoideus coracoid",
+    "MC3": "mc3 metacarpal3",
+    "MCP2": "mcp2 mc2 hmc2 hm2 hmcp2 metacarpal2 knuckle2",
+    "MCP3": "mcp3 hm3 hmcp3 knuckle3",
+    "MCP5": "mcp5 mc5 hm5 hmc5 hmcp5 metacarpal5 knuckle5",
+}
+"""Spellings of landmarks of one arm, without the side."""
+
+_DOUBTFUL = {
+    "IJ": "sternum sternumtop ster",
+    "PX": "strn sternumlow lowersternum",
+    "T8": "t10 th10",
+    "AC": "shoulder",
+    "EL": "elbow",
+}
+"""Spellings that labs use for more than one landmark. They are accepted, with a caution, if no better name is found."""
+
+SEGMENTS = {
+    **dict.fromkeys(("IJ", "PX", "C7", "T8", "AC", "AA", "AI", "TS", "PC"), "thorax"),
+    **dict.fromkeys(("EL", "EM", "GH"), "upper_arm"),
+    **dict.fromkeys(("RS", "US"), "forearm"),
+    **dict.fromkeys(("MC3", "MCP2", "MCP3", "MCP5"), "hand"),
+}
+"""Segment of each landmark. The acromion and the scapula are on the shoulder girdle, which follows the thorax."""
+
+_SIDES: tuple[tuple[Side, tuple[str, ...]], ...] = (("right", ("right", "rt", "r")), ("left", ("left", "lt", "l")))
+
+
+@dataclass(frozen=True)
+class NamedLandmarks:
+    """Landmarks that were recognised by the names of markers."""
+
+    markers: dict[str, int]  # landmark to the number of its marker
+    side: Side | None  # arm of the landmarks; None if no name has a side
+    reasons: tuple[Reason, ...]  # cautions for doubtful names
+
+
+def find_landmarks(
+    labels: Sequence[str], given: Mapping[str, str] | None = None, side: Side | None = None
+) -> NamedLandmarks:
+    """Find the landmarks among the names of all markers of a recording.
+
+    Parameters
+    ----------
+    labels : sequence of str
+        Names of the markers.
+    given : mapping, optional
+        Marker names of landmarks that the user has set. They have priority over recognised names.
+    side : {"right", "left"}, optional
+        Arm to use. By default the arm with more landmarks, and the right one if both have the same number.
+
+    Raises
+    ------
+    RecordingError
+        A given landmark or marker does not exist, or all landmarks of an arm are on the arm that ``side`` excludes.
+
+    Examples
+    --------
+    >>> find_landmarks(["Anna:CLAV", "Anna:RELB", "Anna:RELBM", "Anna:RUPA"]).markers
+    {'IJ': 0, 'EL': 1, 'EM': 2}
+    """
+    readings = [reading for marker, label in enumerate(labels) for reading in _read_label(label, marker)]
+    reasons: list[Reason] = []
+    chosen = _choose_side(readings, side, labels, reasons)
+    markers: dict[str, int] = {}
+    fixed = _find_given_markers(labels, given or {})
+    for name in (*MIDDLE, *SIDED):
+        choice = fixed[name] if name in fixed else _choose_marker(name, readings, chosen, labels, reasons)
+        if choice is not None:
+            markers[name] = choice
+    return NamedLandmarks(markers, chosen, tuple(reasons))
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """Interpretation of a marker's name as a landmark."""
+
+    landmark: str
+    side: Side | None
+    marker: int
+    rank: int  # 0: name used by the ISB, 1: another spelling, 2: doubtful spelling
+
+
+def _read_label(label: str, marker: int) -> list[_Reading]:
+    """Return all interpretations of a marker's name."""
+    text = label.rsplit(":", 1)[-1]
+    words = [word for word in re.split(r"[^A-Za-z0-9]+", text) if word]
+    if not words:
+        return []
+    bare = "".join(words).lower()
+    for side, rest in _split_side(text, bare):
+        hits = [hit for hit in _BY_NAME.get(rest, []) if side is None or hit[0] in SIDED]
+        if hits:
+            return [_Reading(name, side if name in SIDED else None, marker, rank) for name, rank in hits]
+    return []
+
+
+def _split_side(text: str, bare: str) -> list[tuple[Side | None, str]]:
+    """Return possible splits of a name into side and rest: side at the start, no side, then side at the end.
+
+    Some programs write the letter p, for point, before every name.
+    """
+    before: list[tuple[Side | None, str]] = []
+    behind: list[tuple[Side | None, str]] = []
+    for side, marks in _SIDES:
+        for mark in marks:
+            before += [(side, bare[len(lead) :]) for lead in (mark, "p" + mark) if bare.startswith(lead)]
+            apart = len(mark) > 2 or text[-1:].isupper() or re.search(rf"[^A-Za-z0-9]{mark}$", text) is not None
+            if bare.endswith(mark) and apart:
+                behind.append((side, bare[: -len(mark)]))
+    return [*before, (None, bare), *([(None, bare[1:])] if bare.startswith("p") else []), *behind]
+
+
+def _index_spellings() -> dict[str, list[tuple[str, int]]]:
+    """Return, for each spelling, the landmarks with this spelling and its rank."""
+    index: dict[str, list[tuple[str, int]]] = {}
+    for table, rank in ((MIDDLE, 1), (SIDED, 1), (_DOUBTFUL, 2)):
+        for name, spellings in table.items():
+            for spelling in spellings.split():
+                index.setdefault(spelling, []).append((name, 0 if spelling == name.lower() else rank))
+    return index
+
+
+_BY_NAME = _index_spellings()
+
+
+def _choose_side(
+    readings: Sequence[_Reading], side: Side | None, labels: Sequence[str], reasons: list[Reason]
+) -> Side | None:
+    """Return the arm to use; None if no landmark has a side.
+
+    If both arms have at least two landmarks and the user has chosen no arm, a caution is appended to ``reasons``.
+    """
+    counts: dict[Side, int] = {each: len({r.landmark for r in readings if r.side == each}) for each, _ in _SIDES}
+    if side is not None:
+        other: Side = "left" if side == "right" else "right"
+        if counts[side] == 0 and counts[other] > 0:
+            names = ", ".join(labels[r.marker] for r in readings if r.side == other)
+            raise RecordingError(
+                f"side: {side}, but the landmarks of the recording are of the {other} arm ({names}); "
+                f"write side: {other}, or name the landmarks under `landmarks:`"
+            )
+        return side
+    if counts["right"] == counts["left"] == 0:
+        return None
+    best: Side = "left" if counts["left"] > counts["right"] else "right"
+    if min(counts.values()) > 1:
+        reasons.append(
+            Reason(
+                "two-arms",
+                f"the recording names landmarks of both arms ({counts['right']} of the right, {counts['left']} of the "
+                f"left); the {best} arm was used. Write `side: right` or `side: left` to choose",
+            )
+        )
+    return best
+
+
+def _choose_marker(
+    name: str,
+    readings: Sequence[_Reading],
+    side: Side | None,
+    labels: Sequence[str],
+    reasons: list[Reason],
+) -> int | None:
+    """Return the marker of a landmark; None if no name, or more than one equally good name, fits.
+
+    A caution is appended to ``reasons`` if the name is ambiguous or doubtful.
+    """
+    fitting = [r for r in readings if r.landmark == name and (name in MIDDLE or r.side in (side, None))]
+    if not fitting:
+        return None
+    order = min((r.rank, r.side is None and side is not None) for r in fitting)
+    best = [r for r in fitting if (r.rank, r.side is None and side is not None) == order]
+    names = " and ".join(labels[r.marker] for r in best)
+    if len(best) > 1:
+        reasons.append(
+            Reason(
+                "landmark-ambiguous",
+                f"the marker names {names} all fit the landmark {name}, so none was used. Name one of them, such as "
+                f"`landmarks: {{{name}: {labels[best[0].marker]}}}`",
+            )
+        )
+        return None
+    if best[0].rank == 2:
+        reasons.append(
+            Reason(
+                "landmark-doubtful",
+                f"the marker {names} was used as the landmark {name}, but this name is also used for other points. "
+                f"Write landmarks: {{{name}: {names}}} to confirm it, or give the correct marker",
+            )
+        )
+    return best[0].marker
+
+
+def _find_given_markers(labels: Sequence[str], given: Mapping[str, str]) -> dict[str, int]:
+    """Return the markers of the landmarks that the user has set."""
+    plain = [label.rsplit(":", 1)[-1] for label in labels]
+    markers: dict[str, int] = {}
+    for name, label in given.items():
+        if name not in SEGMENTS:
+            raise RecordingError(f"landmarks: {name} is not a landmark; expected one of {', '.join(SEGMENTS)}")
+        hits = [i for i, (full, part) in enumerate(zip(labels, plain, strict=True)) if label in (full, part)]
+        if len(hits) != 1:
+            what = "several markers are called" if hits else "no marker is called"
+            raise RecordingError(f"landmarks: {name}: {what} {label!r}; the markers are {', '.join(labels)}")
+        markers[name] = hits[0]
+    return markers
+
+
+_MIDDLE = {
+    "pelvis": "spinebase pelvis hip hips midhip cmidhip hipcenter hipcentre",
+    "spine": "spinemid spinechest chest spinenaval spinenavel torso",
+    "spine_top": "spineshoulder shouldercenter shouldercentre",
+    "neck": "neck cneck",
+    "head": "head",
+}
+_SIDED = {
+    "shoulder": "shoulder sho shoulderjointcenter shoulderjointcentre",
+    "elbow": "elbow elb elbowjointcenter elbowjointcentre",
+    "wrist": "wrist wri wristjointcenter wristjointcentre",
+    "hand": "hand index middle palm",
+    "hip": "hip hipjointcenter hipjointcentre hjc",
+    "ankle": "ankle ankleankle",
+    "foot": "foot footindex bigtoe toe",
+}
+_MIDDLE_ROLES = {name: role for role, names in _MIDDLE.items() for name in names.split()}
+_SIDED_ROLES = {name: role for role, names in _SIDED.items() for name in names.split()}
+
+TRUNK = ("near_shoulder", "far_shoulder", "near_hip", "far_hip", "pelvis", "spine", "spine_top", "neck")
+"""Roles of the joints that determine the pose of the trunk."""
+ARM = ("elbow", "wrist", "hand")
+"""Roles of the joints of the arm, from the shoulder outwards."""
+
+
+def find_roles(labels: Sequence[str], side: Side) -> dict[str, int]:
+    """Return the number of the joint in each role; roles are relative to the arm ``side``.
+
+    Roles are the names in :data:`TRUNK` and :data:`ARM`, and ``far_ankle``, ``near_foot`` and so on. The prefix
+    ``near_`` means the side of the chosen arm, ``far_`` the other side. ``labels`` are the names of the joints in the
+    file.
+
+    Examples
+    --------
+    >>> find_roles(["Neck", "ShoulderLeft", "RElbow", "right_wrist", "LElbow"], "right")
+    {'neck': 0, 'far_shoulder': 1, 'elbow': 2, 'wrist': 3, 'far_elbow': 4}
+    """
+    roles: dict[str, int] = {}
+    for number, label in enumerate(labels):
+        role = _find_role(label, side)
+        if role and role not in roles:
+            roles[role] = number
+    return roles
+
+
+def _find_role(label: str, side: Side) -> str | None:
+    """Return the role of a joint's name; None if the name is not recognised."""
+    name = re.sub(r"[^a-z]", "", label.rsplit(":", 1)[-1].lower().replace("_study", ""))
+    if name in _MIDDLE_ROLES:
+        return _MIDDLE_ROLES[name]
+    for own, rest in _split_side_of_skeleton_joints(name):
+        if rest in _SIDED_ROLES:
+            role = _SIDED_ROLES[rest]
+            near = own[0] == side[0]
+            return role if near and role in ARM else f"{'near' if near else 'far'}_{role}"
+    return None
+
+
+def _split_side_of_skeleton_joints(name: str) -> list[tuple[str, str]]:
+    """Return possible splits of a name into a side and the rest."""
+    splits = []
+    for word in ("right", "left", "r", "l"):
+        if name.startswith(word):
+            splits.append((word, name[len(word) :]))
+        if name.endswith(word):
+            splits.append((word, name[: -len(word)]))
+    return splits

@@ -1,0 +1,291 @@
+"""Simple movements: the recorded movement faster or larger, one joint alone, or one joint after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.design.predicted_covariance import IdentifiedBody, Trajectory, concatenate, fit_trajectory
+from mocap_id.design.proposal import MovementScorer, Recommendation, change_movement, list_changes
+
+FREQUENCIES = (0.2, 0.35, 0.5, 0.7, 1.0)  # Hz
+_SYMMETRIC = 0.4  # ratio of the ranges below and above rest from which a joint swings symmetrically about rest
+SWAY = 0.005
+"""Step to which the amplitude of a sway is rounded, m."""
+_HALVINGS = 4
+HALF = "for half of the recording, repeat the recorded movement; for the other half, "
+COMPARED = 16.0
+"""Longest part of a movement that is sampled while many movements are compared, s."""
+
+
+@dataclass(frozen=True)
+class SimpleMovement:
+    """A movement that may be proposed."""
+
+    words: str  # instructions for the person or the robot
+    trajectory: Trajectory  # the movement at the rate at which movements are compared
+    # movements performed one after the other; empty for a change of the trial's own movement
+    waves: tuple[WaveMovement, ...] = ()
+    shared: bool = False  # whether half of the recording is the trial's own movement
+    seconds: float | None = None  # duration of the fitted samples, s; None for the duration in `trajectory`
+    change: Recommendation | None = None  # the change of the trial's own movement; None for a new movement
+
+
+@dataclass(frozen=True)
+class MovementFamily:
+    """The movements from which the search chooses."""
+
+    scorer: MovementScorer  # evaluation of the movements
+    rest: FloatArray  # (n,) posture at both ends, rad
+    seconds: float  # duration of the recording, s
+    joints: tuple[str, ...]  # names of the joints
+    mixed: bool  # whether half of the recording may repeat the trial's own movement
+
+    @property
+    def balancing(self) -> bool:
+        """Whether the first joint keeps the balance."""
+        return self.scorer.limits.support is not None and len(self.joints) > 1
+
+    def fit_to_limits(self, waves: WaveMovement, seconds: float) -> WaveMovement | None:
+        """Scale a movement down until the limits allow it; return None if less than 1/16 of its range would remain.
+
+        ``seconds`` is the duration of the movement, of which at most 16 s are checked.
+        """
+
+        def usage(scale: float) -> float:
+            body, scorer = self.scorer.predictor.body, self.scorer
+            return scorer.usage(waves.scale(scale).trajectory(body, min(seconds, COMPARED), scorer.comparison_rate))
+
+        if usage(1.0) <= 1.0:
+            return waves
+        low, high = 0.0, 1.0
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            low, high = (middle, high) if usage(middle) <= 1.0 else (low, middle)
+        return None if low == 0.0 else waves.scale(low)
+
+    def reaches(self) -> tuple[FloatArray, FloatArray]:
+        """Return the ranges (n,) of each joint below and above rest, rad; for the centre of pressure in m."""
+        limits = self.scorer.limits
+        below, above = self.rest - limits.low, limits.high - self.rest
+        if self.balancing and limits.support is not None:
+            now = float(static_centre_of_pressure(self.scorer.predictor.body, self.rest[None])[0])
+            below[0], above[0] = now - limits.support[0], limits.support[1] - now
+        return np.maximum(below, 0.0), np.maximum(above, 0.0)
+
+    @property
+    def units(self) -> FloatArray:
+        """Step (n,) to which each row of a movement is rounded: 1°, or 5 mm for the centre of pressure."""
+        units = np.full(len(self.rest), np.radians(1.0))
+        units[0] = SWAY if self.balancing else units[0]
+        return units
+
+    def swing(self, joint: int, frequency: float, seconds: float) -> WaveMovement | None:
+        """Return the largest swing of one joint within the limits, in whole degrees; None if it is too small."""
+        below, above = (float(part[joint]) for part in self.reaches())
+        one_side = min(below, above) < _SYMMETRIC * max(below, above)
+        size = max(below, above) / 2 if one_side else min(below, above)
+        side = 1.0 if above > below else -1.0
+        at = np.arange(len(self.rest)) == joint
+        waves = replace(
+            hold_posture(self.rest, self.balancing),
+            centre=np.where(at, side * size if one_side else 0.0, 0.0),
+            frequency=np.full(len(at), frequency),
+            amplitude=np.where(at, size, 0.0)[:, None] * [1.0, 0.0],
+            phase=np.where(at, -side * np.pi / 2 if one_side else 0.0, 0.0)[:, None] * [1.0, 1.0],
+        )
+        scaled = self.fit_to_limits(waves, seconds)
+        if scaled is None:
+            return None
+        size, unit = float(scaled.amplitude[joint, 0]), float(self.units[joint])
+        whole = unit * np.floor(size / unit + 1e-6)
+        return None if whole < (2 * unit if unit != SWAY else unit) else scaled.scale(whole / size)
+
+
+def list_simple_movements(family: MovementFamily) -> Iterator[SimpleMovement]:
+    """Yield all simple movements within the limits."""
+    yield from _change_own_movement(family)
+    joints = len(family.joints)
+    singles: list[list[WaveMovement]] = []
+    for joint in range(joints):
+        swings = [family.swing(joint, frequency, family.seconds / max(joints, 2)) for frequency in FREQUENCIES]
+        singles.append([waves for waves in swings if waves is not None])
+        if joints == 1 or family.mixed:
+            yield from (_move_alone(family, waves) for waves in singles[joint])
+    if joints > 1:
+        yield from _move_in_turn(family, singles)
+
+
+def _change_own_movement(family: MovementFamily) -> Iterator[SimpleMovement]:
+    """Yield the trial's own movement made faster or larger, if the limits allow it."""
+    predictor = family.scorer.predictor
+    own = predictor.own.thin(family.scorer.comparison_rate)
+    for change, joint in list_changes(len(family.joints)):
+        if change != "alone":
+            movement = change_movement(own, change, joint)
+            if family.scorer.usage(movement) <= 1.0:
+                changed = Recommendation(change, joint, np.nan)
+                words = changed.describe(family.joints).removesuffix(",")
+                yield SimpleMovement(words, movement, seconds=predictor.now.samples, change=changed)
+
+
+def _move_alone(family: MovementFamily, waves: WaveMovement) -> SimpleMovement:
+    """Return a movement of one joint; if there are other joints, it follows half of the trial's own movement."""
+    words, rate = describe_waves(waves, family.joints), family.scorer.comparison_rate
+    if len(family.joints) == 1:
+        return SimpleMovement(words, compose_trajectory((waves,), family, rate), (waves,))
+    movement = compose_trajectory((waves,), family, rate, shared=True)
+    return SimpleMovement(f"{HALF}{words}", movement, (waves,), shared=True)
+
+
+def _move_in_turn(family: MovementFamily, singles: Sequence[Sequence[WaveMovement]]) -> Iterator[SimpleMovement]:
+    """Yield movements of one joint after the other, all at the same frequency."""
+    for frequency in FREQUENCIES:
+        chosen = [waves for several in singles for waves in several if waves.frequency[0] == frequency]
+        if len(chosen) == len(family.joints):
+            phrases = ", then ".join(describe_waves(waves, family.joints) for waves in chosen)
+            words = f"one joint after the other, each for {family.seconds / len(chosen):.0f} s: {phrases}"
+            movement = compose_trajectory(tuple(chosen), family, family.scorer.comparison_rate)
+            yield SimpleMovement(words, movement, tuple(chosen))
+
+
+def compose_trajectory(
+    waves: Sequence[WaveMovement], family: MovementFamily, rate: float, shared: bool = False
+) -> Trajectory:
+    """Sample several movements in sequence; if ``shared``, they follow the first half of the trial's own movement."""
+    predictor = family.scorer.predictor
+    seconds = family.seconds / (len(waves) + shared)
+    parts = [each.trajectory(predictor.body, seconds, rate) for each in waves]
+    if shared:
+        own = predictor.own.thin(rate)
+        first = own.cut(own.seconds / 2)
+        assert first.fitted is not None
+        parts = [replace(first, fitted=first.fitted & predictor.find_fitted(replace(first, fitted=None))), *parts]
+    if len(parts) == 1:
+        return parts[0]
+    whole, *rest = (
+        part if part.fitted is not None else replace(part, fitted=predictor.find_fitted(part)) for part in parts
+    )
+    for part in rest:
+        whole = concatenate(whole, part)
+    return whole
+
+
+_LEAST_SWING = np.radians(0.5)  # smaller swings are not mentioned
+_LEAST_SWAY = 0.0025  # m: smaller sways are not mentioned
+LEAD, RAMP = 0.5, 1.5  # s: rest at both ends, and time over which the movement grows and fades
+
+
+@dataclass(frozen=True)
+class WaveMovement:
+    """Parameters of a wave movement of n joints."""
+
+    rest: FloatArray  # (n,) angles at both ends, rad
+    centre: FloatArray  # (n,) centre of each swing relative to `rest`, rad
+    frequency: FloatArray  # (n,) frequency of each joint's wave, Hz
+    # amplitude, phase: (n, 2) amplitude and phase of the wave and of its first overtone, rad
+    amplitude: FloatArray
+    phase: FloatArray
+    # whether the first row is the centre of pressure, m, instead of the angle of the first joint
+    balanced: bool = False
+
+    def scale(self, scale: float) -> WaveMovement:
+        """Return the movement with its amplitudes and its centres multiplied by ``scale``."""
+        return replace(self, centre=scale * self.centre, amplitude=scale * self.amplitude)
+
+    def trajectory(self, body: IdentifiedBody, seconds: float, rate: float) -> Trajectory:
+        """Return the movement of a body, sampled for a duration (s) at a rate.
+
+        The angle of the first joint is NaN in samples in which it cannot keep the balance. No derivative is valid then.
+        """
+        time = np.arange(round(seconds * rate)) / rate
+        angle = 2 * np.pi * np.multiply.outer(time, self.frequency)  # (T, n)
+        swing = sum(self.amplitude[:, k] * np.sin((k + 1) * angle + self.phase[:, k]) for k in range(2))
+        moved = _compute_envelope(time, seconds)[:, None] * (self.centre + swing)
+        q = self.rest + moved
+        if self.balanced:
+            q[:, 0] = balance(body, q, static_centre_of_pressure(body, self.rest[None])[0] + moved[:, 0], self.rest[0])
+        if not np.isfinite(q).all():
+            return Trajectory(time, q, q, q)
+        return fit_trajectory(time, q)
+
+
+def hold_posture(rest: FloatArray, balanced: bool = False) -> WaveMovement:
+    """Return a movement that stays in the posture ``rest`` (n,), rad."""
+    none = np.zeros((len(rest), 2))
+    return WaveMovement(rest, np.zeros(len(rest)), np.full(len(rest), 0.5), none, none, balanced)
+
+
+def static_centre_of_pressure(body: IdentifiedBody, q: FloatArray) -> FloatArray:
+    """Return the centre of pressure (T,), m, of a body at rest in postures (T, n), rad."""
+    wrench = body.regressor(q, np.zeros_like(q), np.zeros_like(q)) @ body.result.base
+    return np.asarray(wrench[:, 2] / wrench[:, 1])
+
+
+def balance(body: IdentifiedBody, q: FloatArray, target: FloatArray, near: float) -> FloatArray:
+    """Return the angles (T,) of the first joint, rad, with which a body at rest has the centre of pressure ``target``.
+
+    All segments above the first joint rotate with it, so the centre of pressure is a constant plus a sine of its angle.
+    The postures ``q`` (T, n) give the other angles. Of the two solutions, the one closer to the angle ``near``, rad, is
+    returned. It is NaN if no angle gives the ``target`` (T,), m.
+    """
+    ahead, across = q.copy(), q.copy()
+    ahead[:, 0], across[:, 0] = 0.0, np.pi / 2
+    at_zero, at_right = np.split(static_centre_of_pressure(body, np.concatenate([ahead, across])), 2)
+    opposite = q[:1].copy()
+    opposite[:, 0] = np.pi
+    # the part of the base, which does not rotate, is the same in every posture
+    constant = float((at_zero[0] + static_centre_of_pressure(body, opposite)[0]) / 2)
+    cosine, sine = at_zero - constant, at_right - constant
+    reach = (target - constant) / np.hypot(cosine, sine)
+    with np.errstate(invalid="ignore"):  # NaN if no angle reaches the target
+        half = np.arccos(np.where(np.abs(reach) <= 1.0, reach, np.nan))
+    both = np.arctan2(sine, cosine) + np.array([[1.0], [-1.0]]) * half
+    off = (both - near + np.pi) % (2 * np.pi) - np.pi
+    return np.asarray(near + np.where(np.abs(off[0]) <= np.abs(off[1]), off[0], off[1]))
+
+
+def _compute_envelope(time: FloatArray, seconds: float) -> FloatArray:
+    """Return weights (T,) that rise from 0 at both ends to 1, with three continuous derivatives."""
+    side = np.clip((np.minimum(time, time[-1] - time) - LEAD) / min(RAMP, seconds / 4), 0.0, 1.0)
+    return np.asarray(side**4 * (35.0 - 84.0 * side + 70.0 * side**2 - 20.0 * side**3))
+
+
+def describe_waves(waves: WaveMovement, joints: Sequence[str]) -> str:
+    """Return the movement as instructions, one phrase for each of the named joints."""
+    phrases = [_describe_joint(waves, j, joints[j]) for j in range(int(waves.balanced), len(joints))]
+    text = "; ".join(phrase for phrase in phrases if phrase)
+    if not waves.balanced:
+        return text
+    sway = float(waves.amplitude[0, 0])
+    keeping = f"let {add_article(joints[0])} keep the balance"
+    if abs(sway) < _LEAST_SWAY:
+        return f"{text}; {keeping}"
+    swaying = f"sway to and fro by {100 * abs(sway):.1f} cm at {waves.frequency[0]:.2f} Hz"
+    return "; ".join(part for part in (text, f"{swaying} and {keeping}") if part)
+
+
+def _describe_joint(waves: WaveMovement, joint: int, name: str) -> str:
+    """Return the phrase for one joint; an empty string if the joint hardly moves."""
+    size = float(np.hypot(*waves.amplitude[joint]))
+    if size < _LEAST_SWING:
+        if abs(waves.centre[joint]) < _LEAST_SWING:
+            return ""
+        return f"hold {add_article(name)} at {_format_degrees(waves.rest[joint] + waves.centre[joint])}"
+    middle, first = waves.rest[joint] + waves.centre[joint], abs(float(waves.amplitude[joint, 0]))
+    overtone = abs(float(waves.amplitude[joint, 1]))
+    ends = f"from {_format_degrees(middle - first)} to {_format_degrees(middle + first)}"
+    second = f", and {_format_degrees(overtone)} at twice this frequency" if overtone >= _LEAST_SWING else ""
+    return f"swing {add_article(name)} by ±{_format_degrees(first)} ({ends}) at {waves.frequency[joint]:.2f} Hz{second}"
+
+
+def add_article(name: str) -> str:
+    """Return a joint's name as used within a sentence: ``the hip``, but ``joint 2``."""
+    return name if name[-1:].isdigit() else f"the {name}"
+
+
+def _format_degrees(angle: float) -> str:
+    return f"{round(float(np.degrees(angle))):d}°"

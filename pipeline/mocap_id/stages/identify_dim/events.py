@@ -1,0 +1,420 @@
+"""Contents of events.parquet of a trial in the plane: events of the repetitions, and details of a sit-to-stand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from mocap_id import recording
+from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.preparation import PreparedTrial, SampledWrench, TrialData
+from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.protocols.five_times import (
+    LOAD_PHASES,
+    REQUIRED_RISES,
+    Attempt,
+    LoadShare,
+    Spread,
+    compute_five_times,
+    compute_load_share,
+    find_failed_attempts,
+    find_foot_plates,
+)
+from mocap_id.protocols.movement import (
+    GRID,
+    Agreement,
+    Averaged,
+    Movement,
+    average_repetitions,
+    compare_angles,
+    find_facing,
+    interpolate_at,
+    resample_repetitions,
+)
+from mocap_id.protocols.repetitions import (
+    Posture,
+    Repetition,
+    RiseDetails,
+    find_greatest_height,
+    find_model_agreement,
+    find_share_crossing,
+    find_standing_phases,
+    measure_paused_time,
+    measure_support,
+)
+from mocap_id.protocols.sit_to_stand import add_remarks, estimate_event_sd, explain_repetitions
+from mocap_id.stages.base import Context
+from mocap_id.stages.identify_dim.trial_data import read_joint_names, read_skeleton
+from mocap_id.stages.trial_keys import StaticTrial
+from mocap_id.store import Column, Table
+from mocap_id.store.schemas import EVENTS, PHASES, RISE
+from mocap_id.store.views import joint_columns, joint_count
+from mocap_id.verdict import Reason
+
+
+def make_sit_to_stand_events(
+    plates: Table,
+    recorded: TrialData,
+    movement: Movement,
+    missing: Sequence[FloatArray],
+    *,
+    share: float,
+    seat_measured: bool,
+    measured: BoolArray | None = None,
+    modelled: BoolArray | None = None,
+    speed_sd: FloatArray | None = None,
+    clock_offset: float = 0.0,
+) -> Table:
+    """Return events.parquet of a sit-to-stand with a known posture; ``plates`` is wrench.parquet.
+
+    Parameters
+    ----------
+    missing : sequence of (T,) arrays
+        Vertical force of the ground predicted by a body model minus the measured force, N: one array for each plausible
+        clock offset; empty without a model. Of the supports that follow from these arrays, the smallest is used.
+    share : float
+        Share of the standing weight under the feet at seat-off, by the rule of the thesis.
+    seat_measured : bool
+        Whether the chair's force is measured and therefore not part of ``missing``.
+    measured : (T,) array, optional
+        False where markers of the legs are visible but not used. An event there is NaN.
+    modelled : (T,) array, optional
+        False where the low-passed motion contains such samples. Chair contact that a model shows there is unknown.
+    speed_sd : (T,) array, optional
+        Standard deviation of the speed in the posture, rad/s; without it, those of the five-times test are unknown.
+    clock_offset : float
+        Clock offset of the plates that the fit found, s; both wrenches are still without this correction.
+    """
+    assert movement.posture is not None
+    posture, repetitions, contact = movement.posture, movement.repetitions, movement.contact
+    chair = None if contact is None else contact.chair
+    weight = float("nan") if contact is None else contact.weight
+    stamped = recorded.time - clock_offset
+    everything = np.ones(len(stamped), dtype=np.bool_)
+    measured, modelled = (everything if each is None else each for each in (measured, modelled))
+    vertical = _sample(recorded.time, recorded.wrench[:, 1], stamped) / weight
+    attempts = tuple(
+        each
+        for each in find_failed_attempts(recorded.time, posture, vertical, repetitions, chair=chair)
+        if measured[np.searchsorted(recorded.time, each.time_s)]
+    )
+    load_share, shares = _share_load(plates, recorded, posture, movement, stamped)
+    rises = tuple(
+        replace(
+            _describe_rise(k, recorded.time, movement, vertical, share=share, measured=measured, modelled=modelled),
+            attempts=_count_attempts_before(k, repetitions, attempts),
+            left_seated=float(shares["seated"][k]),
+            left_rising=float(shares["rising"][k]),
+            left_standing=float(shares["standing"][k]),
+        )
+        for k in range(len(repetitions))
+    )
+    if missing and chair is not None:
+        rises = tuple(
+            replace(
+                rise,
+                support=min(
+                    measure_support(recorded.time, posture, force, weight, each, seat_measured=seat_measured)
+                    for force in missing
+                ),
+            )
+            for each, rise in zip(repetitions, rises, strict=True)
+        )
+    by_forces = contact is not None and contact.rule in {"seat-plate", "weight"}
+    seat = () if by_forces else ("seat_off", "seat_on")
+    repetitions = tuple(
+        each.leave_out(recorded.time, measured, ("start", "stand", "end")).leave_out(recorded.time, modelled, seat)
+        for each in repetitions
+    )
+    event_sd = None
+    if speed_sd is not None and chair is not False:
+        above_noise = None if contact is None else contact.above_noise
+        event_sd = estimate_event_sd(recorded.time, posture, repetitions, speed_sd, above_noise)
+    five_times = compute_five_times(repetitions, rises, chair=chair, event_sd=event_sd)
+    facts = {
+        "five_times": {"asked": REQUIRED_RISES, **five_times.model_dump()},
+        "attempts": [attempt.model_dump() for attempt in attempts],
+        "load_share": load_share.model_dump(),
+    }
+    reasons = explain_repetitions(repetitions, rises, attempts, posture)
+    return Table(EVENTS, _make_columns(repetitions, rises), facts, reasons)
+
+
+def _count_attempts_before(k: int, repetitions: Sequence[Repetition], attempts: Sequence[Attempt]) -> int:
+    """Return the number of failed attempts between the stand of the previous repetition and the stand of ``k``."""
+    since = repetitions[k - 1].stand if k else -np.inf
+    return sum(since < attempt.time_s < repetitions[k].stand for attempt in attempts)
+
+
+def _describe_rise(
+    k: int,
+    time: FloatArray,
+    movement: Movement,
+    vertical: FloatArray,
+    *,
+    share: float,
+    measured: BoolArray,
+    modelled: BoolArray,
+) -> RiseDetails:
+    """Return the details of repetition ``k``; ``vertical`` (T,) is the vertical force as a share of the weight."""
+    assert movement.posture is not None
+    each, contact = movement.repetitions[k], movement.contact
+    chair = contact is not None and contact.chair is True
+    model = float("nan") if contact is None else find_model_agreement(time, contact.above_noise, each)
+    at = int(np.searchsorted(time, model))  # the end if NaN
+    rising = (time >= each.start) & (time <= each.stand)
+    return RiseDetails(
+        seat_off_72=find_share_crossing(time, vertical, share, each) if chair else float("nan"),
+        seat_off_model=model if at < len(time) and modelled[at] else float("nan"),
+        reached=find_greatest_height(time, movement.posture, each, measured),
+        held=measure_paused_time(time, movement.posture, each) if measured[rising].all() else float("nan"),
+    )
+
+
+def make_events(repetitions: Sequence[Repetition]) -> Table:
+    """Return events.parquet of a movement other than sit-to-stand, one row for each repetition."""
+    return Table(EVENTS, _stack_rows([asdict(each) for each in repetitions], EVENTS.columns))
+
+
+def _make_columns(repetitions: Sequence[Repetition], rises: Sequence[RiseDetails]) -> dict[str, Any]:
+    rows = [{**asdict(add_remarks(each, rise)), **asdict(rise)} for each, rise in zip(repetitions, rises, strict=True)]
+    return _stack_rows(rows, (*EVENTS.columns, *RISE))
+
+
+def _stack_rows(rows: Sequence[Mapping[str, Any]], columns: Sequence[Column]) -> dict[str, Any]:
+    kinds = [object if column.dtype == "str" else column.dtype for column in columns]
+    names = [column.name for column in columns]
+    return {name: np.array([row[name] for row in rows], dtype=kind) for name, kind in zip(names, kinds, strict=True)}
+
+
+def compute_missing_force(prepared: PreparedTrial | None, columns: Mapping[str, FloatArray]) -> tuple[FloatArray, ...]:
+    """Return the vertical ground force predicted by a body model minus the measured force, (T,) N.
+
+    The model is the reference body or, without one, the identified model. There is one array with the estimated clock
+    offset and one without it, because a wrong offset looks like a missing force. The result is empty without a plate
+    or a model.
+    """
+    if prepared is None:
+        return ()
+    everything = prepared.recorded.surroundings[:, 1]
+    for model in ("Fy_reference", "Fy_model"):
+        expected = columns[model]
+        if np.isfinite(expected).any():
+            return expected - columns["Fy"], expected + columns.get("Fy_external", 0.0) - everything
+    return ()
+
+
+def _sample(time: FloatArray, force: FloatArray, stamped: FloatArray) -> FloatArray:
+    """Return a force (T,) of the plates at the times ``stamped`` (T,) of their clock, s."""
+    return SampledWrench.of(time, force[:, None])(stamped)[:, 0]
+
+
+def _share_load(
+    plates: Table, recorded: TrialData, posture: Posture, movement: Movement, stamped: FloatArray
+) -> tuple[LoadShare, dict[str, FloatArray]]:
+    """Return the load share over all repetitions, and in each one by phase, (R,), NaN where unknown."""
+    across: list[tuple[int, float]] = []
+    for plate in plates.facts.get("plates") or ():
+        if plate.get("use") == "feet":
+            z = plate.get("across_m")
+            across.append((int(plate["index"]), float(z) if isinstance(z, (int, float)) else float("nan")))
+    found = find_foot_plates(across, find_facing(recorded))
+    if isinstance(found, str):
+        return LoadShare(why=found), {phase: np.full(len(movement.repetitions), np.nan) for phase in LOAD_PHASES}
+    left, right = (_sample(recorded.time, plates[f"Fy_p{plate}"], stamped) for plate in found)
+    shares = compute_load_share(recorded.time, posture, left, right, movement.repetitions)
+    known = {phase: values[np.isfinite(values)] for phase, values in shares.items()}
+    averages = {
+        phase: Spread(mean=values.mean() if len(values) else None, sd=values.std(ddof=1) if len(values) > 1 else None)
+        for phase, values in known.items()
+    }
+    return LoadShare(left_plate=found[0], right_plate=found[1], left=averages), shares
+
+
+_STILL = np.radians(2.0)  # largest standard deviation of a joint angle in a still pose
+
+
+def find_zeros(context: Context, posture: Posture | None) -> tuple[list[dict[str, Any]], tuple[Reason, ...]]:
+    """Return the zero of every joint for JSON, in the order of the joints, and cautions about the static pose.
+
+    Raises
+    ------
+    RecordingError
+        The times under ``static:`` are outside the states.
+    """
+    states, names, static = context.table("states.parquet"), read_joint_names(context), context.trial.static
+    time = states["time"]
+    seen = joint_columns(states, "observed", len(names)).astype(np.bool_)
+    q = np.where(seen, joint_columns(states, "theta", len(names)), np.nan)
+    known: dict[str, tuple[FloatArray, FloatArray]] = {}
+    reasons: list[Reason] = []
+    if posture is not None:
+        phases = find_standing_phases(posture)
+        if phases:
+            known["standing"] = _average(states, q, phases)
+    if isinstance(static, StaticTrial):
+        pose = context.tree("chain.h5").facts["static"]
+        known["static"] = np.array(pose["theta"], dtype=np.float64), np.array(pose["sd_theta"], dtype=np.float64)
+    elif static is not None:
+        inside = np.flatnonzero((time >= static[0]) & (time <= static[1]))
+        if len(inside) < 2:
+            raise RecordingError(
+                f"static: no motion is known from {static[0]:g} to {static[1]:g} s; the used part of the recording is "
+                f"{time[0]:g} to {time[-1]:g} s. Give times in this part, or change `window:`"
+            )
+        known["static"] = _average(states, q, [slice(int(inside[0]), int(inside[-1]) + 1)])
+        known_angles = np.isfinite(q[inside])
+        spread = [
+            float(np.std(angle[shown])) if shown.any() else 0.0
+            for angle, shown in zip(q[inside].T, known_angles.T, strict=True)
+        ]
+        moved = max(spread)
+        if moved > _STILL:
+            text = (
+                f"the person does not stand still from {static[0]:g} to {static[1]:g} s: the angle of the "
+                f"{names[spread.index(moved)]} has a standard deviation of {np.degrees(moved):.1f}°, so the zero of "
+                "the joint angles is uncertain. Give a still part in `static:`, or leave it out"
+            )
+            reasons.append(Reason("static-moves", text, moved, float(_STILL)))
+    zeros: list[dict[str, Any]] = []
+    for j, name in enumerate(names):
+        source = next((each for each in ("static", "standing") if each in known and np.isfinite(known[each][0][j])), "")
+        value, sd = (float(each[j]) for each in known[source]) if source else (0.0, 0.0)
+        mean = np.nanmean(q[:, j]) if np.isfinite(q[:, j]).any() else value
+        value += 2 * np.pi * round((mean - value) / (2 * np.pi))
+        known_sd = sd if np.isfinite(sd) else None  # some methods give states without standard deviations
+        zeros.append({"joint": name, "source": source or "segment line", "zero": float(value), "sd": known_sd})
+    hidden = [each["joint"] for each in zeros if static is not None and each["source"] != "static"]
+    if hidden:
+        text = (
+            f"the markers in the static pose do not show the angle of: {', '.join(hidden)}. The zero of these joints "
+            "is not that of `static:`. Give a static pose in which the markers of all segments are visible"
+        )
+        reasons.append(Reason("static-hidden", text, float(len(hidden)), 0.0))
+    return zeros, tuple(reasons)
+
+
+def _average(states: Table, q: FloatArray, phases: list[slice]) -> tuple[FloatArray, FloatArray]:
+    """Return the mean of the angles (T, n) over the means of some phases, (n,) rad, and its standard deviation.
+
+    The standard deviation contains the difference between the phases, or that within a single phase, and the standard
+    deviation of the states, which a mean does not reduce.
+    """
+    known = f"sd_theta_{q.shape[1]}" in states.names
+    sd = joint_columns(states, "sd_theta", q.shape[1]) if known else np.full(q.shape, np.nan)
+    mean, own, between = np.full((3, q.shape[1]), np.nan)
+    for j, angle in enumerate(q.T):
+        seen = [phase for phase in phases if np.isfinite(angle[phase]).any()]
+        if not seen:
+            continue
+        each = [float(np.nanmean(angle[phase])) for phase in seen]
+        mean[j] = np.mean(each)
+        between[j] = np.std(each, ddof=1) / np.sqrt(len(each)) if len(each) > 1 else np.nanstd(angle[seen[0]])
+        own[j] = np.sqrt(np.mean(np.concatenate([sd[phase, j][np.isfinite(angle[phase])] ** 2 for phase in seen])))
+    return mean, np.hypot(own, between)
+
+
+SPANS = {"repetition": ("start", "end"), "rise": ("start", "stand")}
+_WRENCH = {"Fx": "N", "Fy": "N", "tauz": "N*m", "cop_x": "m"}
+_SOURCES = ("", "_model", "_reference")
+
+
+def average_signals(
+    context: Context,
+    events: Table,
+    dynamics: Table,
+    zeros: Sequence[Mapping[str, Any]] = (),
+    reasons: tuple[Reason, ...] = (),
+) -> Table:
+    """Return phases.parquet: the average of every signal over the repetitions, at 0, 1 … 100 % of a repetition.
+
+    ``zeros`` and ``reasons`` are the results of :func:`find_zeros`.
+
+    Raises
+    ------
+    ConfigError
+        A joint or column under ``compare:`` does not exist.
+    RecordingError
+        The file under ``compare:`` cannot be used or does not overlap with the recording.
+    """
+    signals, compared = list(_list_signals(context.table("states.parquet"), dynamics, zeros)), []
+    for name, unit, time, values, facts in _read_other_system(context):
+        signals.append((name, unit, time, values))
+        compared.append(facts)
+    averages: list[tuple[str, str, str, Averaged]] = []
+    counts = {}
+    for span, (begin, finish) in SPANS.items():
+        bounds = events.stack([begin, finish])
+        bounds = bounds[bounds[:, 1] > bounds[:, 0]]  # False where either is NaN
+        counts[span] = len(bounds)
+        for name, unit, time, values in signals if len(bounds) else ():
+            averages.append((span, name, unit, average_repetitions(resample_repetitions(time, values, bounds))))
+    why = None if any(counts.values()) else "no repetition has both its beginning and its end in the recording"
+    facts = {"repetitions": counts, "compared": compared, "why": why, "zeros": list(zeros)}
+    return Table(PHASES, _make_columns_of_repetition_averages(averages), facts, reasons)
+
+
+def _make_columns_of_repetition_averages(averages: Sequence[tuple[str, str, str, Averaged]]) -> dict[str, Any]:
+    """Return the columns of phases.parquet, with 101 rows for each pair of span and quantity."""
+    columns: dict[str, Any] = {"percent": np.tile(100 * GRID, len(averages))}
+    for k, name in enumerate(("span", "quantity", "unit")):
+        columns[name] = np.repeat(np.array([row[k] for row in averages], dtype=object), len(GRID))
+    for name in ("mean", "sd", "count"):
+        columns[name] = np.concatenate([np.zeros(0), *(getattr(each, name) for *_, each in averages)])
+    return columns
+
+
+def _list_signals(
+    states: Table, dynamics: Table, zeros: Sequence[Mapping[str, Any]]
+) -> Iterator[tuple[str, str, FloatArray, FloatArray]]:
+    """Yield name, unit, times (T,), s, and values (T,) of each signal; joint angles are NaN where not observed."""
+    for joint in range(1, joint_count(states) + 1):
+        yield f"theta_{joint}", "rad", states["time"], _get_angle(states, joint)
+    wrench_time = dynamics["time"]
+    for name, unit in _WRENCH.items():
+        for source in _SOURCES:
+            yield f"{name}{source}", unit, wrench_time, dynamics[f"{name}{source}"]
+    for joint in range(1, joint_count(states) + 1):
+        yield f"tau_{joint}", "N*m", wrench_time, dynamics[f"tau_{joint}"]
+    for joint, zero in enumerate(zeros, start=1):
+        yield f"angle_{joint}", "rad", states["time"], _get_angle(states, joint) - zero["zero"]
+
+
+def _read_other_system(context: Context) -> Iterator[tuple[str, str, FloatArray, FloatArray, dict[str, Any]]]:
+    """Yield name, unit, times, values and agreement of each angle of the other system, at the times of the states."""
+    compare = context.trial.compare
+    if compare is None:
+        return
+    states, joints = context.table("states.parquet"), read_skeleton(context).joints
+    table = recording.read_angles(compare.angles, {name.removeprefix("-") for name in compare.columns.values()})
+    time = states["time"]
+    for joint, given in compare.columns.items():
+        if joint not in joints:
+            raise ConfigError(
+                f"compare: columns: there is no joint {joint!r} here; expected one of {', '.join(joints)}"
+            )
+        column, sign = given.removeprefix("-"), -1.0 if given.startswith("-") else 1.0
+        number = joints.index(joint) + 1
+        values = interpolate_at(table.time, sign * table.angles[column], time)
+        agreement = compare_angles(_get_angle(states, number), values)
+        yield f"theta_{number}_other", "rad", time, values, _describe_agreement(joint, given, agreement)
+
+
+def _get_angle(states: Table, joint: int) -> FloatArray:
+    return np.where(states[f"observed_{joint}"], states[f"theta_{joint}"], np.nan)
+
+
+def _describe_agreement(joint: str, column: str, agreement: Agreement) -> dict[str, Any]:
+    known = bool(np.isfinite(agreement.r))
+    return {
+        "joint": joint,
+        "column": column,
+        "r": agreement.r if known else None,
+        "offset_rad": agreement.offset if known else None,
+        "rmse_rad": agreement.rmse if known else None,
+        "samples": agreement.samples,
+        "why": None if known else "the two systems have no common time in which the joint moves",
+    }

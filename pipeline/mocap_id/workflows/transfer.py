@@ -1,0 +1,660 @@
+"""``mocap-id transfer``: the model of one trial applied to other trials of the same person (thesis table 6.3)."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from mocap_id import runner
+from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray
+from mocap_id.dynamics.least_squares import variance
+from mocap_id.dynamics.parameter_transfer import (
+    LEAST_MARKERS,
+    LEAST_SPREAD,
+    BodyFrames,
+    Registration,
+    register_bodies,
+    transfer_covariance,
+    transfer_parameters,
+)
+from mocap_id.dynamics.prediction import Agreement, agreement, centre_of_pressure, centre_of_pressure_rows
+from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
+from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.reporting.results.columns import to_finite
+from mocap_id.store.atomic import write_files
+from mocap_id.store.ownership import Owner, check_owner, store_owner
+from mocap_id.verdict import Reason
+from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
+from mocap_id.workflows.matched_bodies import match_bodies
+from mocap_id.workflows.moving_bodies import MovingBodies
+
+__all__ = [
+    "HELD_OUT",
+    "OWN",
+    "SERIES",
+    "TRANSFERRED",
+    "BodyErrors",
+    "Transfer",
+    "TrialTransfer",
+    "apply_model",
+    "as_frame",
+    "as_json",
+    "check_format",
+    "errors_at_home",
+    "rms_error",
+    "transfer",
+    "write",
+]
+
+
+OWN, HELD_OUT, TRANSFERRED = "own", "own, held out", "transferred"
+"""Names of bodies in the results; the name of the allometric body is the name of its table."""
+_MIRRORED = 0.5  # fraction of the residual; if the residual of mirrored markers is smaller, the person turned around
+_LARGEST_RESIDUAL = 0.025  # m, rms: skin and posture cause about 1 cm, but markers that were placed again several cm
+_UNCONFIRMED = "transfer-nothing"
+_MASS_DIFFERENCE = 0.05  # fraction of the standing mass, as for the verdict of a trial
+
+
+@dataclass(frozen=True)
+class BodyErrors:
+    """The errors of one body on a trial."""
+
+    name: str  # ``own``, ``own, held out``, ``transferred``, or the name of the allometric table
+    errors: Mapping[str, Agreement | None]  # model minus measurement for each of :data:`SERIES`; None if unknown
+    # each joint torque minus the torque of the trial's own model, N·m, from joint 1; None if unknown. The tuple of the
+    # own model is empty
+    torques: tuple[Agreement | None, ...]
+
+
+@dataclass(frozen=True)
+class TrialTransfer:
+    """The result of applying a model to one trial."""
+
+    trial: str
+    samples: int  # number of samples to which the trial's own model was fitted, without contact to the chair
+    condition: float | None  # condition number of the regressor over these samples
+    bodies: tuple[BodyErrors, ...]
+    registration: Registration  # pose of the model's bodies in the trial's bodies
+    # evidence for the transfer, without the trial's forces; None if there is no allometric body to compare with
+    support: Support | None
+    # stated standard deviation of the transferred body's prediction for each of :data:`SERIES`, N, N·m and m, rms over
+    # the samples; NaN if unknown
+    stated: Mapping[str, float]
+    inside: Mapping[str, float]  # fraction of the samples within the stated 95 % intervals; NaN if unknown
+    reasons: tuple[Reason, ...]  # reasons against the use of the result
+
+    @property
+    def supported(self) -> bool | None:
+        """Whether the recordings support the transferred model for this trial; None if unknown.
+
+        False if there is a reason against the transfer. Unknown if there is no such reason, but the forces or the
+        allometric body that could confirm the transfer are missing.
+        """
+        if any(reason.code != _UNCONFIRMED for reason in self.reasons):
+            return False
+        return True if not self.reasons and self.support is not None else None
+
+    @property
+    def registration_residual(self) -> float:
+        """Largest residual of the registration of the moving bodies, m; NaN if all residuals are unknown."""
+        return max(filter(math.isfinite, self.registration.residual[1:].tolist()), default=math.nan)
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """The result of applying the model of one trial to other trials."""
+
+    model: str  # name of the trial on which the model was identified
+    segments: tuple[str, ...]  # names of the bodies that were identified on this trial
+    trials: tuple[TrialTransfer, ...]
+
+    @property
+    def joints(self) -> int:
+        """Largest number of joint torques of a trial."""
+        return max((len(body.torques) for trial in self.trials for body in trial.bodies), default=0)
+
+
+def transfer(model: Path, trials: Sequence[Path], progress: runner.Progress = lambda step: None) -> Transfer:
+    """Predict ``trials`` with the model that was identified on the trial ``model``, and return the errors.
+
+    Paths and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.
+
+    Raises
+    ------
+    ConfigError
+        Two trials have too few common markers on a body, or the person faces opposite directions.
+    RecordingError
+        The model's trial has no identified body.
+    Refused, NumericalError, StoreError
+        As for :func:`mocap_id.workflows.identified_trial.open_identified_trial`.
+    """
+    source = open_identified_trial(model, progress)
+    if not np.isfinite(source.parameters).all():
+        raise RecordingError(
+            f"{model}: there is no body to transfer from trial {source.name}: "
+            f"{source.facts.get('why') or 'some of its full parameters are unknown'}"
+        )
+    targets = [open_identified_trial(path, progress) for path in trials]
+    return Transfer(source.name, source.skeleton.segments, tuple(apply_model(source, target) for target in targets))
+
+
+def apply_model(source: IdentifiedTrial, target: IdentifiedTrial) -> TrialTransfer:
+    """Predict the trial ``target`` with the body that was identified on the trial ``source``, and return the errors.
+
+    A model of the pinned chain is transferred segment by segment if the target's chain has the same number of segments.
+    Any other model is transferred with measured poses: the markers of its bodies determine their poses in the target,
+    whatever segments the target has. The transferred and the allometric body are compared with the forces in the
+    frequency band of the target's own fit, with the clock offset of this fit.
+
+    Raises
+    ------
+    ConfigError
+        As for :func:`transfer`.
+    """
+    by_segments = source.measured is None and len(source.skeleton.segments) == len(target.chain.skeleton.segments)
+    moving = target.chain if by_segments else match_bodies(source, target)
+    registration = _register(source, target, moving.skeleton)
+    transferred, samples = TransferredBody.of(source, moving, registration), _read_fitted(target)
+    bodies = tuple(_compare_bodies(target, transferred, samples))
+    sd = stated_sd(source, target, transferred)
+    shares = share_inside(predict(target, moving, transferred.parameters), _read_measured(target), sd, samples)
+    evidence = find_support(source, target, transferred)
+    before = list_doubts(evidence, registration, _describe_joints(source.skeleton))
+    return TrialTransfer(
+        trial=target.name,
+        samples=int(samples.sum()),
+        condition=target.facts.get("condition_number"),
+        bodies=bodies,
+        registration=registration,
+        support=evidence,
+        stated={name: root_mean_square(sd[samples, k]) for k, name in enumerate(SERIES)},
+        inside=shares,
+        reasons=(*before, *_list_reasons(source, target, registration, bodies), *warn_if_worse_than_stated(shares)),
+    )
+
+
+def _describe_joints(skeleton: BodyFrames) -> list[str]:
+    names = skeleton.segments
+    return [f"between {names[below]} and {names[above]}" for below, above in skeleton.between]
+
+
+def _register(source: IdentifiedTrial, target: IdentifiedTrial, here: BodyFrames) -> Registration:
+    """Return the registration of the model's bodies in the target's bodies ``here``.
+
+    ConfigError is raised if a body has too few common markers, or if the markers are mirrored.
+    """
+    there = source.skeleton
+    registration = register_bodies(there, here)
+    for k, name in enumerate(here.segments[1:], start=1):
+        if registration.markers[k] < LEAST_MARKERS or registration.spread[k] < LEAST_SPREAD:
+            raise ConfigError(
+                f"{target.source}: trials {source.name} and {target.name} have {registration.markers[k]} common "
+                f"markers on the {name}, with a spread of {100 * registration.spread[k]:.1f} cm; expected at least "
+                f"{LEAST_MARKERS} with a spread of {100 * LEAST_SPREAD:g} cm. Markers are matched by label: give "
+                "markers at the same position the same label"
+            )
+    mirrored, residual = (
+        root_mean_square(each[there.jointed]) for each in (registration.mirrored, registration.residual)
+    )
+    if mirrored < _MIRRORED * residual:
+        raise ConfigError(
+            f"{target.source}: the person faces opposite directions in trials {target.name} and {source.name}, because "
+            "only the mirrored markers fit: set `planarise: {facing: …}` in one of the two trials"
+        )
+    return registration
+
+
+def errors_at_home(target: IdentifiedTrial) -> tuple[BodyErrors, ...]:
+    """Return the errors of a trial's own model, in the fit and on left-out repetitions, and of the allometric body."""
+    samples = _read_fitted(target)
+    return tuple(body for body in (*_compare_own(target, samples), _compare_table(target, samples)) if body is not None)
+
+
+def _read_fitted(target: IdentifiedTrial) -> BoolArray:
+    return target.dynamics["in_fit"].to_numpy(dtype=np.bool_)
+
+
+def _compare_bodies(target: IdentifiedTrial, transferred: TransferredBody, samples: BoolArray) -> Iterator[BodyErrors]:
+    """Yield the errors of the own model (fit, left-out repetitions), of the transferred and of the allometric body."""
+    yield from _compare_own(target, samples)
+    yield _compare_full(target, TRANSFERRED, transferred.bodies, transferred.parameters, samples)
+    table = _compare_table(target, samples)
+    if table is not None:
+        yield table
+
+
+def _compare_own(target: IdentifiedTrial, samples: BoolArray) -> Iterator[BodyErrors]:
+    model = target.dynamics[["Fx_model", "Fy_model", "tauz_model"]].to_numpy(dtype=np.float64)
+    yield BodyErrors(OWN, _compare_series(make_series(target, model), _read_measured(target), samples), ())
+    held_out = (target.facts.get("held_out") or {}).get("model")
+    if held_out is not None:
+        known = {name: None if held_out[name] is None else Agreement(**held_out[name]) for name in SERIES}
+        yield BodyErrors(HELD_OUT, known, ())
+
+
+def _compare_table(target: IdentifiedTrial, samples: BoolArray) -> BodyErrors | None:
+    """Return the errors of the allometric body on the bodies of the trial's own model; None without this body."""
+    name = target.facts.get("reference_table")
+    return None if name is None else _compare_full(target, str(name), target.bodies, target.reference, samples)
+
+
+def _compare_full(
+    target: IdentifiedTrial, name: str, bodies: MovingBodies, full: FloatArray, samples: BoolArray
+) -> BodyErrors:
+    """Return the errors of K ``bodies`` with parameters ``full`` (4K,), and their torques minus the own torques."""
+    torques = target.dynamics[[f"tau_{j + 1}" for j in range(target.q.shape[1])]].to_numpy(dtype=np.float64)
+    own = target.bodies.torque_regressor @ target.parameters
+    pairs = zip((bodies.torque_regressor @ full).T, np.where(np.isfinite(torques), own, np.nan).T, strict=True)
+    return BodyErrors(
+        name,
+        _compare_series(predict(target, bodies, full), _read_measured(target), samples),
+        tuple(agreement(ours, theirs, samples) for ours, theirs in pairs),
+    )
+
+
+def _read_measured(target: IdentifiedTrial) -> FloatArray:
+    """Return the measured :data:`SERIES`, (T, 4)."""
+    return make_series(target, target.dynamics[["Fx", "Fy", "tauz"]].to_numpy(dtype=np.float64))
+
+
+def _compare_series(model: FloatArray, measured: FloatArray, samples: BoolArray) -> dict[str, Agreement | None]:
+    pairs = zip(model.T, measured.T, strict=True)
+    return {name: agreement(*pair, samples) for name, pair in zip(SERIES, pairs, strict=True)}
+
+
+def _list_reasons(
+    source: IdentifiedTrial, target: IdentifiedTrial, registration: Registration, bodies: Sequence[BodyErrors]
+) -> Iterator[Reason]:
+    """Yield reasons against the use of the transferred body."""
+    if not target.dynamics["in_fit"].any():
+        yield Reason(
+            "transfer-nothing",
+            "no parameters were identified on this trial, so there are no samples to compare: "
+            f"{target.facts.get('why')}",
+        )
+    jointed = source.skeleton.jointed
+    worst = float(np.nanmax(registration.residual[jointed]))
+    if worst > _LARGEST_RESIDUAL:
+        body = source.skeleton.segments[jointed[int(np.nanargmax(registration.residual[jointed]))]]
+        yield Reason(
+            "transfer-markers",
+            f"the markers of the {body} differ by {1e3 * worst:.0f} mm (rms) from their relative positions in the "
+            "model's trial: they were placed again, have different labels, or this is a different person",
+            value=worst,
+            limit=_LARGEST_RESIDUAL,
+        )
+    mass = float(source.parameters[::4].sum())
+    if target.mass is not None and abs(mass / target.mass - 1) > _MASS_DIFFERENCE:
+        yield Reason(
+            "transfer-mass",
+            f"the mass of the model is {mass:.1f} kg, but the plates measure {target.mass:.1f} kg while the person "
+            "stands: this is a different person, or the person carries something",
+            value=mass,
+            limit=target.mass,
+        )
+    errors = {body.name: body.errors for body in bodies}
+    table = errors.get(str(target.facts.get("reference_table")), {})
+    ratios = {name: rms_error(errors[TRANSFERRED][name]) / rms_error(table.get(name)) for name in SERIES}
+    worse = {name: ratio for name, ratio in ratios.items() if ratio > 1.0}
+    if worse:
+        listed = ", ".join(f"{name} (error ratio {ratio:.2f})" for name, ratio in worse.items())
+        yield Reason(
+            "transfer-worse",
+            f"for {listed}, the body of trial {source.name} predicts this trial worse than the allometric body, which "
+            "uses only height and mass: these two recordings do not support an individual model",
+            value=max(worse.values()),
+            limit=1.0,
+        )
+
+
+def rms_error(error: Agreement | None) -> float:
+    """Return the root mean square of an error; NaN if unknown."""
+    return float("nan") if error is None else float(np.hypot(error.bias, error.sd))
+
+
+SERIES = {"Fx": "N", "Fy": "N", "tauz": "N*m", "cop_x": "m"}
+"""Units of the compared series by name."""
+AT_HOME = ("Fy", "tauz", "cop_x")
+"""Series that the model must predict better than the allometric body, on its own trial."""
+_DISTINCT = ("tauz", "cop_x")
+"""Series in which the model must differ from the allometric body; Fy differs mainly by the mass, known from a plate."""
+_TIMES = 2.0  # least difference from the allometric body's prediction, in standard deviations
+_JOINTS = 0.03  # m: positions of joints that bend enough agree within a few mm, with skin motion within two cm
+_ELSEWHERE = 1.4  # error on another movement divided by the error on the own trial, from twenty pairs of real trials
+_INSIDE = 0.8  # least fraction of the samples in the 95 % intervals
+
+
+@dataclass(frozen=True)
+class TransferredBody:
+    """The identified body of one trial, transferred to the bodies of another trial."""
+
+    bodies: MovingBodies  # K bodies of the other trial with their motion
+    registration: Registration  # pose of the model's bodies in these K bodies
+    parameters: FloatArray  # (4K,)
+    covariance: FloatArray  # (4K, 4K) covariance of the parameters; NaN if unknown
+
+    @classmethod
+    def of(cls, source: IdentifiedTrial, bodies: MovingBodies, registration: Registration) -> TransferredBody:
+        """Return the model of the source, transferred to ``bodies`` with the registration of its own bodies."""
+        parameters = transfer_parameters(source.parameters, registration)
+        return cls(bodies, registration, parameters, transfer_covariance(source.covariance, registration))
+
+
+@dataclass(frozen=True)
+class Support:
+    """Evidence for a transfer that does not use the forces of the other trial."""
+
+    # difference between the predictions of transferred and allometric body for each of :data:`AT_HOME`, rms over the
+    # other trial's states, N, N·m or m
+    apart: Mapping[str, float]
+    # standard deviation of the transferred body's prediction from the covariance of its parameters, rms
+    sd: Mapping[str, float]
+    # error on left-out repetitions of the model's own trial, divided by the allometric body's error; NaN if unknown
+    at_home: Mapping[str, float]
+
+
+def find_support(source: IdentifiedTrial, target: IdentifiedTrial, transferred: TransferredBody) -> Support | None:
+    """Return the comparison of the transferred and the allometric body on the target's states, without the forces.
+
+    None if there is no allometric body to compare with, or if the covariance of the model is unknown.
+    """
+    if not (np.isfinite(target.reference).all() and np.isfinite(source.covariance).all()):
+        return None
+    table = predict(target, target.bodies, target.reference)
+    difference = predict(target, transferred.bodies, transferred.parameters) - table
+    apart, sd = (
+        {name: root_mean_square(series[:, k]) for k, name in enumerate(SERIES) if name in AT_HOME}
+        for series in (difference, _find_parameters_sd(target, transferred))
+    )
+    return Support(apart, sd, _compare_at_home(source.facts.get("held_out")))
+
+
+def stated_sd(source: IdentifiedTrial, target: IdentifiedTrial, transferred: TransferredBody) -> FloatArray:
+    """Return the stated standard deviations (T, 4) of the predicted :data:`SERIES`, N, N·m and m.
+
+    They combine the covariance of the parameters with the rms error on left-out repetitions of the model's trial (or of
+    the fit if no repetition could be left out). The factor 1.4 accounts for the different movement.
+    """
+    residual = _read_residual(source.facts, banded=target.measured is not None)
+    return np.asarray(_ELSEWHERE * np.hypot(_find_parameters_sd(target, transferred), residual))
+
+
+def share_inside(model: FloatArray, measured: FloatArray, sd: FloatArray, samples: BoolArray) -> dict[str, float]:
+    """Return the fraction of samples whose measurement is within the stated 95 % interval, for each of :data:`SERIES`.
+
+    The fraction is NaN if no sample is known.
+
+    Parameters
+    ----------
+    model, measured, sd : (T, 4) arrays
+        Prediction, measurement, and stated standard deviation of the prediction.
+    samples : (T,) bool array
+        Samples that are counted.
+    """
+    times = np.abs(model - measured)[samples] / sd[samples]
+    known = np.isfinite(times)
+    count = known.sum(axis=0)
+    share = np.sum(known & (np.nan_to_num(times) <= NORMAL_95), axis=0) / np.where(count, count, np.nan)
+    return dict(zip(SERIES, share.tolist(), strict=True))
+
+
+def warn_if_worse_than_stated(shares: Mapping[str, float]) -> Iterator[Reason]:
+    """Yield a reason if the stated intervals contain too few samples; ``shares`` is from :func:`share_inside`."""
+    few = {name: share for name, share in shares.items() if share < _INSIDE}
+    if few:
+        listed = ", ".join(f"{name} ({100 * share:.0f} %)" for name, share in few.items())
+        yield Reason(
+            "transfer-worse-than-stated",
+            f"the transferred body is less accurate than stated: its 95 % intervals contain too few samples of "
+            f"{listed}",
+            value=min(few.values()),
+            limit=_INSIDE,
+        )
+
+
+def make_series(target: IdentifiedTrial, ground: FloatArray) -> FloatArray:
+    """Return :data:`SERIES` (T, 4) from a ground wrench (T, 3), in the frequency band of :meth:`in_band`."""
+    banded = np.column_stack([target.in_band(component) for component in ground.T])
+    return np.column_stack([banded, centre_of_pressure(banded, target.cop_threshold)])
+
+
+def predict(target: IdentifiedTrial, bodies: MovingBodies, parameters: FloatArray) -> FloatArray:
+    """Return the :data:`SERIES` (T, 4) that K bodies with ``parameters`` (4K,) predict for the ground alone.
+
+    The wrench of chair and sensors is subtracted.
+    """
+    columns = [f"{name}_external" for name in WRENCH_COMPONENTS]
+    external = target.dynamics[columns].to_numpy(dtype=np.float64) if columns[0] in target.dynamics else 0.0
+    return make_series(target, bodies.regressor @ parameters - external)
+
+
+def _find_parameters_sd(target: IdentifiedTrial, transferred: TransferredBody) -> FloatArray:
+    """Return the standard deviations (T, 4) of the prediction that follow from the covariance of the parameters."""
+    rows = target.in_band(transferred.bodies.regressor)
+    pressure = centre_of_pressure_rows(rows, rows @ transferred.parameters, target.cop_threshold)
+    rows = np.concatenate([rows, pressure[:, None]], axis=1)
+    return np.sqrt(variance(rows, transferred.covariance))
+
+
+def list_doubts(support: Support | None, registration: Registration, joints: Sequence[str]) -> Iterator[Reason]:
+    """Yield the reasons against the transfer of a body that do not use the target's forces.
+
+    Parameters
+    ----------
+    support : Support or None
+    registration : Registration
+    joints : sequence of str
+        Descriptions of the joints for messages.
+    """
+    if support is not None:
+        yield from _check_home(support)
+        yield from _check_difference(support)
+    distances = np.nan_to_num(registration.joint)
+    if len(distances) and distances.max() > _JOINTS:
+        worst = int(distances.argmax())
+        yield Reason(
+            "transfer-joints",
+            f"the positions of the joint {joints[worst]} in the two trials differ by "
+            f"{1e3 * registration.joint[worst]:.0f} mm relative to the same markers: in one trial, the joint does not "
+            "bend enough or the markers moved on the skin",
+            value=float(registration.joint[worst]),
+            limit=_JOINTS,
+        )
+
+
+def _check_home(support: Support) -> Iterator[Reason]:
+    """Yield a reason if the model predicts its own trial no better than the allometric body."""
+    worse = {name: ratio for name, ratio in support.at_home.items() if ratio > 1.0}
+    if worse:
+        listed = ", ".join(f"{name} (error ratio {ratio:.2f})" for name, ratio in worse.items())
+        yield Reason(
+            "transfer-not-at-home",
+            f"on left-out repetitions of its own trial, the model predicts no better than the allometric body in "
+            f"{listed}: there is no individual information to transfer",
+            value=max(worse.values()),
+            limit=1.0,
+        )
+
+
+def _check_difference(support: Support) -> Iterator[Reason]:
+    """Yield a reason if the predictions of transferred and allometric body do not differ enough."""
+    times = {name: support.apart[name] / support.sd[name] for name in _DISTINCT}
+    near = {name: ratio for name, ratio in times.items() if not ratio >= _TIMES}
+    if near:
+        listed = ", ".join(f"{name} ({ratio:.1f} standard deviations)" for name, ratio in near.items())
+        yield Reason(
+            "transfer-not-told-apart",
+            "on this movement the prediction of the transferred body does not differ enough from the prediction of the "
+            f"allometric body in {listed}; at least {_TIMES:g} are needed. The model's trial determines too little for "
+            "this movement",
+            value=min(near.values()),
+            limit=_TIMES,
+        )
+
+
+def _read_residual(facts: Mapping[str, Any], banded: bool) -> FloatArray:
+    """Return the rms errors (4,) of a model on left-out repetitions of its trial, or else of the fit.
+
+    Unless ``banded``, the errors on left-out repetitions are those of the unfiltered series, if known.
+    """
+    held_out = facts.get("held_out") or {}
+    errors = (None if banded else held_out.get("unfiltered")) or held_out.get("model")
+    if errors is None:
+        cop = facts.get("cop_rms_m")
+        errors = {**(facts.get("wrench") or {}), "cop_x": None if cop is None else {"bias": 0.0, "sd": cop}}
+    return np.array([_read_error(errors, name) for name in SERIES])
+
+
+def _compare_at_home(held_out: Mapping[str, Any] | None) -> dict[str, float]:
+    model, table = ((held_out or {}).get(body) for body in ("model", "reference"))
+    return {name: _read_error(model, name) / _read_error(table, name) for name in AT_HOME}
+
+
+def _read_error(errors: Mapping[str, Any] | None, name: str) -> float:
+    """Return the root mean square of an error in the facts; NaN if unknown."""
+    one = None if errors is None else errors.get(name)
+    return float("nan") if one is None else float(np.hypot(one["bias"], one["sd"]))
+
+
+def root_mean_square(values: FloatArray) -> float:
+    """Return the root mean square of the finite values; NaN if there are none."""
+    return float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else float("nan")
+
+
+FORMATS = (".csv", ".parquet")
+"""Endings of the files that :func:`write` writes."""
+
+
+def check_format(file: Path) -> None:
+    """Raise ConfigError if the file name does not have one of the endings in :data:`FORMATS`."""
+    if file.suffix.lower() not in FORMATS:
+        raise ConfigError(f"--out {file}: expected a file name that ends in {' or '.join(FORMATS)}")
+
+
+def write(result: Transfer, file: Path, owner: Owner | None = None) -> None:
+    """Write the table as CSV or Parquet; the units are in the Parquet file's field metadata.
+
+    Raises
+    ------
+    StoreError
+        The file cannot be written, or is a table of another ``owner``.
+    """
+    if owner is not None:
+        check_owner(file.parent, owner, file.name)
+    table = pa.Table.from_pandas(as_frame(result), preserve_index=False)
+    fields = [field.with_metadata({"unit": _find_unit(field.name)}) for field in table.schema]
+    table, stream = table.cast(pa.schema(fields)), io.BytesIO()
+    if file.suffix.lower() == ".csv":
+        pyarrow.csv.write_csv(table, stream)
+    else:
+        pyarrow.parquet.write_table(table, stream)
+    write_files(file.parent, {file.name: stream.getvalue()})
+    if owner is not None:
+        store_owner(file.parent, owner, file.name)
+
+
+def as_frame(result: Transfer) -> pd.DataFrame:
+    """Return a data frame with one row for each trial and body.
+
+    The columns are trial, model (the trial on which the body was identified), body, samples and condition_number; mean,
+    sd and rms of the error (model minus measurement) of Fx, Fy (N), tauz (N·m) and cop_x (m); mean and sd of each joint
+    torque tau_1 … minus the torque of the trial's own model (N·m); the largest residual of the registration (m); and
+    whether the recordings support the transfer (missing if unknown).
+    """
+    joints = range(1, result.joints + 1)
+    frame = pd.DataFrame([_make_row(result, trial, body, joints) for trial in result.trials for body in trial.bodies])
+    return frame.astype({"supported": "boolean"})
+
+
+def as_json(result: Transfer) -> dict[str, Any]:
+    """Return the errors, the registration of every segment and the reasons as JSON; null for an unknown number."""
+    return {
+        "schema": "mocap-id/transfer",
+        "version": 1,
+        "model": result.model,
+        "segments": list(result.segments),
+        "trials": [_describe_trial(result, trial) for trial in result.trials],
+    }
+
+
+def _describe_trial(result: Transfer, trial: TrialTransfer) -> dict[str, Any]:
+    registration = trial.registration
+    return {
+        "trial": trial.trial,
+        "samples": trial.samples,
+        "condition_number": trial.condition,
+        "bodies": [
+            {
+                "body": body.name,
+                "errors": {name: _describe_error(error) for name, error in body.errors.items()},
+                "torques": [_describe_error(difference) for difference in body.torques] or None,
+            }
+            for body in trial.bodies
+        ],
+        "registration": [
+            {
+                "segment": name,
+                "angle_deg": math.degrees(registration.angle[k]),
+                "shift_m": registration.shift[k].tolist(),
+                "markers": int(registration.markers[k]),
+                "residual_m": to_finite(registration.residual[k]),
+            }
+            for k, name in enumerate(result.segments)
+        ],
+        "joint_apart_m": [to_finite(distance) for distance in registration.joint.tolist()],
+        "supported": trial.supported,
+        "support": None if trial.support is None else _describe_support(trial.support),
+        "intervals": {
+            name: {"sd_rms": to_finite(trial.stated[name]), "inside": to_finite(trial.inside[name]), "unit": unit}
+            for name, unit in SERIES.items()
+        },
+        "reasons": [reason.as_dict() for reason in trial.reasons],
+    }
+
+
+def _describe_support(support: Support) -> dict[str, Any]:
+    return {
+        name: {
+            "apart_rms": to_finite(support.apart[name]),
+            "sd_rms": to_finite(support.sd[name]),
+            "at_home": to_finite(support.at_home[name]),
+            "unit": SERIES[name],
+        }
+        for name in AT_HOME
+    }
+
+
+def _describe_error(error: Agreement | None) -> dict[str, float] | None:
+    return None if error is None else {"mean": error.bias, "sd": error.sd, "rms": rms_error(error)}
+
+
+def _make_row(result: Transfer, trial: TrialTransfer, body: BodyErrors, joints: range) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "trial": trial.trial,
+        "model": result.model,
+        "body": body.name,
+        "samples": trial.samples,
+        "condition_number": trial.condition,
+    }
+    unknown = {"mean": math.nan, "sd": math.nan, "rms": math.nan}
+    for name in SERIES:
+        row |= {f"{name}_{part}": value for part, value in (_describe_error(body.errors.get(name)) or unknown).items()}
+    for j in joints:
+        torque = _describe_error(body.torques[j - 1] if j <= len(body.torques) else None) or unknown
+        row |= {f"tau_{j}_{part}": torque[part] for part in ("mean", "sd")}
+    return row | {"registration_residual": trial.registration_residual, "supported": trial.supported}
+
+
+def _find_unit(column: str) -> str:
+    stem = column.rpartition("_")[0]
+    return SERIES.get(stem) or ("N*m" if stem.startswith("tau_") else "m" if column == "registration_residual" else "")
