@@ -24,7 +24,6 @@ from harness import (
     temporary_folder,
 )
 
-from mocap_id.interface.simulated import simulate
 from mocap_id.store.views import Skeleton
 from mocap_id.workflows.sensitivity.perturbations import (
     JOINTS,
@@ -42,6 +41,7 @@ from mocap_id.workflows.sensitivity.runs import (
     run_from,
 )
 from mocap_id.workflows.sensitivity.study import sensitivity
+from mocap_id_simulation import simulate
 from mocap_id_simulation.options import JointName, Options, Speed
 
 NEGLIGIBLE = 0.5  # %: as the thesis uses the word for the clock

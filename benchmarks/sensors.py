@@ -21,7 +21,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import so3
-from mocap_id.interface.simulated import simulate
+from mocap_id_simulation import simulate
 from mocap_id_simulation.arm import generate_arm
 from mocap_id_simulation.arm_files import write_arm
 from mocap_id_simulation.options import ArmOptions, Options, Preset, draw_subject

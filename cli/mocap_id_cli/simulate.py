@@ -16,8 +16,8 @@ from typing import Annotated, Any, TypeAlias, cast, get_type_hints
 import typer
 from typer import Argument, Option
 
-from mocap_id.interface.simulated import simulate as simulate_plane
 from mocap_id_cli.console import make_group, set_parameters
+from mocap_id_simulation import simulate as simulate_plane
 from mocap_id_simulation.arm_files import write_arm, write_chain
 from mocap_id_simulation.options import (
     ArmOptions,

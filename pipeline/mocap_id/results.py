@@ -52,6 +52,7 @@ class Quantity:
         ""  # column of a study's table of trials; empty if it has none. `<column>_sd` has the standard deviation
     )
     meaning: str = ""  # meaning of this column
+    column_sd: bool = True  # whether the table also has the standard deviation, if there is one
 
 
 def list_quantities(kind: type[Result]) -> Iterator[tuple[str, Quantity]]:

@@ -26,6 +26,7 @@ from mocap_id.recording.imu_log import read_imu
 from mocap_id.recording.skeleton_log import read_skeleton
 from mocap_id.recording.text_tables import read_table
 from mocap_id.runner.dependencies import FileHashes
+from mocap_id.runner.execution import read_refusal
 from mocap_id.stages import STAGES
 from mocap_id.store import Folder
 from mocap_id.workflows.recording_summary import describe_recording
@@ -345,7 +346,7 @@ def _read_record(bench: Bench, case: Case) -> str:
     folder, stage = Folder(run), case.name.removesuffix(".json")
     documents = folder.documents(stage)
     folder.origin(stage, ["summary.json", "report.html"])
-    runner.refusals.read_refusal(run, "segment", "x")
+    read_refusal(run, "segment", "x")
     folder.remove_outputs(stage, [])
     if not isinstance(documents, dict) or not (bench.place / "x").exists():
         return f"documents {documents!r}"

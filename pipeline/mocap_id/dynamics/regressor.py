@@ -151,7 +151,7 @@ def project_on_joints(jacobian: FloatArray, joint: IntArray, wrenches: FloatArra
 
     The wrench through joint j is the sum of the wrenches on the segments beyond it. The product of this wrench with the
     joint's spatial twist, a column of the spatial Jacobian (eq. 2.47), is the torque. The wrenches are columns of a
-    regressor or external wrenches (:mod:`mocap_id.dynamics.external_wrenches`).
+    regressor or external wrenches (:mod:`mocap_id.dynamics.regressor`).
 
     Parameters
     ----------

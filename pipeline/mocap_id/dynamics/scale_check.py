@@ -2,7 +2,7 @@
 
 Residuals hide an error of scale, because the parameters adapt to it. Three facts make the error visible. Gravity and
 inertia act on the same masses. Forces and moments belong to one wrench. Nearly all mass above the shank acts at the
-knee, so that ratios of the parameters are almost the same in all people (:mod:`mocap_id.dynamics.body_ratios`).
+knee, so that ratios of the parameters are almost the same in all people (:mod:`mocap_id.dynamics.scale_check`).
 
 The wrench is modelled as the regressor times the parameters, plus a column for each cause of error. First, all causes
 are kept near zero; then one cause at a time is free. A cause is identified if it decreases the cost by more than 6.6,

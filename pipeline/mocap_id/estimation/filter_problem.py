@@ -175,7 +175,7 @@ class FilterProblem:
 
 @dataclass(frozen=True)
 class Track:
-    """Result of a filter or smoother: states in the order of :mod:`mocap_id.estimation.process_model`."""
+    """Result of a filter or smoother: states in the order of :mod:`mocap_id.estimation.filter_problem`."""
 
     mean: FloatArray  # (F, 4n) filtered or smoothed state
     covariance: FloatArray  # (F, 4n, 4n) covariance of the state

@@ -186,7 +186,7 @@ class FiveTimes(Result):
     # mean and standard deviation over the cycles
     mean_cycle_s: Annotated[
         float | None,
-        Quantity("cycle, stand to stand", "s", "cycle_sd_s", "cycle", "mean time from stand to stand"),
+        Quantity("cycle, stand to stand", "s", "cycle_sd_s", "cycle", "mean time from stand to stand", column_sd=False),
     ] = None
     cycle_sd_s: float | None = None
     failed_attempts: Annotated[

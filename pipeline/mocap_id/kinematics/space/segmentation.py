@@ -1,7 +1,7 @@
 """Number, order and markers of the segments of a chain in space, from the motion alone.
 
-The markers are divided into rigid bodies (:mod:`.division`). The bodies are ordered along real joints, from the body
-that moves least (:mod:`.chain_search`). Leftover markers are assigned to the segment that fits them best.
+The markers are divided into rigid bodies (:mod:`.bodies`). The bodies are ordered along real joints, from the body
+that moves least (:func:`search_chain`). Leftover markers are assigned to the segment that fits them best.
 """
 
 from __future__ import annotations

@@ -197,7 +197,7 @@ def _add_sd(
     """Return the states with standard deviations that include skin motion if ``skin`` is given, and what they contain.
 
     ``bend`` and ``stretch`` are as for :func:`estimate_lasting_errors`. The second result is ``UNKNOWN``, ``NOISE`` or
-    ``SKIN`` of :mod:`mocap_id.stages.ukf_smooth.state_errors`.
+    ``SKIN`` of :mod:`mocap_id.stages.ukf_smooth.plane`.
     """
     if settings.method in FRAMEWISE:  # the errors of these methods are unknown
         return states, UNKNOWN

@@ -19,6 +19,7 @@ from mocap_id.config.study import Person, Study, StudyTrial
 from mocap_id.dynamics.prediction import Agreement
 from mocap_id.dynamics.priors import TableName, look_up_table
 from mocap_id.errors import ConfigError
+from mocap_id.protocols.five_times import FiveTimes
 from mocap_id.reporting.contents import COHORT
 from mocap_id.reporting.grids import millimetres
 from mocap_id.reporting.numbers import UNKNOWN, scale, show, show_fixed, to_number
@@ -33,6 +34,7 @@ from mocap_id.reporting.results.columns import (
     whole,
 )
 from mocap_id.reporting.study.sit_to_stand import render_cohort_page
+from mocap_id.results import list_quantities
 from mocap_id.store import Folder
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.parallel import TrialRun
@@ -444,7 +446,6 @@ _PARAMETER = (
     text("unit", "kg, kg*m or kg*m^2"),
 )
 _LENGTH_ERROR = "minus reference, relative to the reference"
-_FIVE_TIMES = "time from the start of the first rise to the fifth"
 
 
 def _reference(head: str) -> ResultColumn:
@@ -484,8 +485,20 @@ def _length_error(segment: str) -> ResultColumn:
     return number(f"{segment}_error", "%", f"{segment} {_LENGTH_ERROR}", lambda trial: trial.length_error(segment))
 
 
-def _five_times(name: str, meaning: str, key: str) -> ResultColumn:
-    return number(name, "s", meaning, read_entry("five_times", key))
+def _five_times_columns() -> Iterator[ResultColumn]:
+    """Yield the columns of the five-times test, which its result declares."""
+    for name, quantity in list_quantities(FiveTimes):
+        if quantity.column:
+            value = read_entry("five_times", name)
+            column = count(quantity.column, quantity.meaning, value)
+            if quantity.unit:
+                column = number(quantity.column, quantity.unit, quantity.meaning, value)
+            if quantity.column == "five_times":
+                column = shown_as(column, "five times (s)", _show_five_times, optional=True)
+            yield column
+        if quantity.column and quantity.sd and quantity.column_sd:
+            sd = read_entry("five_times", quantity.sd)
+            yield number(f"{quantity.column}_sd", quantity.unit, "its standard deviation", sd)
 
 
 def _model_errors(model: str, meaning: str, head: str) -> Iterator[ResultColumn]:
@@ -530,19 +543,7 @@ TABLES = declare_tables(
         count(
             "complete", "number of repetitions with all their events", lambda t: _count_repetitions(t, complete=True)
         ),
-        shown_as(
-            _five_times("five_times", f"{_FIVE_TIMES} stand", "to_fifth_stand_s"),
-            "five times (s)",
-            _show_five_times,
-            optional=True,
-        ),
-        _five_times("five_times_sd", "its standard deviation", "to_fifth_stand_sd_s"),
-        _five_times("five_times_seated", f"{_FIVE_TIMES} seat contact", "to_fifth_seat_contact_s"),
-        _five_times("five_times_seated_sd", "its standard deviation", "to_fifth_seat_contact_sd_s"),
-        _five_times("cycle", "mean time from stand to stand", "mean_cycle_s"),
-        count(
-            "failed_attempts", "number of failed rises within this time", read_entry("five_times", "failed_attempts")
-        ),
+        *_five_times_columns(),
         *_model_errors("own", "own model minus measurement over the samples of the fit", "CoP, own (mm)"),
         *_model_errors("held_out", "own model on left-out repetitions minus measurement", "held out (mm)"),
         *_model_errors("reference", "allometric body minus measurement, same samples", "allometric (mm)"),
