@@ -49,6 +49,7 @@ def contents(folder: Path) -> dict[str, str]:
 
 
 def test_a_single_trial_runs_here_and_says_so(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.WARNING, logger="mocap_id")  # a command that ran before may have set another level
     (tmp_path / "gone.yaml").write_text("trial: gone\nrecording: nowhere.trc\n")
     done = run_batch([str(tmp_path)], tmp_path / "batch.parquet", backend=DaskBackend("tcp://127.0.0.1:1"))
     assert [one["exit_code"] for one in done.rows] == [3]
@@ -169,6 +170,7 @@ def test_a_lost_scheduler_says_how_to_go_on(cluster: Any) -> None:
 
 
 def test_a_scheduler_without_workers_says_so_once(monkeypatch: pytest.MonkeyPatch, caplog: Any) -> None:
+    caplog.set_level(logging.WARNING, logger="mocap_id")  # a command that ran before may have set another level
     monkeypatch.setattr(parallel, "_COUNTING_INTERVAL", 0.0)
     with (
         distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0", silence_logs=50) as alone,
