@@ -49,12 +49,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--base", default="HEAD", help="commit to compare with (default: HEAD, the last commit)")
     parser.add_argument("--part", choices=("small", "whole"), default="whole", help="cases to run")
-    parser.add_argument("--only", default="", help="only cases whose name contains this text")
+    parser.add_argument("--only", default="", help="only cases whose name contains one of these texts: TEXT,TEXT")
     parser.add_argument("--jobs", type=int, default=2, help="cases at a time")
     parser.add_argument("--list", action="store_true", help="only list the cases")
     options = parser.parse_args()
     names = read_commands(ROOT)
-    cases = [c for c in list_cases(names) if options.only in c.name and (c.small or options.part == "whole")]
+    texts = options.only.split(",")
+    cases = [
+        case
+        for case in list_cases(names)
+        if any(text in case.name for text in texts) and (case.small or options.part == "whole")
+    ]
     if options.list:
         print("\n".join(case.name for case in cases))
         return 0
@@ -97,6 +102,7 @@ def snapshot_commit(commit: str, cases: list[Case], jobs: int) -> dict[str, Any]
     if missing:
         tree = KEPT / commit[:12]
         if not tree.exists():
+            git("worktree", "prune")  # an interrupted call may have left an entry without its folder
             git("worktree", "add", "--detach", str(tree), commit)
         known |= snapshot(tree, missing, jobs)
         kept.write_text(json.dumps(known, indent=1, sort_keys=True), "utf-8")
