@@ -1,4 +1,4 @@
-"""The steps of docs/adding-a-stage.md, executed in a copy of the source tree."""
+"""The steps of docs/adding-a-stage.md and docs/adding-a-number.md, executed in copies of the source tree."""
 
 from __future__ import annotations
 
@@ -93,3 +93,30 @@ def test_the_page_leads_to_a_stage_that_runs(tree: Path) -> None:
     table = pd.read_parquet(folder / "runs" / "robot-joint" / "speeds.parquet")
     assert (table["median"] <= table["fastest"]).all()
     assert (table["fastest"] > 0.1).any()
+
+
+@pytest.mark.slow
+def test_the_two_edits_of_a_number_lead_to_summary_report_and_study(tmp_path: Path) -> None:
+    for part in ("pipeline", "cli", "sample_trials/sit-to-stand"):
+        shutil.copytree(ROOT / part, tmp_path / part, ignore=shutil.ignore_patterns("runs"))
+    edits = [block for block in blocks(DOCS / "adding-a-number.md") if block.note.startswith("edit: ")]
+    assert len(edits) == 2
+    for block in edits:
+        edit(tmp_path, block.note, block.text)
+    rooms = os.pathsep.join(str(tmp_path / room) for room in ("pipeline", "cli"))
+
+    def python(*words: str) -> str:
+        environment = os.environ | {"PYTHONPATH": rooms}
+        return subprocess.run(
+            [sys.executable, *words], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+        ).stdout
+
+    python("-m", "mocap_id_cli", "run", "sample_trials/sit-to-stand/trial.yaml", "-q")
+    results = tmp_path / "sample_trials" / "sit-to-stand" / "runs" / "sit-to-stand"
+    five_times = json.loads((results / "summary.json").read_text("utf-8"))["five_times"]
+    assert five_times["slowest_cycle_s"] >= five_times["mean_cycle_s"]
+    assert "slowest cycle (s)" in (results / "report.html").read_text("utf-8")
+    code = (
+        "from mocap_id.workflows.study.sit_to_stand import TABLES as t; print(*(c.name for c in t['trials'].columns))"
+    )
+    assert "slowest_cycle" in python("-c", code).split()

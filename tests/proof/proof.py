@@ -177,7 +177,9 @@ def read_file(file: Path, folder: str) -> Iterator[tuple[str, Any]]:
                     )
             yield from read_metadata({k: v if isinstance(v, str) else str(v) for k, v in stored.attrs.items()})
     elif file.suffix == ".json":
-        yield "document", drop_volatile(json.loads(tidy(file.read_text("utf-8"), folder)))
+        document = drop_volatile(json.loads(tidy(file.read_text("utf-8"), folder)))
+        yield "document", document
+        yield "order of keys", hash_text(json.dumps(document))
     elif file.suffix in (".html", ".csv", ".svg", ".yaml", ".md", ".mot", ".trc", ".osim", ".xml", ".tex"):
         text = tidy(file.read_text("utf-8"), folder)
         text = re.sub(r"Run time of each stage.*?</table>", "", text, flags=re.DOTALL)

@@ -202,6 +202,16 @@ def test_every_rejected_hypothesis_has_a_reason() -> None:
     assert early["against"] is None and early["hypotheses"] is None and "no-motion" in early["why"]
 
 
+def test_load_shares_are_in_the_order_of_the_movement() -> None:
+    """A file contains the keys of its facts in alphabetical order."""
+    trial = Trial()
+    events = trial.events()
+    left = dict(sorted(events.facts["load_share"]["left"].items()))
+    facts = {**events.facts, "load_share": {**events.facts["load_share"], "left": left}}
+    summary = summarise(report_data(context(trial.artefacts() | {"events.parquet": replace(events, facts=facts)})))
+    assert list(left) != list(summary.load_share.left) == ["seated", "rising", "standing"]
+
+
 def test_unknown_events_are_null_with_the_reason() -> None:
     repetitions = summary_of(Trial().artefacts())["repetitions"]
     assert [entry["seat_on_s"] for entry in repetitions] == [pytest.approx(4.8), pytest.approx(10.8), None]

@@ -1,4 +1,4 @@
-"""Still pose of a recording, and positions of landmarks in the frames of marker clusters."""
+"""Landmarks in the frames of marker clusters, from a still pose or from pointer trials."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recognition of upper-limb landmarks by the names of markers.
+"""Recognition of landmarks of the upper limb and of skeleton joints by their names.
 
 Separators, capitals and the name of a subject are ignored. A landmark of an arm has its side before or after its name:
 ``REL``, ``EL_R``, ``Subject:right lateral epicondyle``.
@@ -298,7 +298,7 @@ def _find_role(label: str, side: Side) -> str | None:
     name = re.sub(r"[^a-z]", "", label.rsplit(":", 1)[-1].lower().replace("_study", ""))
     if name in _MIDDLE_ROLES:
         return _MIDDLE_ROLES[name]
-    for own, rest in _split_side_of_skeleton_joints(name):
+    for own, rest in _split_side_of_joint(name):
         if rest in _SIDED_ROLES:
             role = _SIDED_ROLES[rest]
             near = own[0] == side[0]
@@ -306,7 +306,7 @@ def _find_role(label: str, side: Side) -> str | None:
     return None
 
 
-def _split_side_of_skeleton_joints(name: str) -> list[tuple[str, str]]:
+def _split_side_of_joint(name: str) -> list[tuple[str, str]]:
     """Return possible splits of a name into a side and the rest."""
     splits = []
     for word in ("right", "left", "r", "l"):

@@ -1,4 +1,4 @@
-"""Conversion of YAML data to a pydantic model, with one line for every mistake: file, line, key, found, expected."""
+"""YAML 1.2 with the line of every key, and its conversion to a pydantic model with one line for every mistake."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simple movements: the recorded movement faster or larger, one joint alone, or one joint after the other."""
+"""Movements to try: the recorded one faster or larger, single joints, and waves of all joints."""
 
 from __future__ import annotations
 

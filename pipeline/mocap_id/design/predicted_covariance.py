@@ -1,4 +1,4 @@
-"""Predicted covariance of the base parameters for a movement that was not recorded.
+"""A movement that was not recorded, and the covariance of the base parameters predicted for it.
 
 The chain, the parameters, the noise and the skin model are those of an identified trial; the regressor is computed for
 the other movement. The covariance has three parts: from the residuals, from the geometry (joint centres and skin) and

@@ -1,4 +1,4 @@
-"""Proposed movements and the objectives that compare them."""
+"""Limits of a movement, proposed movements, their objectives, and recommended changes of the recorded one."""
 
 from __future__ import annotations
 

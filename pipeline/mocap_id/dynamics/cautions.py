@@ -1,4 +1,4 @@
-"""Cautions about an identification, from which its verdict follows."""
+"""Excitation of each base parameter, and cautions about an identification, from which its verdict follows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Least squares over the cone of physically possible parameters by Clarabel's interior-point method."""
+"""The cone of possible bodies, least squares over it by Clarabel's interior-point method, and proof of optimality."""
 
 from __future__ import annotations
 

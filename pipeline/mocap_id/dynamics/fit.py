@@ -1,4 +1,4 @@
-"""Least-squares fit of clock offset, weights and parameters, with their covariance, on chosen samples."""
+"""Samples, weights, and the least-squares fit of clock offset, weights and parameters, with their covariance."""
 
 from __future__ import annotations
 

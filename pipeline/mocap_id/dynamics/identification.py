@@ -1,4 +1,4 @@
-"""Identification: physically consistent parameters with their standard deviations."""
+"""Identification: physically consistent parameters with standard deviations, cross-validation, choice of cut-offs."""
 
 from __future__ import annotations
 

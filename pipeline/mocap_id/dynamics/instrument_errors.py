@@ -1,4 +1,4 @@
-"""Errors of scale of the instruments, and their effect on parameters and torques.
+"""Errors that residuals hide or repeat: scale, accelerations, geometry, measured poses; their effect on the results.
 
 A wrong gain of the plate, or a wrong scale or tilt of the cameras, is the same in every sample, so the residuals hardly
 contain this error. The standard deviations of parameters and torques therefore contain the usual size of these errors.

@@ -1,4 +1,4 @@
-"""Linear least squares, compressed by a QR decomposition to as many rows as parameters.
+"""Linear least squares, compressed by a QR decomposition, and the uncertainty if residuals are correlated in time.
 
 Only the triangular factor R of the QR decomposition of the data is needed, because the cost of parameters x is
 ‖R x - d‖² plus a constant. Thousands of rows become a dozen, and the condition number is not squared.

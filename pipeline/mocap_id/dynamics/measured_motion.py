@@ -1,4 +1,4 @@
-"""Motion of bodies from their measured poses: pinned joints, low-pass filters, derivatives.
+"""Motion of bodies from their measured poses, and the chain's parameters from those of the bodies.
 
 A person's joints are not perfect pins, so the two sides of a joint have a gap: at the hip, thigh and trunk move apart
 by a centimetre and more. The measured poses contain this motion, and therefore the real motion of the mass. Horizontal

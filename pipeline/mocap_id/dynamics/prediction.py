@@ -1,4 +1,4 @@
-"""Predicted wrench, centre of pressure and joint torques, with their standard deviations."""
+"""Predicted wrench, centre of pressure and torques with standard deviations, and their agreement with measurements."""
 
 from __future__ import annotations
 

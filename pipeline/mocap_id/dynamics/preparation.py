@@ -1,4 +1,4 @@
-"""Preparation of a trial for identification: regressor, base parameters, filtered signals, usable samples."""
+"""Preparation of a trial for identification: low-pass, clock offset, regressor, filtered signals, usable samples."""
 
 from __future__ import annotations
 

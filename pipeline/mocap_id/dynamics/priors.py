@@ -1,4 +1,4 @@
-"""Reference bodies from height, mass and sex: the tables of Winter (2009) and de Leva (1996).
+"""Reference bodies from the tables of Winter (2009) and de Leva (1996), and the priors that they give.
 
 The tables give fractions of body mass and of segment length; here, both legs are one segment. A chain starts at the
 ground, so a leg's segment begins at its lower joint. The tables measure centres of mass from the upper joint; here,

@@ -1,4 +1,4 @@
-"""Check for a wrong scale of plate, cameras or clock rates, for which the residuals are not sufficient.
+"""Check for a wrong scale of plate, cameras, clock rates or external wrenches, for which residuals are not sufficient.
 
 Residuals hide an error of scale, because the parameters adapt to it. Three facts make the error visible. Gravity and
 inertia act on the same masses. Forces and moments belong to one wrench. Nearly all mass above the shank acts at the

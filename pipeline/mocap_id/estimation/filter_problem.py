@@ -1,4 +1,4 @@
-"""Input and output of the filter engines, and the sigma points of their unscented transform."""
+"""Process model (eq. 3.17), input and output of the filter engines, sigma points, and the compiled engine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Standard deviations of the states from white camera noise and from lasting errors of skin and chain geometry.
+"""Standard deviations of the states from camera noise, coloured residuals, and lasting errors of skin and chain.
 
 Lasting errors are equal or similar in many frames. The filter treats all residuals of the chain as white noise. Most of
 them are due to skin, whose displacements average out slowly or not at all. The filter's variance is therefore reduced

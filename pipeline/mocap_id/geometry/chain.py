@@ -1,4 +1,4 @@
-"""Serial chains in SE(3): poses, product of exponentials and Jacobians (thesis 2.3.1, 2.3.2).
+"""Joints, serial chains in SE(3), and their recursive kinematics and dynamics (thesis 2.3, 2.4).
 
 Link 0 is the base, and its frame is the world frame. Joint i (from 1) moves link i, and frame i is fixed to link i. The
 coordinates q (..., N) are the coordinates of all joints in order from base to tip. Leading axes are optional.

@@ -1,4 +1,4 @@
-"""Marker positions of a planar chain of hinges (eq. 3.18), and their Jacobian.
+"""The frame of the plane of motion, and marker positions of a planar chain in it (eq. 3.18), with their Jacobian.
 
 All quantities are in the plane frame, which is also the frame of the base (segment 0). Joint j (from 1) moves segment
 j. Its centre in the frame of segment j - 1 is ``centres[j - 1]``, in m. The joint angles q, in rad, are right-handed

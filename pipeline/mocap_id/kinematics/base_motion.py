@@ -1,4 +1,4 @@
-"""Motion of the base: feet that stand still, then slide, step or rotate, and stand still again."""
+"""Time window and motion of the base: feet that stand still, slide, step, rotate, or lift their heels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joint centres, marker coordinates and angles of the whole chain, fitted together (3.13 to 3.16).
+"""Chain fitted link by link, and all centres, marker coordinates and angles fitted together (3.13 to 3.16).
 
 The fit solves :mod:`mocap_id.kinematics.chain_fit` by Gauss-Newton; bursts (large residuals) have less weight.
 The data do not determine the orientation of a segment frame. Each iteration therefore takes the shortest step, and

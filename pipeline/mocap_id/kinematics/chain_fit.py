@@ -1,4 +1,4 @@
-"""Fitted planar chain, and the orientation of its segment frames."""
+"""Equations of a planar chain, the fitted chain, and the covariance of its centres."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Search for chains from the base to a tip over real joints, at every level (number of bodies).
+"""Hypotheses of a segmentation, and the search for chains from the base to a tip at every number of bodies.
 
 A joint is real if its two bodies rotate far enough about a point that is fixed in both
 (``SegmentationRules.is_joint``). The best chain of each number of segments is kept for the report. Only the best chain

@@ -1,4 +1,4 @@
-"""Measured poses of single marker clusters, without joints between them.
+"""Measured poses of single marker clusters, without joints between them, and the joints corrected with them.
 
 In a chain, joints connect the segments. The pose of a single cluster does not depend on joints, so the ends of two
 clusters may move apart at their joint. With the chain's marker coordinates as ``target``, the pose is that of the

@@ -1,4 +1,4 @@
-"""Clusters of markers that move as one body: the fixed base and the rigid bodies above it."""
+"""Constraints of the user, and clusters of markers that move as one body."""
 
 from __future__ import annotations
 

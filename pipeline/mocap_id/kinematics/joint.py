@@ -1,4 +1,4 @@
-"""Joint between two rigid bodies: the pair of body-fixed points that stay closest together."""
+"""Rigid bodies in the plane, circles of markers, and the joint between two bodies."""
 
 from __future__ import annotations
 

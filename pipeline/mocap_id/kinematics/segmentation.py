@@ -1,4 +1,4 @@
-"""Number, order and markers of the segments, from the motion alone (3.2.1, 3.2.4).
+"""Number, order and markers of the segments, from the motion alone, and the confidence in them (3.2.1, 3.2.4).
 
 The thesis finds segments one by one from base to tip, by circles in the frame of the previous segment. Circles are a
 weak test, because a marker two links away also moves on a circle if the joint between hardly moves. Here, rigid bodies

@@ -1,4 +1,4 @@
-"""Label swaps: markers that exchange their labels, detected by rigidity and undone (assumption A3)."""
+"""Bursts, continuations across gaps, and label swaps, which are detected by rigidity and undone (assumption A3)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Classification of force plates as under the feet, under a chair, unloaded or ignored."""
+"""Use of each force plate (feet, chair, none), and what it measures while the person stands."""
 
 from __future__ import annotations
 

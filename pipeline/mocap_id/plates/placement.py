@@ -1,4 +1,4 @@
-"""Comparison of the position of a force plate in the file with the markers of the person on it.
+"""Standing feet, and comparison of the position of a force plate in the file with the markers of the person on it.
 
 The checks need no model of the body. The ground only pushes, so its force acts under the feet, and between them if the
 plates carry both. Feet stand on the surface of the plate. The force under a person who stands still is vertical. The

@@ -1,4 +1,4 @@
-"""Chair contact in sit-to-stand and squat trials (thesis ch. 6)."""
+"""Chair contact in sit-to-stand and squat trials, and the rules that find it (thesis ch. 6)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Times of the five-times-sit-to-stand test by the common stop rules, and published times for comparison.
+"""Five-times sit-to-stand test: its times and published times, failed attempts, and load shares of the feet.
 
 A stopwatch starts at the command, so its times also contain the reaction time. The published times are not a diagnosis,
 because their sources differ in chair, instruction and stop rule.

@@ -1,4 +1,4 @@
-"""Repetitions of a trial in the plane, and the samples for its identification, by protocol."""
+"""Repetitions of a trial in the plane by protocol, samples for its identification, and averages over repetitions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Repetition of a movement in the plane, with its events and the details of its rise."""
+"""Posture of a person whose feet stay on the ground, and a repetition with its events and the details of its rise."""
 
 from __future__ import annotations
 

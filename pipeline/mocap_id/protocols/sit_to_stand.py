@@ -1,4 +1,4 @@
-"""Repetitions of sit-to-stand and squat movements, with their events (thesis ch. 6)."""
+"""Repetitions of sit-to-stand and squat movements, their events, and remarks on unusual ones (thesis ch. 6)."""
 
 from __future__ import annotations
 

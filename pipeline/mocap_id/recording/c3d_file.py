@@ -1,4 +1,4 @@
-"""Header and parameter section of a C3D file, read with all bounds checked.
+"""Header, parameters and data of a C3D file, read with all bounds checked.
 
 C3D libraries accept headers that contradict the file (a truncated file, a wrong point count) without an error.
 Therefore the bytes are parsed here.

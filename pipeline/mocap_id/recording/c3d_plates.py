@@ -1,4 +1,4 @@
-"""Signals of every force plate of a C3D file, in the axes of the file."""
+"""Signals of every force plate of a C3D file, in the axes of the file, with saturated samples marked."""
 
 from __future__ import annotations
 

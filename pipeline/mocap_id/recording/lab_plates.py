@@ -1,4 +1,4 @@
-"""Force plates in lab coordinates.
+"""Force plates in lab coordinates, resampled to the times of the markers.
 
 Sign convention: the wrench is that of the ground on the body, about the lab origin. The vertical force under a standing
 person is positive. A file with the opposite sign (force of the body on the plate) is recognised and reversed.

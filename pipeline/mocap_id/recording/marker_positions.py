@@ -1,4 +1,4 @@
-"""Marker positions in metres and lab axes, with impossible samples removed."""
+"""Marker positions in metres and lab axes, without impossible samples; conversion of tables of markers."""
 
 from __future__ import annotations
 

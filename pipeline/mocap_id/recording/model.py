@@ -1,4 +1,4 @@
-"""A recording in one form for all file formats: markers, force plates, and notes on oddities."""
+"""A recording in one form for all file formats (markers, plates, notes), and names of axes."""
 
 from __future__ import annotations
 

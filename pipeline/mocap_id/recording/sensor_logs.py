@@ -1,4 +1,4 @@
-"""Readers of logs of an encoder and of a force sensor, and of joint angles that another system measured."""
+"""Readers of logs: encoder, force sensor, joint angles of another system, plates in a MOT table, balance board."""
 
 from __future__ import annotations
 
@@ -362,7 +362,7 @@ def _read_plate(
     return replace(plate, saturated=full if full.any() else None, dead=dead)
 
 
-BALANCE_BOARD_TIME, CELLS = "time_s", ("tl_kg", "tr_kg", "bl_kg", "br_kg")
+CELLS = ("tl_kg", "tr_kg", "bl_kg", "br_kg")
 LOAD = "load_kg"
 CELLS_BELOW_SURFACE_M = 0.053
 """Depth of the cells below the surface on which the person stands, m."""
@@ -412,19 +412,19 @@ def read_board(path: Path, loads: Path | None = None) -> BoardLog:
     columns of the cells and ``load_kg``, with a row for each known load. Raises RecordingError if a file is missing,
     has another format or too few rows, or its times go backwards.
     """
-    values = _read_columns_of_balance_board(path, BALANCE_BOARD_TIME)
+    values = _read_board_columns(path, TIME)
     values = values[np.isfinite(values).all(axis=1)]
     time, cells = values[:, 0], values[:, 1:]
     if len(time) < _LEAST_ROWS or np.ptp(time) <= 0.0:
         raise RecordingError(f"{path}: has {len(time)} complete rows, expected at least {_LEAST_ROWS} different times")
-    check_times(path, time, f"`{BALANCE_BOARD_TIME}`", SENSOR_HZ, repeated=True)
+    check_times(path, time, f"`{TIME}`", SENSOR_HZ, repeated=True)
     if np.abs(cells).max() > _LARGEST_KG:
         raise RecordingError(
             f"{path}: a cell reads {np.abs(cells).max():g} kg, expected at most {_LARGEST_KG:g}: the columns must "
             "contain kilograms, not raw counts"
         )
     if loads is not None:
-        gain, zero = calibrate_cells(_read_columns_of_balance_board(loads, LOAD))
+        gain, zero = calibrate_cells(_read_board_columns(loads, LOAD))
         cells = (cells - zero) * gain
     rate = (len(time) - 1) / float(np.ptp(time))
     rows = [each & (np.abs(cells).sum(axis=1) > _UNLOADED_KG) for each in find_held(cells, rate)]
@@ -476,7 +476,7 @@ def calibrate_cells(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     return 1.0 + np.linalg.lstsq(rows, target, rcond=None)[0], zero
 
 
-def _read_columns_of_balance_board(path: Path, first: str) -> FloatArray:
+def _read_board_columns(path: Path, first: str) -> FloatArray:
     """Return the column ``first`` and the columns of the four cells, (K, 5); RecordingError if one is missing."""
     table = read_csv(path)
     expected = [first, *CELLS]

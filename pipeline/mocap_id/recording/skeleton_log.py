@@ -1,4 +1,4 @@
-"""Reader of skeletons: joint positions of a depth camera (CSV, text of Kinect v2) or of markerless software (TRC)."""
+"""Skeletons of a depth camera or of markerless software: reader, and search for faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parsers of text tables: MOT and STO files, CSV files, and the rows of TRC files."""
+"""Parsers of text tables: MOT and STO files, CSV files, TRC files."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ import numpy as np
 from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.geometry.so3 import shift_to_shortest_arc
 from mocap_id.geometry.spatial_chain import SpatialJoint
-from mocap_id.protocols.five_times import Attempt, FiveTimes, LoadShare
+from mocap_id.protocols.five_times import LOAD_PHASES, Attempt, FiveTimes, LoadShare, Spread
 from mocap_id.reporting.numbers import NOT_FINITE, scale, to_number, to_numbers
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.summary_schema import (
@@ -498,6 +498,8 @@ def summarise_load_share(data: ReportData) -> LoadShare:
     if facts is None:
         return LoadShare(why=_explain_missing(data))
     found = LoadShare.of(facts)
+    ordered = {phase: found.left.get(phase, Spread()) for phase in LOAD_PHASES}  # a file has its keys in another order
+    found = found.model_copy(update={"left": ordered})
     if found.why is None and any(None in (one.mean, one.sd) for one in found.left.values()):
         return found.model_copy(update={"why": "a phase occurs in fewer than two repetitions"})
     return found

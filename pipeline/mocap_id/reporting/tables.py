@@ -416,7 +416,8 @@ def list_test_times(summary: Summary) -> Grid:
     for name, quantity in sorted(list_quantities(FiveTimes), key=lambda named: not named[1].unit):  # times, then counts
         value = getattr(found, name)
         if quantity.unit:
-            rows[f"{quantity.label} ({quantity.unit})"] = _show_time(value, getattr(found, quantity.sd))
+            sd = getattr(found, quantity.sd) if quantity.sd else None
+            rows[f"{quantity.label} ({quantity.unit})"] = _show_time(value, sd)
         elif name == "repetitions" or value:
             rows[quantity.label] = str(value)
     rows["why unknown"] = found.why or ""

@@ -1,4 +1,4 @@
-"""Execution of stages: outputs are reused if they are up to date, or else they are computed.
+"""Execution of stages: outputs are reused if they are up to date, or else they are computed and written.
 
 Outputs are up to date if the same version of the stage made them with the same settings from inputs with the same keys;
 file times do not matter. Within a run, stages pass their outputs on in memory, and a background thread writes them.

@@ -1,4 +1,4 @@
-"""Corrections of markers for motion of the skin: axial rotation of a limb, and clusters that slide on the bones."""
+"""Corrections of markers for motion of the skin (axial rotation, clusters that slide on bones), and ``skin.h5``."""
 
 from __future__ import annotations
 

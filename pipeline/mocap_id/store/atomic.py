@@ -1,4 +1,4 @@
-"""Atomic writing of files, so that all files of a stage are written or none, and SHA-256 hashes of files."""
+"""Atomic writing of files, so that all files of a stage are written or none, their hashes, and locks of folders."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Trees as HDF5 files: types from the schema, units in dataset attributes, provenance in file attributes.
+"""Trees as HDF5 files: types from the schema, units and provenance in attributes, and an index in the user block.
 
 The HDF5 library writes a tree. Reading does not need the library, because it uses the index in
-:mod:`mocap_id.store.hdf5`.
+the user block.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Schemas of all artefacts, read from ``schemas.toml``.
+"""Columns, nodes and schemas of all artefacts, which are read from ``schemas.toml``.
 
 The schemas are a public interface: columns may be added freely, but renamed only with a new schema version.
 """

@@ -196,7 +196,7 @@ Support = tuple[float, float] | Literal["bolted"] | None
 
 @dataclass(frozen=True)
 class AdviceOptions:
-    """The objective and the limits of the movement; a limit that is None is derived from the trial."""
+    """Objective and limits of the movement. Where a limit is None, the trial gives it."""
 
     objective: Objective = "intervals"
     seconds: float | None = None  # length of the recording, s; None for the length of the trial

@@ -1,4 +1,4 @@
-"""Identification in space: physically consistent base parameters with their standard deviations."""
+"""Identification in space, the prediction of wrench and torques, and the parameters of a payload."""
 
 from __future__ import annotations
 

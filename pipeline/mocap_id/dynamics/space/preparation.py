@@ -1,4 +1,4 @@
-"""Preparation of a trial in space: regressor, base parameters, filtered signals, usable samples."""
+"""Preparation of a trial in space: motion of the segments, regressor, base parameters, filtered signals."""
 
 from __future__ import annotations
 

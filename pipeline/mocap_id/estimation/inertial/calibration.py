@@ -1,4 +1,4 @@
-"""Calibration of an inertial sensor on a moving segment, by maximum likelihood with weak priors.
+"""Calibration of inertial sensors on moving segments: clock, mounting, biases, and their signals at the frames.
 
 A sensor at the position r has the mounting M, a rotation from sensor to segment. The skin under it lags: it does not
 follow the fraction s of the segment's axial rotation τ about the long axis l. With E = exp(s τ l), the sensor measures

@@ -1,4 +1,4 @@
-"""Poses of single frames from their own markers, and the standard deviation of each marker's errors."""
+"""Chains as arrays, poses of single frames from their own markers, and the errors of each marker."""
 
 from __future__ import annotations
 

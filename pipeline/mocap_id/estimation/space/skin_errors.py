@@ -1,4 +1,4 @@
-"""Variances of the states from skin that slides with the joints (docs/concepts/rotations-in-the-filter.md).
+"""Rates of joints and segments, and variances of the states from skin that slides with the joints.
 
 A marker's lasting error, which is the same in all frames with the same posture, is proportional to the motion of the
 joints beside its segment. The error of the pose is the gain of the weighted fit times this error. The errors of

@@ -1,4 +1,4 @@
-"""Reachable set of the wrist: all directions and distances from the shoulder, computed by inverse kinematics.
+"""Visited region of joint space, and the reachable set of the wrist, computed by inverse kinematics.
 
 In a posture (plane, elevation, axial, flexion), the wrist is at R_y(plane) R_x(-elevation) R_y(axial) w(flexion) from
 the shoulder. The distance |w| determines the flexion. At a given distance and polar angle, there are two axial

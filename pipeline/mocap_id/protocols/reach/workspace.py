@@ -1,4 +1,4 @@
-"""Reachable volume of a recorded arm with its 95 % interval (7.2), within two kinds of joint limits.
+"""Geometry of a recorded arm, ranges of its angles, and its reachable volume with a 95 % interval (7.2).
 
 The first kind is the box of the ranges of the four angles. The second is the visited region, in which the limits of an
 angle depend on the other angles.

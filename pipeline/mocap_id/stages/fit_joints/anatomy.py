@@ -1,4 +1,4 @@
-"""Landmarks of the body in a fitted chain: they refine the joint centres and define the anatomical frames."""
+"""Landmarks in a fitted chain, also from pointers: they refine joint centres and define the anatomical frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Curls of a trial: events.parquet with one row for each curl, and facts on compensation, torque and fatigue."""
+"""Curls of a trial: events.parquet, facts on compensation and fatigue, and torques about the elbow."""
 
 from __future__ import annotations
 

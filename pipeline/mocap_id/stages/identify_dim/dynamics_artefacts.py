@@ -1,4 +1,4 @@
-"""Contents of dynamics.parquet and dynamics.h5, with or without an identification."""
+"""Contents of dynamics.parquet and dynamics.h5, with or without an identification, and few-marker feet."""
 
 from __future__ import annotations
 

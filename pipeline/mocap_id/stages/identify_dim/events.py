@@ -1,4 +1,4 @@
-"""Contents of events.parquet of a trial in the plane: events of the repetitions, and details of a sit-to-stand."""
+"""Contents of events.parquet and phases.parquet in the plane: events, zeros of the angles, averages."""
 
 from __future__ import annotations
 
@@ -354,10 +354,10 @@ def average_signals(
             averages.append((span, name, unit, average_repetitions(resample_repetitions(time, values, bounds))))
     why = None if any(counts.values()) else "no repetition has both its beginning and its end in the recording"
     facts = {"repetitions": counts, "compared": compared, "why": why, "zeros": list(zeros)}
-    return Table(PHASES, _make_columns_of_repetition_averages(averages), facts, reasons)
+    return Table(PHASES, _make_average_columns(averages), facts, reasons)
 
 
-def _make_columns_of_repetition_averages(averages: Sequence[tuple[str, str, str, Averaged]]) -> dict[str, Any]:
+def _make_average_columns(averages: Sequence[tuple[str, str, str, Averaged]]) -> dict[str, Any]:
     """Return the columns of phases.parquet, with 101 rows for each pair of span and quantity."""
     columns: dict[str, Any] = {"percent": np.tile(100 * GRID, len(averages))}
     for k, name in enumerate(("span", "quantity", "unit")):

@@ -1,4 +1,4 @@
-"""Identification with measured poses: cut-offs, prior, and parameters of the bodies and of the chain."""
+"""Identification with measured poses, check of scales, and comparison with the pinned chain."""
 
 from __future__ import annotations
 

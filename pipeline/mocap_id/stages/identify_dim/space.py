@@ -1,4 +1,4 @@
-"""Function of the stage identify-dim in space, which identifies a chain whose base is on a plate."""
+"""Function of the stage identify-dim in space: its inputs, the identification, and its artefacts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Inputs of the identification from the artefacts: joint states, wrench of the ground, and other external wrenches."""
+"""Inputs from the artefacts, reference bodies, place of a balance board, and what can be identified at all."""
 
 from __future__ import annotations
 

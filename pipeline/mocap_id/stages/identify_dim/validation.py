@@ -1,4 +1,4 @@
-"""Cross-validation: every repetition of a trial is predicted by a model that was fitted to the other repetitions."""
+"""Cross-validation, choice of cut-offs and pins, and the measured bodies and joint positions that it needs."""
 
 from __future__ import annotations
 

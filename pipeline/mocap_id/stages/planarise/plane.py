@@ -1,4 +1,4 @@
-"""Function of the stage planarise: reads the recording and expresses it in the plane of motion."""
+"""Function of the stage planarise: reads the recording, follows its base, and expresses it in the plane of motion."""
 
 from __future__ import annotations
 

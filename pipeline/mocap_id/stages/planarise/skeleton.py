@@ -1,4 +1,4 @@
-"""Reading of a skeleton for the stage planarise: axes, side of the arm, and joints that the sensor inferred."""
+"""The stage planarise for a skeleton, and for inertial sensors alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Wrenches on the body: of the ground, of a chair on its own plate, and of force sensors."""
+"""Wrenches on the body: of the ground (plates or a balance board), of a chair on its plate, and of force sensors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rules and constraints of the segmentation from its settings, and the caution about doubtful segments."""
+"""Segments that are known or constrained: settings, names of marker sets, skeletons, calibration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Function of the stage segment in the plane, which assigns the markers to a base and the segments of a chain."""
+"""Function of the stage segment in the plane: segments, bad stretches of markers, and feet whose heels lift."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of the recording and of the states: time stamps, gaps, repeated frames, low-pass filters, oscillating skin."""
+"""Checks of the recording and of the states, also of an arm's: time stamps, gaps, repeated frames, filters, skin."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Inertial sensors of a trial, for the stage ukf-smooth: their logs, their facts for the summary, and reasons."""
+"""Inertial sensors in the stage ukf-smooth, beside markers and alone."""
 
 from __future__ import annotations
 
@@ -224,7 +224,7 @@ def states_of_sensors(context: Context) -> Outputs:
             STATES,
             state_columns(view.time, tracked.mean, tracked.sd, states.observed),
             facts,
-            _reasons_of_sensors_alone(context, tracked, names, signals),
+            _explain_tracking(context, tracked, names, signals),
         ),
         LongTable(MARKERS, view.frames, view.time, skeleton.markers, _marker_columns(tracked, skeleton)),
         skin_motion.make_skin_tree(skin, labels, None, "no markers"),
@@ -293,7 +293,7 @@ def _facts(tracked: TrackedStates, chain: CalibratedChain, k: int, signals: Sens
     }
 
 
-def _reasons_of_sensors_alone(
+def _explain_tracking(
     context: Context, tracked: TrackedStates, names: tuple[str, ...], signals: list[SensorSignals]
 ) -> tuple[Reason, ...]:
     sd, name = np.degrees(np.nanmean(tracked.sd[..., 0])), get_calibration(context.trial).trial.name

@@ -1,4 +1,4 @@
-"""Function of the stage ukf-smooth in space: poses of segments, angles of joints, marker residuals."""
+"""Function of the stage ukf-smooth in space, from markers or from a skeleton."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recovered chain as an OpenSim model (bodies, pin joints about z, markers), and set-up files of OpenSim's tools.
+"""The recovered chain as an OpenSim model, in the plane and in space, with set-up files of OpenSim's tools.
 
 OpenSim's ground is the plane frame: x along the motion, y up, z out of the plane. The base segment is fixed to it by a
 planar joint, whose three coordinates are locked at zero. For these coordinates, inverse dynamics gives the required
@@ -381,7 +381,7 @@ def export_spatial_model(run: RunFolder) -> ExportFiles:
     skeleton, poses = parts
     inertia = read_spatial_inertia(run, len(skeleton.segments))
     files = {
-        run.name + MODEL: _format_chain_of_spatial_model(run, skeleton, model_joints(skeleton, poses), inertia),
+        run.name + MODEL: _format_spatial_chain(run, skeleton, model_joints(skeleton, poses), inertia),
         f"{run.name}_ik.xml": format_kinematics_setup(run, skeleton.markers),
     }
     notes = [f"osim: inertial parameters: {inertia.source}"]
@@ -390,7 +390,7 @@ def export_spatial_model(run: RunFolder) -> ExportFiles:
     return ExportFiles(files, tuple(notes))
 
 
-def _format_chain_of_spatial_model(
+def _format_spatial_chain(
     run: RunFolder, skeleton: SpatialSkeleton, joints: list[ModelJoint], inertia: ModelInertia
 ) -> bytes:
     girdles = [name for name in name_girdles(skeleton) if name]

@@ -1,4 +1,4 @@
-"""OpenSim's XML elements and documents."""
+"""OpenSim's XML elements, and inertial parameters about each body's centre of mass."""
 
 from __future__ import annotations
 

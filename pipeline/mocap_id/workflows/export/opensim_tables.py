@@ -1,4 +1,4 @@
-"""MOT and STO tables of the joints' motion and torques; MOT tables are in degrees, STO tables in SI units."""
+"""MOT and STO tables: motion and torques of the joints, and external forces on the body."""
 
 from __future__ import annotations
 
