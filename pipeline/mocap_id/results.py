@@ -26,13 +26,17 @@ class Result(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _replace_unknown(cls, values: Any) -> Any:
-        if not isinstance(values, dict):
-            return values
-        return {key: None if isinstance(v, float) and not math.isfinite(v) else v for key, v in values.items()}
+        return _remove_nan(values) if isinstance(values, dict) else values
 
     @classmethod
-    def explain(cls, why: str, **values: Any) -> Self:
-        """Return a result with these values, and with ``why`` if one of them is None; its ``why`` is None otherwise."""
+    def explain(cls, why: str, facts: Mapping[str, Any] | None = None, /, **values: Any) -> Self:
+        """Return a result with these values, and with ``why`` if one of them is None; its ``why`` is None otherwise.
+
+        With the ``facts`` of an artefact, they give the fields without a value; a field that they lack is None.
+        """
+        if facts is not None:
+            values = {name: facts.get(name) for name in cls.model_fields if name != "why"} | values
+        values = _remove_nan(values)
         return cls(**values | {"why": why_unknown(why, *values.values())})
 
     @classmethod
@@ -61,6 +65,10 @@ def list_quantities(kind: type[Result]) -> Iterator[tuple[str, Quantity]]:
         for described in field.metadata:
             if isinstance(described, Quantity):
                 yield name, described
+
+
+def _remove_nan(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: None if isinstance(v, float) and not math.isfinite(v) else v for key, v in values.items()}
 
 
 def why_unknown(why: str, *values: object) -> str | None:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from mocap_id.errors import StoreError
-from mocap_id.reporting.summary import summarise, to_json
+from mocap_id.reporting.summary import encode_summary, summarise
 from mocap_id.stages.report.function import report_data
 from mocap_id.store.views import Skeleton
 from mocap_id.workflows.batch import BatchTrial, make_row
@@ -22,7 +22,7 @@ from spatial_trial import SpatialTrial, context
 
 def summary_of(**options: Any) -> dict[str, Any]:
     artefacts = SpatialTrial(frames=120, **options).artefacts(plates=True)
-    return dict(json.loads(to_json(summarise(report_data(context(artefacts))))))
+    return dict(json.loads(encode_summary(summarise(report_data(context(artefacts))))))
 
 
 def test_a_baseline_holds_joints_and_ranges() -> None:

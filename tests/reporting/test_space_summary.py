@@ -8,7 +8,7 @@ from test_summary import assert_nulls_explained
 
 from mocap_id.errors import Refused
 from mocap_id.geometry.so3 import shift_to_shortest_arc
-from mocap_id.reporting.summary import summarise, to_json
+from mocap_id.reporting.summary import encode_summary, summarise
 from mocap_id.reporting.summary_schema import Summary
 from mocap_id.stages.report.function import report_data
 from mocap_id.store import Artefact
@@ -17,7 +17,7 @@ from spatial_trial import ANGLES_OF_ARM, SpatialTrial, context
 
 def summary_of(artefacts: dict[str, Artefact], refused: Refused | None = None) -> dict:
     found = summarise(report_data(context(artefacts, refused)))
-    Summary.model_validate_json(to_json(found))
+    Summary.model_validate_json(encode_summary(found))
     told = found.model_dump(mode="json", by_alias=True)
     assert_nulls_explained(told)
     return told

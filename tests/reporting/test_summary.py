@@ -16,7 +16,7 @@ from reporting_cases import LOST, Trial, context
 
 from mocap_id.errors import Refused
 from mocap_id.reporting.numbers import to_number, to_numbers
-from mocap_id.reporting.summary import summarise, to_json
+from mocap_id.reporting.summary import encode_summary, summarise
 from mocap_id.reporting.summary_schema import Summary
 from mocap_id.results import join_sentences
 from mocap_id.stages.report.function import report_data
@@ -37,7 +37,7 @@ def summary_of(artefacts: dict[str, Artefact], refused: Refused | None = None) -
     def no_constant(name: str) -> float:
         raise AssertionError(f"{name} is not JSON")
 
-    text = to_json(summarise(report_data(context(artefacts, refused)))).decode("ascii")
+    text = encode_summary(summarise(report_data(context(artefacts, refused)))).decode("ascii")
     summary: dict[str, Any] = json.loads(text, parse_constant=no_constant)
     Summary.model_validate(summary)
     assert set(summary) >= PROMISED

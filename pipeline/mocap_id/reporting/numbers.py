@@ -12,9 +12,6 @@ from mocap_id.arrays import NORMAL_95
 UNKNOWN = "–"
 """Text for an unknown quantity."""
 
-NOT_FINITE = "the joint fit gave no finite value"
-"""Explanation (``why``) of an unknown quantity of the joint fit."""
-
 
 def to_number(value: object) -> float | None:
     """Return a value as a finite number; None if it is missing, NaN, infinite or not a number."""

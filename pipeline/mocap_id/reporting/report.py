@@ -9,7 +9,7 @@ from mocap_id.reporting.page import Page, explain_reason, read_figures
 from mocap_id.reporting.player import Player, make_player, make_spatial_player
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.sections import make_key_numbers, make_sections
-from mocap_id.reporting.summary import summarise, to_json
+from mocap_id.reporting.summary import encode_summary, summarise
 from mocap_id.reporting.summary_schema import Summary
 from mocap_id.store import Document
 
@@ -17,7 +17,7 @@ from mocap_id.store import Document
 def make_documents(data: ReportData, *, figures: bool = False, pdf_fonts: PdfFonts = "type-3") -> tuple[Document, ...]:
     """Return the files of :data:`mocap_id.reporting.contents.FILES`, followed by the paper figures if requested."""
     summary = summarise(data)
-    contents = {SUMMARY_FILE: to_json(summary), PAGE_FILE: _make_page(data, summary).render()}
+    contents = {SUMMARY_FILE: encode_summary(summary), PAGE_FILE: _make_page(data, summary).render()}
     if figures:
         from mocap_id.reporting import paper_figures  # noqa: PLC0415  loads matplotlib
 

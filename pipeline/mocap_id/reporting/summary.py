@@ -10,9 +10,8 @@ import numpy as np
 
 from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.geometry.so3 import shift_to_shortest_arc
-from mocap_id.geometry.spatial_chain import SpatialJoint
 from mocap_id.protocols.five_times import LOAD_PHASES, Attempt, FiveTimes, LoadShare, Spread
-from mocap_id.reporting.numbers import NOT_FINITE, scale, to_number, to_numbers
+from mocap_id.reporting.numbers import scale, to_number, to_numbers
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.summary_schema import (
     AngleEntry,
@@ -46,83 +45,84 @@ from mocap_id.reporting.summary_schema import (
     WorkspaceEntry,
 )
 from mocap_id.results import join_sentences, why_unknown
-from mocap_id.store import Facts, Table
-from mocap_id.store.views import MEANINGLESS_AT_POLE, IdentifiedDynamics, Skeleton, SpatialAngles
+from mocap_id.store.views import MEANINGLESS_AT_POLE
 
+_EVENTS = "events.parquet"
+_NOT_FINITE = "the joint fit gave no finite value"
 _NO_PLANE = "yaw_deg, origin_m: a trial in space has no plane of motion"
 _NO_STATE_SD = "zero_sd_deg: the joint states have no standard deviations"
 _NO_MOVEMENT_HELPS = "none of those tried"
+_PINNED = "the dynamics use the pinned chain"
+_HIDDEN = "the motion does not determine the centre of this joint: use `calibration:`, or record a larger motion"
 _WIDE = 2.0  # times the median standard deviation; above it, a torque is not reported as the largest
+_AXES = {"ball": 0, "hinge": 1, "two-axis": 2}  # number of axes of each kind of joint
 
 
 def summarise(data: ReportData) -> Summary:
     """Return the summary of a trial; values of artefacts that are missing are null, with a ``why``."""
-    joints = summarise_spatial_joints(data) if data.in_space else _summarise_joints(data)
-    lengths = summarise_spatial_lengths(data) if data.in_space else _summarise_lengths(data)
-    rises, failed = summarise_repetitions(data), summarise_attempts(data)
-    seconds = _summarise_run_times(data)
+    joints, lengths = _summarise_spatial_chain(data) if data.in_space else _summarise_chain(data)
+    rises, failed = _summarise_repetitions(data), data.facts(_EVENTS).get("attempts")
+    seconds = None if data.seconds is None else {stage: s for stage, s in data.seconds.items() if np.isfinite(s)}
     why = (
         why_unknown(f"joints and lengths_m: {data.why_missing('chain.h5')}", joints, lengths),
-        why_unknown(f"repetitions: {data.why_missing('events.parquet')}", rises),
+        why_unknown(f"repetitions: {data.why_missing(_EVENTS)}", rises),
         why_unknown("attempts: only a sit-to-stand has them", failed) if data.in_space else None,
         why_unknown("time_s: the run times of the stages were not recorded", seconds),
     )
+    reasons = [ReasonEntry(**reason.as_dict()) for reason in data.reasons]
+    angles, skeleton, landmarks = data.angles, data.spatial_skeleton, {}
+    if skeleton is not None:
+        for k, name in enumerate(skeleton.landmarks):
+            landmarks[name] = LandmarkEntry.explain(
+                "the landmark is not visible in a still pose or a pointer trial",
+                segment=skeleton.segments[int(skeleton.landmark_segment[k])],
+                local_m=to_numbers(skeleton.landmark_local[k]),
+                sd_m=to_number(skeleton.landmark_sd[k]),
+            )
     return Summary(
         trial=data.trial,
         product=data.product,
         space="3d" if data.in_space else "plane",
         mirrored=data.facts("planar.parquet").get("side") == "left",
-        verdict=_summarise_verdict(data),
+        verdict=VerdictEntry(
+            level=data.level,
+            reasons=[entry for entry in reasons if entry.level != "ok"],
+            notes=[entry for entry in reasons if entry.level == "ok"],
+        ),
         plane=_summarise_plane(data),
         segments=_summarise_segments(data),
         joints=joints,
         lengths_m=lengths,
-        angles=summarise_angles(data),
-        landmarks=summarise_landmarks(data),
+        angles={} if angles is None else {name: _summarise_angle(data, k) for k, name in enumerate(angles.names)},
+        landmarks=landmarks,
         markers=_summarise_markers(data),
         noise=_summarise_noise(data),
         dynamics=_summarise_dynamics(data),
         repetitions=rises,
-        five_times=summarise_five_times(data),
-        attempts=failed,
-        load_share=summarise_load_share(data),
-        encoder=summarise_encoder(data),
-        imus=summarise_imus(data),
-        workspace=summarise_workspace(data),
+        five_times=_summarise_five_times(data),
+        attempts=None if failed is None else [Attempt.of(one) for one in failed],
+        load_share=_summarise_load_share(data),
+        encoder=_summarise_encoder(data),
+        imus={name: ImuEntry(**entry) for name, entry in data.facts("states.parquet").get("imus", {}).items()},
+        workspace=_summarise_workspace(data),
         curls=summarise_curls(data),
         time_s=seconds,
         why=join_sentences(why),
     )
 
 
-def to_json(summary: Summary) -> bytes:
+def encode_summary(summary: Summary) -> bytes:
     """Return the content of ``summary.json``: strict JSON without NaN, in ASCII, with a final newline."""
     text = json.dumps(summary.model_dump(mode="json", by_alias=True), allow_nan=False, indent=1)
     return (text + "\n").encode("ascii")
 
 
-def _summarise_verdict(data: ReportData) -> VerdictEntry:
-    entries = [
-        ReasonEntry(
-            code=reason.code,
-            message=reason.message,
-            value=to_number(reason.value),
-            limit=to_number(reason.limit),
-            level=reason.level,
-        )
-        for reason in data.reasons
-    ]
-    reasons = [entry for entry in entries if entry.level != "ok"]
-    return VerdictEntry(level=data.level, reasons=reasons, notes=[entry for entry in entries if entry.level == "ok"])
-
-
 def _summarise_plane(data: ReportData) -> PlaneEntry:
-    plane = data.facts("planar.parquet").get("plane") or {}
+    planar, share = data.facts("planar.parquet"), data.facts("segments.parquet").get("planarity")
+    plane = planar.get("plane") or {}
     if data.in_space:
-        plane = {"planarity": data.facts("planar.parquet").get("planarity"), "why": _NO_PLANE, **plane}
-    yaw, planarity = to_number(plane.get("yaw_deg")), to_number(plane.get("planarity"))
-    origin = to_numbers(plane.get("origin_m"))
-    share = to_number(data.facts("segments.parquet").get("planarity"))
+        plane = {"planarity": planar.get("planarity"), "why": _NO_PLANE, **plane}
+    yaw, planarity, origin = plane.get("yaw_deg"), plane.get("planarity"), to_numbers(plane.get("origin_m"))
     why = (
         why_unknown(plane.get("why") or data.why_missing("planar.parquet"), yaw, planarity, origin),
         why_unknown(f"out_of_plane_share: {data.why_missing('segments.parquet')}", share),
@@ -134,44 +134,32 @@ def _summarise_plane(data: ReportData) -> PlaneEntry:
 
 def _summarise_segments(data: ReportData) -> SegmentsEntry:
     facts = data.facts("segments.parquet")
-    count, names, against = to_number(facts.get("count")), facts.get("names"), facts.get("against")
     assignment = {row["marker"]: row["segment"] for row in data.rows("segments.parquet") if row["segment"] >= 0}
+    hypotheses = facts.get("hypotheses")  # the chosen one first
+    if hypotheses is not None:
+        hypotheses = [
+            HypothesisEntry.of({**entry, "chosen": k == 0, "left_out": sum(len(body) for body in entry["left_out"])})
+            for k, entry in enumerate(hypotheses)
+        ]
     return SegmentsEntry.explain(
         facts.get("why") or data.why_missing("segments.parquet"),
-        count=None if count is None else int(count),
-        names=None if names is None else [str(name) for name in names],
+        facts,
         assignment=None if data.table("segments.parquet") is None else assignment,
-        confidence=to_number(facts.get("confidence")),
-        against=None if against is None else {str(evidence): float(off) for evidence, off in against.items()},
-        hypotheses=_summarise_hypotheses(facts),
+        hypotheses=hypotheses,
     )
 
 
-def _summarise_hypotheses(facts: Facts) -> list[HypothesisEntry] | None:
-    """Return the segmentations that were considered, the chosen one first; None if they are unknown."""
-    if facts.get("hypotheses") is None:
-        return None
-    return [
-        HypothesisEntry(
-            segments=int(entry["segments"]),
-            cost=float(entry["cost"]),
-            why=str(entry["why"]),
-            chosen=k == 0,
-            left_out=sum(len(body) for body in entry["left_out"]),
-            joint_residual_m=[float(residual) for residual in entry["joint_residual_m"]],
-            arc_deg=[float(arc) for arc in entry["arc_deg"]],
-        )
-        for k, entry in enumerate(facts["hypotheses"])
-    ]
+def _summarise_chain(data: ReportData) -> tuple[list[JointEntry] | None, dict[str, LengthEntry] | None]:
+    """Return joints, and lengths of segments between two joints, of the chain in the plane; None without a chain.
 
-
-def _summarise_joints(data: ReportData) -> list[JointEntry] | None:
+    For a robot, the lengths contain the distance of the joint from the plane origin (thesis table 5.1), ``base``.
+    """
     skeleton = data.skeleton
     if skeleton is None:
-        return None
-    return [
+        return None, None
+    joints = [
         JointEntry.explain(
-            NOT_FINITE if data.zeros[j].sd is not None else _NO_STATE_SD,
+            _NOT_FINITE if data.zeros[j].sd is not None else _NO_STATE_SD,
             name=name,
             parent=int(skeleton.parents[j]),
             centre_m=to_numbers(skeleton.centres[j]),
@@ -183,21 +171,17 @@ def _summarise_joints(data: ReportData) -> list[JointEntry] | None:
         )
         for j, name in enumerate(skeleton.joints)
     ]
-
-
-def _summarise_lengths(data: ReportData) -> dict[str, LengthEntry] | None:
-    """Return the lengths of the segments between two joints, for a robot also of its base; None without a chain."""
-    skeleton = data.skeleton
-    if skeleton is None:
-        return None
-    lengths = zip(skeleton.segments[1:-1], skeleton.lengths, skeleton.lengths_sd, strict=True)
-    entries = {name: LengthEntry.explain(NOT_FINITE, value=to_number(m), sd=to_number(sd)) for name, m, sd in lengths}
-    return summarise_base_length(data, skeleton) | entries
+    lengths = list(zip(skeleton.segments[1:-1], skeleton.lengths, skeleton.lengths_sd, strict=True))
+    if data.settings.get("protocol") == "robot-joint" and len(skeleton.centres):
+        value = float(np.hypot(*skeleton.centres[0]))
+        along = skeleton.centres[0] / value if value > 0 else np.zeros(2)
+        lengths.insert(0, ("base", value, np.sqrt(along @ skeleton.covariance[0] @ along)))
+    return joints, {name: LengthEntry.explain(_NOT_FINITE, value=m, sd=sd) for name, m, sd in lengths}
 
 
 def _summarise_markers(data: ReportData) -> MarkersEntry:
-    rms = to_number(data.facts("states.parquet").get("reprojection_rms_m"))
-    missing = to_number(data.facts("planar.parquet").get("missing_fraction"))
+    rms = data.facts("states.parquet").get("reprojection_rms_m")
+    missing = data.facts("planar.parquet").get("missing_fraction")
     why = (
         why_unknown(data.why_missing("states.parquet"), rms),
         why_unknown(data.why_missing("planar.parquet"), missing),
@@ -211,44 +195,52 @@ def _summarise_noise(data: ReportData) -> NoiseEntry:
     each = to_numbers(sigma_v if isinstance(sigma_v, (list, tuple)) else [sigma_v])
     return NoiseEntry.explain(
         facts.get("why") or data.why_missing("states.parquet"),
-        marker_sd_m=to_number(facts.get("marker_sd_m")),
+        facts,
         sigma_v=None if each is None else float(np.sqrt(np.mean(np.square(each)))),
         sigma_v_per_joint=each,
     )
 
 
 def _summarise_dynamics(data: ReportData) -> DynamicsEntry:
-    facts = data.facts("dynamics.h5")
+    facts, measured = data.facts("dynamics.h5"), data.facts("wrench.parquet")
     identified = {
-        key: to_number(facts.get(key))
-        for key in ("condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m")
+        "base": _summarise_parameters(data),
+        "wrench": _summarise_channels(facts.get("wrench")) or None,
+        "motion": _summarise_motion(data),
+        **{
+            key: facts.get(key)
+            for key in (
+                *("condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m"),
+                *("samples", "consistency"),
+            )
+        },
     }
-    samples = to_number(facts.get("samples"))
-    base, wrench = _summarise_parameters(data), summarise_channels(facts.get("wrench")) or None
-    consistency, moved = facts.get("consistency"), summarise_motion(data)
-    mass, cop = to_number(data.facts("wrench.parquet").get("mass_kg")), compute_mean_cop(data.table("wrench.parquet"))
-    why = [
-        why_unknown(
-            facts.get("why") or data.why_missing("dynamics.h5"),
-            *(*identified.values(), samples, base, wrench, consistency, moved),
-        ),
-        why_unknown(data.facts("wrench.parquet").get("why") or data.why_missing("wrench.parquet"), mass, cop),
-    ]
+    mass, cop, wrench = measured.get("mass_kg"), None, data.table("wrench.parquet")
+    if wrench is not None:  # mean over the samples with valid load
+        valid = wrench["cop_x"][wrench["plate_ok"] & np.isfinite(wrench["cop_x"])]
+        cop = float(valid.mean()) if len(valid) else None
+    why = (
+        why_unknown(facts.get("why") or data.why_missing("dynamics.h5"), *identified.values()),
+        why_unknown(measured.get("why") or data.why_missing("wrench.parquet"), mass, cop),
+    )
     return DynamicsEntry(
-        base=base,
-        wrench=wrench,
-        samples=None if samples is None else int(samples),
+        **identified,
         mass_kg=mass,
         cop_mean_m=cop,
-        consistency=consistency,
-        rivals={str(name): _summarise_reference_body(body) for name, body in (facts.get("rivals") or {}).items()},
-        held_out=summarise_held_out(data),
-        motion=moved,
-        pins=summarise_pins(data),
+        rivals={
+            str(name): RivalEntry.explain(
+                "no samples off the seat are available",
+                body,
+                assumed=[str(assumption) for assumption in body.get("assumed") or ()],
+                wrench=_summarise_channels(body.get("wrench")),
+            )
+            for name, body in (facts.get("rivals") or {}).items()
+        },
+        held_out=_summarise_held_out(data),
+        pins=_summarise_pins(data),
         legs=data.facts("dynamics.parquet").get("legs", "none"),
-        torques=_summarise_torques(data, base, mass),
+        torques=_summarise_torques(data, identified["base"], mass),
         why=join_sentences(why),
-        **identified,
     )
 
 
@@ -274,10 +266,11 @@ def _summarise_torques(data: ReportData, base: list[BaseEntry] | None, mass: flo
                 f"{end}_nm_per_kg": None if k is None or mass is None else float(torque[k]) / mass,
                 f"{end}_time_s": None if k is None else float(table["time"][k]),
             }
-        why = (
-            why_unknown("the mass of the person is unknown", mass),
-            None if len(used) else _explain_no_torque(data, j, known=bool(known.any())),
-        )
+        support = "a chair or support that no plate measures carries, or may carry, the body"
+        missing = f"{support} whenever the torque is known" if known.any() else f"{support} in every sample"
+        if f"tau_{j}" in (data.facts("dynamics.h5").get("untold") or ()):
+            missing = "the fit does not determine this torque: both sides of the joint may be one body"
+        why = (why_unknown("the mass of the person is unknown", mass), None if len(used) else missing)
         positive, negative = words.get(name, ("positive", "negative"))
         entries[name] = TorqueEntry(
             positive=positive,
@@ -290,188 +283,110 @@ def _summarise_torques(data: ReportData, base: list[BaseEntry] | None, mass: flo
     return entries
 
 
-def _explain_no_torque(data: ReportData, joint: int, *, known: bool) -> str:
-    if f"tau_{joint}" in (data.facts("dynamics.h5").get("untold") or ()):
-        return "the fit does not determine this torque: both sides of the joint may be one body"
-    support = "a chair or support that no plate measures carries, or may carry, the body"
-    return f"{support} whenever the torque is known" if known else f"{support} in every sample"
-
-
-def compute_mean_cop(wrench: Table | None) -> float | None:
-    """Return the mean centre of pressure along the motion, m, over samples with valid load; None without any."""
-    if wrench is None:
-        return None
-    cop = wrench["cop_x"][wrench["plate_ok"]]
-    cop = cop[np.isfinite(cop)]
-    return float(cop.mean()) if len(cop) else None
-
-
 def _summarise_parameters(data: ReportData) -> list[BaseEntry] | None:
     """Return the base parameters; None if none was identified."""
     dynamics, facts = data.dynamics, data.facts("dynamics.h5")
-    if dynamics is None or not dynamics.names:
+    if dynamics is None or not dynamics.names or not np.isfinite(dynamics.value).any():
         return None
     why = str(facts.get("why") or "the identification gave no finite value")
-    advice = facts.get("advice") or []
-    entries = [
-        _summarise_parameter(dynamics, i, why, advice[i] if i < len(advice) else {}) for i in range(len(dynamics.names))
-    ]
-    return None if all(entry.value is None for entry in entries) else entries
+    advice, entries = facts.get("advice") or [], []
+    for i, name in enumerate(dynamics.names):
+        value, sd = to_number(dynamics.value[i]), to_number(dynamics.sd[i])
+        verdict: Any = dynamics.verdicts[i] if i < len(dynamics.verdicts) else None
+        other = {
+            key: float(values[i]) if i < len(values) else None
+            for key in ("relative_sd", "excitation", "own_share", "prior_share")
+            for values in [getattr(dynamics, key)]
+        }
+        own = advice[i] if i < len(advice) else {}
+        entries.append(
+            BaseEntry(
+                name=name,
+                value=value,
+                sd=sd,
+                unit=dynamics.units[i],
+                verdict=verdict,
+                helps=(own["text"] or _NO_MOVEMENT_HELPS) if own else None,
+                sd_ratio=(1.0 if own["sd_ratio"] is None else own["sd_ratio"]) if own else None,
+                why=why_unknown(why, value, sd),
+                **other,
+            )
+        )
+    return entries
 
 
-def _summarise_parameter(dynamics: IdentifiedDynamics, i: int, why: str, advice: Mapping[str, Any]) -> BaseEntry:
-    """Return the i-th base parameter, with ``why`` if its value or standard deviation is unknown."""
-    value, sd = to_number(dynamics.value[i]), to_number(dynamics.sd[i])
-    verdict: Any = dynamics.verdicts[i] if i < len(dynamics.verdicts) else None
-    return BaseEntry(
-        name=dynamics.names[i],
-        value=value,
-        sd=sd,
-        unit=dynamics.units[i],
-        verdict=verdict,
-        relative_sd=_get(dynamics.relative_sd, i),
-        excitation=_get(dynamics.excitation, i),
-        own_share=_get(dynamics.own_share, i),
-        helps=(advice["text"] or _NO_MOVEMENT_HELPS) if advice else None,
-        prior_share=_get(dynamics.prior_share, i),
-        sd_ratio=(1.0 if advice["sd_ratio"] is None else to_number(advice["sd_ratio"])) if advice else None,
-        why=why_unknown(why, value, sd),
-    )
-
-
-def _get(values: FloatArray, i: int) -> float | None:
-    return to_number(values[i]) if i < len(values) else None
-
-
-def _summarise_reference_body(facts: Mapping[str, Any]) -> RivalEntry:
-    return RivalEntry.explain(
-        "no samples off the seat are available",
-        height_m=to_number(facts.get("height_m")),
-        mass_kg=to_number(facts.get("mass_kg")),
-        assumed=[str(assumption) for assumption in facts.get("assumed") or ()],
-        wrench=summarise_channels(facts.get("wrench")),
-        cop_rms_m=to_number(facts.get("cop_rms_m")),
-    )
-
-
-def _summarise_run_times(data: ReportData) -> dict[str, float] | None:
-    if data.seconds is None:
-        return None
-    times = {stage: to_number(seconds) for stage, seconds in data.seconds.items()}
-    return {stage: seconds for stage, seconds in times.items() if seconds is not None}
-
-
-_PINNED = "the dynamics use the pinned chain"
-
-
-def summarise_motion(data: ReportData) -> MotionEntry | None:
+def _summarise_motion(data: ReportData) -> MotionEntry | None:
     """Return the entry on the motion of the masses; None if nothing was identified."""
     found = data.facts("dynamics.h5").get("motion")
     if found is None:
         return None
     order = () if data.skeleton is None else data.skeleton.joints
     gaps = found.get("joints") or {}
-    joints = {name: _summarise_gap(gaps[name]) for name in sorted(gaps, key=lambda name: (*order, name).index(name))}
-    return MotionEntry(
-        source=found["source"],
-        why=str(found["why"]),
-        bands_hz=data.bands,
-        bands_why=found.get("bands_why"),
-        bodies=found.get("bodies"),
-        prior=found.get("prior"),
-        bodies_condition_number=to_number(found.get("bodies_condition_number")),
-        bodies_condition_number_scaled=to_number(found.get("bodies_condition_number_scaled")),
-        joints=joints or None,
-    )
+    joints = {
+        name: GapEntry.explain("no interval without gaps is long enough", gaps[name])
+        for name in sorted(gaps, key=lambda name: (*order, name).index(name))
+    }
+    missing = dict.fromkeys(MotionEntry.model_fields)
+    return MotionEntry.of(missing | found | {"bands_hz": data.bands, "joints": joints or None})
 
 
-def summarise_pins(data: ReportData) -> PinsEntry:
+def _summarise_pins(data: ReportData) -> PinsEntry:
     """Return the errors of the pinned chain and the measured poses on the same left-out repetitions."""
     facts = data.facts("dynamics.h5")
-    found, samples = facts.get("pins") or {}, to_number((facts.get("pins") or {}).get("samples"))
+    found = facts.get("pins") or {}
     unknown = _PINNED if facts.get("motion") else facts.get("why") or data.why_missing("dynamics.h5")
-    return PinsEntry.explain(
-        found.get("why") or unknown,
-        samples=None if samples is None else int(samples),
-        chain=_summarise_prediction(found.get("chain")),
-        segments=_summarise_prediction(found.get("segments")),
-        clock_offset_s=to_number(found.get("clock_offset_s")),
-    )
+    errors = {}
+    for motion in ("chain", "segments"):
+        own = found.get(motion)
+        errors[motion] = own and PredictedEntry.explain(
+            "no sample has a centre of pressure", own, wrench=_summarise_channels(own["wrench"])
+        )
+    return PinsEntry.explain(found.get("why") or unknown, found, **errors)
 
 
-def summarise_held_out(data: ReportData) -> HeldOutEntry:
+def _summarise_held_out(data: ReportData) -> HeldOutEntry:
     """Return the prediction errors on left-out repetitions; null with a ``why`` if there are none."""
     facts = data.facts("dynamics.h5")
     found = facts.get("held_out") or {}
-    counts = {key: to_number(found.get(key)) for key in ("repetitions", "folds", "samples")}
-    model, within, reference = (
-        summarise_channels(found.get(key)) or None for key in ("model", "in_sample", "reference")
-    )
-    unfiltered = model if data.low_pass is None else summarise_channels(found.get("unfiltered")) or None
-    inside = {
-        str(name): share for name, held in (found.get("inside") or {}).items() if (share := to_number(held)) is not None
-    }
-    offsets = to_numbers(found.get("clock_offset_s"))
+    values: dict[str, Any] = {key: found.get(key) for key in ("repetitions", "folds", "samples")}
+    values |= {key: _summarise_channels(found.get(key)) or None for key in ("model", "unfiltered", "in_sample")}
+    values["clock_offset_s"], model = to_numbers(found.get("clock_offset_s")), values["model"]
+    if data.low_pass is None:
+        values["unfiltered"] = model
+    reference = _summarise_channels(found.get("reference")) or None
+    inside = {str(name): share for name, share in (found.get("inside") or {}).items() if share is not None} or None
     unknown = found.get("why") or facts.get("why") or data.why_missing("dynamics.h5")
     no_share = f"inside: {_PINNED}" if data.low_pass is None else "inside: at least two repetitions are needed"
     why = (
-        why_unknown(unknown, *counts.values(), model, unfiltered, within, offsets),
+        why_unknown(unknown, *values.values()),
         why_unknown("reference: there is no reference body", reference) if model is not None else None,
-        why_unknown(no_share, inside or None) if model is not None else None,
+        why_unknown(no_share, inside) if model is not None else None,
     )
-    return HeldOutEntry(
-        **{key: None if count is None else int(count) for key, count in counts.items()},
-        model=model,
-        unfiltered=unfiltered,
-        in_sample=within,
-        reference=reference,
-        clock_offset_s=offsets,
-        inside=inside or None,
-        why=join_sentences(why),
-    )
+    return HeldOutEntry(**values, reference=reference, inside=inside, why=join_sentences(why))
 
 
-def _summarise_gap(found: Mapping[str, Any]) -> GapEntry:
-    return GapEntry.explain(
-        "no interval without gaps is long enough",
-        gap_m=to_number(found["gap_m"]),
-        acceleration_m_s2=to_number(found["acceleration_m_s2"]),
-        pinned=bool(found["pinned"]),
-    )
+def _summarise_channels(found: Mapping[str, Mapping[str, Any] | None] | None) -> dict[str, ChannelEntry]:
+    """Return the error of a model or measurement in each component, by its name; empty for None."""
+    why = "it could not be computed from the samples of the fit"
+    return {str(name): ChannelEntry.explain(why, channel or {}) for name, channel in (found or {}).items()}
 
 
-def _summarise_prediction(found: Mapping[str, Any] | None) -> PredictedEntry | None:
-    if found is None:
-        return None
-    why = "no sample has a centre of pressure"
-    return PredictedEntry.explain(
-        why, wrench=summarise_channels(found["wrench"]), cop_rms_m=to_number(found["cop_rms_m"])
-    )
-
-
-_FILE = "events.parquet"
-
-
-def summarise_repetitions(data: ReportData) -> list[RepetitionEntry] | None:
+def _summarise_repetitions(data: ReportData) -> list[RepetitionEntry] | None:
     """Return one entry for each repetition; None if repetitions were not searched for."""
-    if data.table(_FILE) is None:
+    if data.table(_EVENTS) is None:
         return None
     entries = []
-    for row in data.rows(_FILE):
-        named = (name for name in RepetitionEntry.model_fields if name not in ("remark", "why"))
-        found = RepetitionEntry.of(
-            {name: row.get(name.removesuffix("_s")) for name in named} | {"remark": row["why"] or ""}
-        )
-        if None in [value for name, value in found if name != "why"]:
-            why = found.remark or "the protocol has no such event, or it was not found"
-            found = found.model_copy(update={"why": why})
-        entries.append(found)
+    for row in data.rows(_EVENTS):
+        remark = row["why"] or ""
+        why = remark or "the protocol has no such event, or it was not found"
+        values = {name: row.get(name.removesuffix("_s")) for name in RepetitionEntry.model_fields if name != "why"}
+        entries.append(RepetitionEntry.explain(why, values | {"remark": remark}))
     return entries
 
 
-def summarise_five_times(data: ReportData) -> FiveTimes:
+def _summarise_five_times(data: ReportData) -> FiveTimes:
     """Return the times of the five-times test; null with a ``why`` for other protocols."""
-    facts = data.facts(_FILE).get("five_times")
+    facts = data.facts(_EVENTS).get("five_times")
     if facts is None:
         return FiveTimes(why=_explain_missing(data))
     found = FiveTimes.of(facts)
@@ -486,15 +401,9 @@ def summarise_five_times(data: ReportData) -> FiveTimes:
     return found.model_copy(update={"why": why})
 
 
-def summarise_attempts(data: ReportData) -> list[Attempt] | None:
-    """Return the failed attempts to rise; None for other protocols."""
-    found = data.facts(_FILE).get("attempts")
-    return None if found is None else [Attempt.of(one) for one in found]
-
-
-def summarise_load_share(data: ReportData) -> LoadShare:
+def _summarise_load_share(data: ReportData) -> LoadShare:
     """Return the fraction of the load on the left foot by phase; null with a ``why`` if unknown."""
-    facts = data.facts(_FILE).get("load_share")
+    facts = data.facts(_EVENTS).get("load_share")
     if facts is None:
         return LoadShare(why=_explain_missing(data))
     found = LoadShare.of(facts)
@@ -506,98 +415,60 @@ def summarise_load_share(data: ReportData) -> LoadShare:
 
 
 def _explain_missing(data: ReportData) -> str:
-    return "the protocol is not sit-to-stand" if _FILE in data.artefacts else data.why_missing(_FILE)
+    return "the protocol is not sit-to-stand" if _EVENTS in data.artefacts else data.why_missing(_EVENTS)
 
 
-_NUMBERS = ("zero_rad", "zero_sd_rad", "clock_offset_s", "clock_offset_sd_s")
-
-
-def summarise_base_length(data: ReportData, skeleton: Skeleton) -> dict[str, LengthEntry]:
-    """Return the distance of a robot joint from the plane origin (thesis table 5.1); empty for other protocols."""
-    if data.settings.get("protocol") != "robot-joint" or not len(skeleton.centres):
-        return {}
-    value = float(np.hypot(*skeleton.centres[0]))
-    along = skeleton.centres[0] / value if value > 0 else np.zeros(2)
-    sd = float(np.sqrt(along @ skeleton.covariance[0] @ along))
-    return {"base": LengthEntry.explain(NOT_FINITE, value=to_number(value), sd=to_number(sd))}
-
-
-def summarise_channels(found: Mapping[str, Mapping[str, object] | None] | None) -> dict[str, ChannelEntry]:
-    """Return the error of a model or measurement in each component, by its name; empty for None."""
-    return {str(name): _summarise_channel(channel) for name, channel in (found or {}).items()}
-
-
-def _summarise_channel(channel: Mapping[str, object] | None) -> ChannelEntry:
-    numbers = {key: to_number((channel or {}).get(key)) for key in ("bias", "sd", "r2")}
-    return ChannelEntry.explain("it could not be computed from the samples of the fit", **numbers)
-
-
-def summarise_encoder(data: ReportData) -> EncoderEntry:
+def _summarise_encoder(data: ReportData) -> EncoderEntry:
     """Return clock and zero of the encoder, and the errors of cameras and model against the encoder."""
-    facts: Mapping[str, Any] = data.facts("encoder.parquet")
-    torque = data.facts("dynamics.h5").get("torque")
-    sign, why = to_number(facts.get("sign")), facts.get("why")
-    if sign is None and why is None:
+    facts, torque = data.facts("encoder.parquet"), data.facts("dynamics.h5").get("torque")
+    why = facts.get("why")
+    if facts.get("sign") is None and why is None:
         why = data.why_missing("encoder.parquet")
     if why is None and torque is None:
         why = "torque: " + ("no torque was identified" if facts.get("torque") else "the encoder record has none")
-    return EncoderEntry(
-        sign=None if sign is None else int(sign),
-        **{name: to_number(facts.get(name)) for name in _NUMBERS},
-        camera=summarise_channels(facts.get("camera")) or None,
-        torque=None if torque is None else _summarise_channel(torque),
-        why=why,
-    )
+    camera = _summarise_channels(facts.get("camera")) or None
+    found = None if torque is None else _summarise_channels({"torque": torque})["torque"]
+    return EncoderEntry.explain("", facts, camera=camera, torque=found).model_copy(update={"why": why})
 
 
-AXES = {"ball": 0, "hinge": 1, "two-axis": 2}
-"""Number of axes of each kind of joint."""
-
-_HIDDEN = "the motion does not determine the centre of this joint: use `calibration:`, or record a larger motion"
-
-
-def summarise_spatial_joints(data: ReportData) -> list[JointEntry] | None:
-    """Return the joints; None if no chain was found."""
+def _summarise_spatial_chain(data: ReportData) -> tuple[list[JointEntry] | None, dict[str, LengthEntry] | None]:
+    """Return joints, and lengths of segments, of the chain in space; None if no chain was found."""
     skeleton = data.spatial_skeleton
     if skeleton is None:
-        return None
-    weighed = data.facts("chain.h5").get("evidence") or {}
-    named = zip(skeleton.joints, skeleton.chain.joints, skeleton.arc, strict=True)
-    return [_summarise_joint(name, joint, float(arc), weighed.get(name) or {}) for name, joint, arc in named]
-
-
-def _summarise_joint(name: str, joint: SpatialJoint, arc: float, weighed: Mapping[str, Any]) -> JointEntry:
-    centre, sd = (to_numbers(each) if joint.known else None for each in (joint.centre, _compute_sd(joint.covariance)))
-    axes = [to_numbers(axis) for axis in (joint.first_axis, joint.second_axis)[: AXES[joint.kind]]]
-    arc_deg = to_number(np.degrees(arc))
-    axis = axes[0] if len(axes) == 1 else axes
-    why = (
-        why_unknown(NOT_FINITE if joint.known else _HIDDEN, centre, sd),
-        why_unknown("axis: a ball has no axis" if not axes else "axis: " + NOT_FINITE, *(axes or [None])),
-        why_unknown(f"arc_deg: {NOT_FINITE}", arc_deg),
-    )
-    return JointEntry(
-        name=name,
-        parent=joint.parent,
-        kind=joint.kind,
-        centre_m=centre,
-        sd_m=sd,
-        axis=None if not axes or None in axes else axis,  # type: ignore[arg-type]
-        axis_sd_deg=[
-            spread for each in joint.axes_covariance[: len(axes)] if (spread := compute_axis_sd(each)) is not None
-        ],
-        glide_m=_read_glide(joint.glide, joint.glide),
-        glide_sd_m=_read_glide(joint.glide, _compute_sd(joint.glide_covariance)),
-        arc_deg=arc_deg,
-        known=joint.known,
-        evidence={str(kind): cost for kind, value in weighed.items() if (cost := to_number(value)) is not None},
-        why=join_sentences(why),
-    )
-
-
-def _read_glide(glide: FloatArray, values: FloatArray) -> list[float]:
-    """Return ``values`` as a list; empty if ``glide`` is zero, because the joint then has no glide."""
-    return (to_numbers(values) or []) if np.any(glide) else []
+        return None, None
+    evidence, entries = data.facts("chain.h5").get("evidence") or {}, []
+    for name, joint, arc in zip(skeleton.joints, skeleton.chain.joints, skeleton.arc, strict=True):
+        centre = to_numbers(joint.centre) if joint.known else None
+        sd = to_numbers(_compute_sd(joint.covariance)) if joint.known else None
+        axes = [to_numbers(axis) for axis in (joint.first_axis, joint.second_axis)[: _AXES[joint.kind]]]
+        arc_deg = to_number(np.degrees(arc))
+        why = (
+            why_unknown(_NOT_FINITE if joint.known else _HIDDEN, centre, sd),
+            why_unknown("axis: a ball has no axis" if not axes else "axis: " + _NOT_FINITE, *(axes or [None])),
+            why_unknown(f"arc_deg: {_NOT_FINITE}", arc_deg),
+        )
+        axis_sd = np.degrees([np.sqrt(np.trace(each) / 2) for each in joint.axes_covariance[: len(axes)]])
+        glides = bool(np.any(joint.glide))
+        entries.append(
+            JointEntry(
+                name=name,
+                parent=joint.parent,
+                kind=joint.kind,
+                centre_m=centre,
+                sd_m=sd,
+                axis=None if not axes or None in axes else axes[0] if len(axes) == 1 else axes,  # type: ignore[arg-type]
+                axis_sd_deg=axis_sd[np.isfinite(axis_sd)].tolist(),
+                glide_m=(to_numbers(joint.glide) or []) if glides else [],
+                glide_sd_m=(to_numbers(_compute_sd(joint.glide_covariance)) or []) if glides else [],
+                arc_deg=arc_deg,
+                known=joint.known,
+                evidence={kind: cost for kind, cost in (evidence.get(name) or {}).items() if cost is not None},
+                why=join_sentences(why),
+            )
+        )
+    unknown = "the motion does not determine both ends of the segment"
+    lengths = skeleton.lengths.items()
+    return entries, {name: LengthEntry.explain(unknown, value=length, sd=sd) for name, (length, sd) in lengths}
 
 
 def _compute_sd(covariance: FloatArray) -> FloatArray:
@@ -605,33 +476,14 @@ def _compute_sd(covariance: FloatArray) -> FloatArray:
     return np.sqrt(np.where(variance >= 0, variance, np.nan))
 
 
-def compute_axis_sd(covariance: FloatArray) -> float | None:
-    """Return the standard deviation of an axis's direction, degrees, from its covariance (3, 3); None if unknown."""
-    return to_number(np.degrees(np.sqrt(np.trace(covariance) / 2)))
-
-
-def summarise_spatial_lengths(data: ReportData) -> dict[str, LengthEntry] | None:
-    """Return the lengths of the segments; None if no chain was found."""
-    skeleton = data.spatial_skeleton
-    if skeleton is None:
-        return None
-    why = "the motion does not determine both ends of the segment"
-    lengths = skeleton.lengths.items()
-    return {name: LengthEntry.explain(why, value=to_number(length), sd=to_number(sd)) for name, (length, sd) in lengths}
-
-
-def summarise_angles(data: ReportData) -> dict[str, AngleEntry]:
-    """Return the statistics of every angle; empty without ``angles.parquet``."""
-    found = data.angles
-    return {} if found is None else {name: _summarise_angle(found, k) for k, name in enumerate(found.names)}
-
-
-def _summarise_angle(found: SpatialAngles, k: int) -> AngleEntry:
+def _summarise_angle(data: ReportData, k: int) -> AngleEntry:
     """Return the statistics of one angle.
 
     A constant error of a segment's frame changes an angle by different amounts in different poses. The errors at both
     ends of a range have a correlation of about 0.5, so the range has about the same standard deviation as each end.
     """
+    found = data.angles
+    assert found is not None
     name = found.names[k]
     usable = found.find_usable(name)
     share = float(usable.mean()) if len(usable) else 0.0
@@ -639,8 +491,7 @@ def _summarise_angle(found: SpatialAngles, k: int) -> AngleEntry:
         why = "the angle is unknown in every sample"
         if name in MEANINGLESS_AT_POLE and np.isfinite(found.mean[:, k, 0]).any():
             why = "the elevation is within 15° of 0 or 180° in every sample, where this angle has no meaning"
-        nothing = dict.fromkeys(("low_deg", "high_deg", "range_deg", "interval_deg", "sd_deg", "constant_sd_deg"))
-        return AngleEntry(**nothing, used_share=share, why=why)
+        return AngleEntry.explain(why, {}, used_share=share)
     turned = found.mean[usable, k, 0]
     values = np.degrees(shift_to_shortest_arc(turned) if name in MEANINGLESS_AT_POLE else turned)
     sd = np.degrees(found.sd[usable, k, 0])
@@ -649,67 +500,44 @@ def _summarise_angle(found: SpatialAngles, k: int) -> AngleEntry:
     constant = to_number(np.degrees(np.sqrt(np.mean(np.square(found.constant_sd[usable, k])))))
     spread = None if constant is None else to_number(np.linalg.norm([*sd[ends], constant]))
     interval = None if spread is None else [max(high - low - NORMAL_95 * spread, 0.0), high - low + NORMAL_95 * spread]
-    typical = to_number(np.sqrt(np.mean(np.square(sd))))
-    return AngleEntry(
+    return AngleEntry.explain(
+        "the standard deviation is unknown",
         low_deg=low,
         high_deg=high,
         range_deg=high - low,
         interval_deg=interval,
-        sd_deg=typical,
+        sd_deg=to_number(np.sqrt(np.mean(np.square(sd)))),
         constant_sd_deg=constant,
         used_share=share,
-        why=why_unknown("the standard deviation is unknown", interval, typical, constant),
     )
-
-
-def summarise_landmarks(data: ReportData) -> dict[str, LandmarkEntry]:
-    """Return the anatomical landmarks by name; empty if there are none."""
-    skeleton = data.spatial_skeleton
-    if skeleton is None:
-        return {}
-    rows = zip(
-        skeleton.landmarks, skeleton.landmark_segment, skeleton.landmark_local, skeleton.landmark_sd, strict=True
-    )
-    return {
-        name: LandmarkEntry.explain(
-            "the landmark is not visible in a still pose or a pointer trial",
-            segment=skeleton.segments[int(segment)],
-            local_m=to_numbers(local),
-            sd_m=to_number(sd),
-        )
-        for name, segment, local, sd in rows
-    }
-
-
-def summarise_imus(data: ReportData) -> dict[str, ImuEntry]:
-    """Return the inertial sensors by segment; empty if there are none."""
-    return {name: ImuEntry(**entry) for name, entry in data.facts("states.parquet").get("imus", {}).items()}
 
 
 def summarise_curls(data: ReportData) -> CurlsEntry:
     """Return counts, end of the trial, compensation, torque and fatigue; null with a ``why`` for other protocols."""
-    facts = data.facts(_FILE).get("curl")
+    facts = data.facts(_EVENTS).get("curl")
     if facts is None:
         return CurlsEntry(why="only `protocol: curl` counts curls")
     torque = [one for one in facts.get("torque") or () if one is not None]
-    peak = max(torque, key=lambda one: one["peak_Nm"], default=None)
-    return CurlsEntry(
-        count=facts.get("count"),
-        partial=facts.get("partial"),
-        after_end=facts.get("after_end"),
-        condition=facts.get("condition"),
-        end_s=to_number((facts.get("end") or {}).get("time_s")),
-        end_rule=(facts.get("end") or {}).get("rule"),
-        compensation={
-            name: _summarise_compensation(found, (facts.get("in_step") or {}).get(name))
-            for name, found in (facts.get("compensation") or {}).items()
-        },
-        largest_torque_nm=None if peak is None else peak["peak_Nm"],
-        largest_torque_sd_nm=None if peak is None else peak["sd_Nm"],
-        fatigue={
-            name: _summarise_trend(found) for name, found in (facts.get("fatigue") or {}).items() if found is not None
-        },
-        why=facts.get("why") or facts.get("torque_why") or None,
+    peak = max(torque, key=lambda one: one["peak_Nm"], default={})
+    end, in_step = facts.get("end") or {}, facts.get("in_step") or {}
+    return CurlsEntry.of(
+        facts
+        | {
+            "end_s": end.get("time_s"),
+            "end_rule": end.get("rule"),
+            "compensation": {
+                name: _summarise_compensation(found, in_step.get(name))
+                for name, found in (facts.get("compensation") or {}).items()
+            },
+            "largest_torque_nm": peak.get("peak_Nm"),
+            "largest_torque_sd_nm": peak.get("sd_Nm"),
+            "fatigue": {
+                name: TrendEntry(slope=found["slope"], interval=found["interval"], curls=found["count"])
+                for name, found in (facts.get("fatigue") or {}).items()
+                if found is not None
+            },
+            "why": facts.get("why") or facts.get("torque_why") or None,
+        }
     )
 
 
@@ -720,32 +548,24 @@ def _summarise_compensation(found: list[dict[str, Any] | None], in_step: Mapping
     on the flexion alone, None if it is not separated.
     """
 
-    def degrees(value: float) -> float:
-        return float(np.degrees(value))
+    def degrees(one: Mapping[str, Any] | None, name: str) -> Any:
+        return np.degrees(one[name]).tolist() if one else None
 
-    there = [one or {} for one in found]
     return CompensationEntry(
-        range_deg=[degrees(one["range_rad"]) if one else None for one in there],
-        interval_deg=[[degrees(end) for end in one["interval_rad"]] if one else None for one in there],
-        floor_deg=[degrees(one["floor_rad"]) if one else None for one in there],
-        offset_deg=[degrees(one["offset_rad"]) if one else None for one in there],
-        sustained_s=[one["sustained_s"] if one else None for one in there],
-        in_step_deg=None if in_step is None else degrees(in_step["range_rad"]),
-        in_step_interval_deg=None if in_step is None else [degrees(end) for end in in_step["interval_rad"]],
+        range_deg=[degrees(one, "range_rad") for one in found],
+        interval_deg=[degrees(one, "interval_rad") for one in found],
+        floor_deg=[degrees(one, "floor_rad") for one in found],
+        offset_deg=[degrees(one, "offset_rad") for one in found],
+        sustained_s=[one["sustained_s"] if one else None for one in found],
+        in_step_deg=degrees(in_step, "range_rad"),
+        in_step_interval_deg=degrees(in_step, "interval_rad"),
     )
 
 
-def _summarise_trend(found: Mapping[str, Any]) -> TrendEntry:
-    return TrendEntry(slope=found["slope"], interval=found["interval"], curls=found["count"])
-
-
-_VIEW_ONLY = {"mesh", "view", "why"}
-
-
-def summarise_workspace(data: ReportData) -> WorkspaceEntry:
+def _summarise_workspace(data: ReportData) -> WorkspaceEntry:
     """Return the reachable volume and the quantities about it; null with a ``why`` for other protocols."""
-    facts = data.facts(_FILE).get("reach")
+    facts = data.facts(_EVENTS).get("reach")
     if facts is None:
         where = "only `protocol: reach` has a reachable volume"
         return WorkspaceEntry(why=where if data.in_space else f"{where}, which needs `space: 3d`")
-    return WorkspaceEntry(**{k: v for k, v in facts.items() if k not in _VIEW_ONLY}, why=facts.get("why") or None)
+    return WorkspaceEntry.of({**facts, "why": facts.get("why") or None})
