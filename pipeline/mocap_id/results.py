@@ -50,12 +50,13 @@ class Quantity:
     """How report and study show a field of a result, which is ``Annotated[float | None, Quantity(...)]``."""
 
     label: str  # heading in the report
-    unit: str = ""  # empty for a count
+    unit: str = ""  # of the number that is shown, as in mm and % for a field in m and a fraction; empty for a count
     sd: str = ""  # name of the field with the standard deviation
     column: str = (
         ""  # column of a study's table of trials; empty if it has none. `<column>_sd` has the standard deviation
     )
     meaning: str = ""  # meaning of this column
+    decimals: int | None = None  # in a table of the report; by default 1 for mm and %, else three significant digits
     column_sd: bool = True  # whether the table also has the standard deviation, if there is one
 
 

@@ -26,9 +26,11 @@ _CUTOFF = 5.0  # Hz, low-pass of the force
 class Attempt(Result):
     """A failed attempt to rise."""
 
-    time_s: float  # time of the greatest height
-    height: float  # greatest height of the hip as a share of the rise from seat to standing
-    unloaded: float | None  # share of the chair's load at rest that the feet took over
+    time_s: Annotated[float, Quantity("time", "s", decimals=2)]  # of the greatest height
+    # greatest height of the hip as a share of the rise from seat to standing
+    height: Annotated[float, Quantity("hip height", "% of the rise")]
+    # share of the chair's load at rest that the feet took over
+    unloaded: Annotated[float | None, Quantity("unloading of the chair", "% of its load")]
 
 
 def find_failed_attempts(

@@ -5,10 +5,12 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeAlias
 
 from mocap_id.reporting import style
 from mocap_id.reporting.numbers import UNKNOWN, scale, show, show_fixed, show_with_sd
+from mocap_id.results import Result, list_quantities
 
 Source: TypeAlias = str | Callable[[Any], Any]
 """Source of a column's values: the name of a key or attribute of each row, or a function of the row."""
@@ -118,6 +120,27 @@ def with_sd(head: str, value: Source, sd: Source, factor: float = 1.0) -> GridCo
     return GridColumn(
         head, lambda row: show_with_sd(scale(_get_value(row, value), factor), scale(_get_value(row, sd), factor))
     )
+
+
+def quantities(kind: type[Result], names: str = "") -> list[GridColumn]:
+    """Return the columns of the described fields of a result: of all fields, or of these, separated by blanks."""
+    described, columns = dict(list_quantities(kind)), []
+    for name in names.split() or described:
+        one = described[name]
+        factor = 100.0 if one.unit.startswith("%") else 1e3 if one.unit in ("mm", "ms") else 1.0
+        decimals = 1 if one.decimals is None and factor != 1.0 else one.decimals
+        head = f"{one.label} ({one.unit})" if one.unit else one.label
+        if one.sd:
+            columns.append(with_sd(head, name, one.sd, factor))
+        elif name.startswith("interval"):
+            columns.append(GridColumn(head, partial(_show_field_ends, name=name, decimals=decimals)))
+        else:
+            columns.append(number(head, name, decimals, factor))
+    return columns
+
+
+def _show_field_ends(row: Any, name: str, decimals: int) -> str:
+    return show_ends(_get_value(row, name), decimals)
 
 
 def mean_sd(head: str, name: str, factor: float = 1.0, decimals: int = 1) -> GridColumn:

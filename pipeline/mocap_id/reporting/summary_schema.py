@@ -6,12 +6,12 @@ number is NaN or infinite. ``Summary.model_json_schema()`` returns the JSON Sche
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from mocap_id.protocols.five_times import Attempt, FiveTimes, LoadShare
-from mocap_id.results import Result
+from mocap_id.results import Quantity, Result
 from mocap_id.verdict import Level
 
 
@@ -149,18 +149,18 @@ class RepetitionEntry(Result):
     ``remark`` describes anything unusual, also if every value is known; it may be empty.
     """
 
-    start_s: float | None
-    seat_off_s: float | None
-    stand_s: float | None
-    seat_on_s: float | None
-    end_s: float | None
+    start_s: Annotated[float | None, Quantity("start", "s", decimals=2)]
+    seat_off_s: Annotated[float | None, Quantity("seat-off", "s", decimals=2)]
+    stand_s: Annotated[float | None, Quantity("standing", "s", decimals=2)]
+    seat_on_s: Annotated[float | None, Quantity("seat-on", "s", decimals=2)]
+    end_s: Annotated[float | None, Quantity("end", "s", decimals=2)]
     complete: bool
     seat_off_72_s: float | None
     seat_off_model_s: float | None
-    reached: float | None
-    held_s: float | None
-    attempts: int | None
-    support: float | None
+    reached: Annotated[float | None, Quantity("height", "%")]
+    held_s: Annotated[float | None, Quantity("paused", "s", decimals=1)]
+    attempts: Annotated[int | None, Quantity("failed attempts", decimals=0)]
+    support: Annotated[float | None, Quantity("unexplained force", "% of weight")]
     remark: str
     why: str | None = None
 
@@ -229,9 +229,9 @@ class BaseEntry(Result):
     sd: float | None
     unit: str
     verdict: Literal["known", "weak", "not identifiable"] | None
-    relative_sd: float | None
-    excitation: float | None
-    own_share: float | None
+    relative_sd: Annotated[float | None, Quantity("sd", "%")]
+    excitation: Annotated[float | None, Quantity("excitation")]
+    own_share: Annotated[float | None, Quantity("own share", "%")]
     helps: str | None
     sd_ratio: float | None
     prior_share: float | None
@@ -403,13 +403,13 @@ class AngleEntry(Result):
     includes both.
     """
 
-    low_deg: float | None
-    high_deg: float | None
-    range_deg: float | None
-    interval_deg: list[float] | None
-    sd_deg: float | None
-    constant_sd_deg: float | None
-    used_share: float
+    low_deg: Annotated[float | None, Quantity("lowest", "deg", decimals=1)]
+    high_deg: Annotated[float | None, Quantity("highest", "deg", decimals=1)]
+    range_deg: Annotated[float | None, Quantity("range", "deg", decimals=1)]
+    interval_deg: Annotated[list[float] | None, Quantity("95 % interval of the range", "deg", decimals=1)]
+    sd_deg: Annotated[float | None, Quantity("sd of changes", "deg", decimals=2)]
+    constant_sd_deg: Annotated[float | None, Quantity("sd of a constant error", "deg", decimals=1)]
+    used_share: Annotated[float, Quantity("samples used", "%")]
     why: str | None
 
 
@@ -429,13 +429,13 @@ class RangeEntry(Result):
     they do not change a range.
     """
 
-    low_deg: float
-    high_deg: float
-    range_deg: float
-    interval_deg: list[float]
+    low_deg: Annotated[float, Quantity("lowest", "deg", decimals=1)]
+    high_deg: Annotated[float, Quantity("highest", "deg", decimals=1)]
+    range_deg: Annotated[float, Quantity("range", "deg", decimals=1)]
+    interval_deg: Annotated[list[float], Quantity("95 % interval of the range", "deg", decimals=1)]
     low_sd_deg: float
     high_sd_deg: float
-    used_share: float
+    used_share: Annotated[float, Quantity("samples used", "%")]
 
 
 class VisitedEntry(Result):
@@ -470,9 +470,9 @@ class HeightsEntry(Result):
 class TargetEntry(Result):
     """Number of reaches to one part of the body, and smallest and median distance by which they missed it, m."""
 
-    count: int
-    best_miss_m: float
-    median_miss_m: float
+    count: Annotated[int, Quantity("reaches", decimals=0)]
+    best_miss_m: Annotated[float, Quantity("smallest miss", "mm")]
+    median_miss_m: Annotated[float, Quantity("median miss", "mm")]
 
 
 class WorkspaceEntry(Result):
@@ -564,21 +564,23 @@ class ImuEntry(Result):
     """
 
     used: bool
-    clock_offset_s: float | None = None
+    clock_offset_s: Annotated[float | None, Quantity("clock offset", "ms", sd="sd_s")] = None
     sd_s: float | None = None
-    ppm: float | None = None
+    ppm: Annotated[float | None, Quantity("clock drift", "ppm", decimals=0)] = None
     observable: bool = False
     gyro_bias_rad_s: list[float] | None = None
     gyro_bias_sd_rad_s: list[float] | None = None
     acc_bias_m_s2: list[float] | None = None
     acc_bias_sd_m_s2: list[float] | None = None
     mounting: list[list[float]] | None = None
-    mounting_sd_deg: float | None = None
+    mounting_sd_deg: Annotated[float | None, Quantity("sd of mounting", "deg", decimals=1)] = None
     position_m: list[float] | None = None
     position_sd_m: list[float] | None = None
-    skin_share: float | None = None
-    gyro_residual_rad_s: float | None = None
-    acc_residual_m_s2: float | None = None
+    skin_share: Annotated[
+        float | None, Quantity("fraction of axial rotation that the skin does not follow", decimals=2)
+    ] = None
+    gyro_residual_rad_s: Annotated[float | None, Quantity("gyroscope against markers", "rad/s", decimals=3)] = None
+    acc_residual_m_s2: Annotated[float | None, Quantity("accelerometer against markers", "m/s²", decimals=2)] = None
     saturated: float | None = None
     heading_deg: float | None = None
     heading_sd_deg: float | None = None
