@@ -224,13 +224,13 @@ def test_a_missing_figure_is_explained_in_a_sentence(entry: FigureEntry) -> None
 def test_seated_and_standing_come_from_the_events() -> None:
     trial = Trial()
     seated, standing = choose_moments(motion_of(trial), trial.events())
-    assert trial.time[seated.sample] == 0.0 and trial.time[standing.sample] == 3.0
+    assert trial.time[seated[1]] == 0.0 and trial.time[standing[1]] == 3.0
 
 
 def test_without_events_the_extremes_of_the_motion_are_shown() -> None:
     trial = Trial()
     moments = choose_moments(motion_of(trial), trial.events(0))
-    rise = trial.theta[[moment.sample for moment in moments], 1]
+    rise = trial.theta[[sample for _, sample in moments], 1]
     assert sorted(rise) == pytest.approx([trial.theta[:, 1].min(), trial.theta[:, 1].max()], abs=1e-6)
 
 
@@ -238,7 +238,7 @@ def test_a_chosen_instant_has_no_bridged_angle() -> None:
     trial = Trial()
     motion = JointStates.from_table(trial.states(bridged=slice(0, 200)))
     for events in (trial.events(), None):
-        assert all(motion.observed[moment.sample].all() for moment in choose_moments(motion, events))
+        assert all(motion.observed[sample].all() for _, sample in choose_moments(motion, events))
 
 
 def test_a_motionless_recording_has_one_posture() -> None:

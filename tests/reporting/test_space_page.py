@@ -12,7 +12,7 @@ import pytest
 from mocap_id.errors import Refused
 from mocap_id.reporting.figure import Band, Figure, Line, Points, Spans, from_json, project
 from mocap_id.reporting.figures import draw_figures
-from mocap_id.reporting.figures.motion import collect_joint_motions
+from mocap_id.reporting.figures.motion import collect_joint_curves
 from mocap_id.reporting.figures.skeleton import make_stick_figure
 from mocap_id.reporting.page import read_figures
 from mocap_id.reporting.paper_figures import make_figure_files
@@ -153,7 +153,7 @@ def test_angles_are_shaded_and_broken_where_they_have_no_meaning() -> None:
     shade = next(one for one in shoulder.items if isinstance(one, Spans))
     pole = np.abs(np.sin(trial.angles[:, 1])) < np.sin(np.radians(15))
     assert shade.start[0] == pytest.approx(trial.time[pole.argmax()], abs=0.03)
-    plane = collect_joint_motions(report_data(context(trial.artefacts())))[0].states.mean[:, :, 0]
+    plane = collect_joint_curves(report_data(context(trial.artefacts())))[0].states.mean[:, :, 0]
     assert np.isnan(plane[pole][:, [0, 2]]).all() and np.isfinite(plane[:, 1]).all()
     assert not [one for one in elbow.items if isinstance(one, Spans)]
     bridged = next(one for one in wrist.items if isinstance(one, Spans))

@@ -14,7 +14,7 @@ from mocap_id.geometry.planar import rotate, segment_poses
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Figure, Line, Panel, Points, Rule, to_json
 from mocap_id.reporting.figures.forces import draw_panels, read_forces
-from mocap_id.reporting.figures.motion import collect_joint_motions, draw_panel, label_angle, name_joints
+from mocap_id.reporting.figures.motion import collect_joint_curves, draw_panel, label_angle, label_joints
 from mocap_id.reporting.figures.skeleton import ALONG, UP, make_stick_figure
 from mocap_id.reporting.report_data import ReportData, read_positions
 
@@ -228,7 +228,7 @@ def _make_curves(data: ReportData) -> tuple[Panel, ...]:
     motion = data.shown_motion
     states_known = motion is not None and motion.mean.size
     angles = (
-        [draw_panel(motion, 0, name_joints(data), LOW, label_angle(data))]
+        [draw_panel(motion, 0, label_joints(data), LOW, label_angle(data))]
         if motion is not None and states_known
         else []
     )
@@ -270,7 +270,7 @@ def make_spatial_player(data: ReportData) -> Player | None:
     markers = make_marker_parts(data, labels, read_positions(planar, time, labels, "xyz"))
     moving = [*_make_spatial_chain(data, time), *markers]
     curves = (
-        *(one.draw_panel(0, LOW) for one in collect_joint_motions(data)),
+        *(one.draw_panel(0, LOW) for one in collect_joint_curves(data)),
         *(panel for panel in draw_panels(data, LOW) if any(isinstance(item, Line) for item in panel.items)),
     )
     return Player(time, (*_make_floor(find_bounds(moving), len(time)), *moving), _label_time(curves), None, "")

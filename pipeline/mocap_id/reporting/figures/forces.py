@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import NORMAL_95, IntArray
+from mocap_id.arrays import NORMAL_95
 from mocap_id.reporting import style
 from mocap_id.reporting.downsampling import thin_band, thin_curve
 from mocap_id.reporting.figure import Band, Dash, Figure, Heat, Item, Line, Panel, Points, Rule, Scale, arrange_in_lines
 from mocap_id.reporting.figures.motion import draw_shades
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store import Table
-from mocap_id.store.views import IdentifiedDynamics
 
 _ROWS = (("Fx", "Fx (N)"), ("Fy", "Fy, up (N)"), ("tauz", "τz (N·m)"), ("cop_x", "CoP x (m)"))
 _ROWS_IN_SPACE = (
@@ -66,46 +65,39 @@ def draw_torques(data: ReportData) -> Figure | str:
 
 
 def draw_panels(data: ReportData, height: float) -> tuple[Panel, ...]:
-    """Return a panel for each component of the wrench; empty without measured forces."""
+    """Return a panel for each component of the wrench; empty without measured forces.
+
+    A panel contains shaded samples of the fit, the model with its band, the reference and the measurement.
+    """
     table = read_forces(data)
     rows = _ROWS_IN_SPACE if data.in_space else _ROWS
     if table is None or not {name for name, _ in rows} <= set(table.names):
         return ()
-    below = ["" for _ in rows[1:]] + ["time (s)"]
-    return tuple(_draw_panel(table, row, x, height) for row, x in zip(rows, below, strict=True))
+    time, panels = table["time"], []
+    ends = (float(time[0]), float(time[-1])) if len(time) else None
+    for name, label in rows:
+        known = {
+            suffix: table[name + suffix]
+            for suffix, *_ in _SOURCES
+            if name + suffix in table.names and np.isfinite(table[name + suffix]).any()
+        }
+        items: list[Item] = list(draw_shades(time, table["in_fit"])) if "in_fit" in table.names else []
+        if "_model" in known and f"sd_{name}_model" in table.names:
+            half = NORMAL_95 * table[f"sd_{name}_model"]
+            items.append(Band(*thin_band(time, known["_model"] - half, known["_model"] + half), style.MODEL))
+        for suffix, colour, dash, width, what in _SOURCES:
+            if suffix in known:
+                items.append(Line(*thin_curve(time, known[suffix]), colour, what, dash, width))
+        framed = style.find_range(list(known.values()), _COP_TAIL if name == "cop_x" else 0.0)
+        below, tall = ("time (s)", height + 0.3) if name == rows[-1][0] else ("", height + 0.0)
+        panels.append(Panel(tuple(items), x=below, y=label, x_range=ends, y_range=framed, linked=True, height=tall))
+    return tuple(panels)
 
 
 def read_forces(data: ReportData) -> Table | None:
-    """Return the table of measured and modelled wrench; without an identification, that of the measured wrench alone.
-
-    The result is None if there is neither.
-    """
+    """Return the table of measured and modelled wrench, else of the measured wrench alone; None without both."""
     found = data.table("dynamics.parquet")
     return data.table("wrench.parquet") if found is None else found
-
-
-def _draw_panel(table: Table, row: tuple[str, str], below: str, height: float) -> Panel:
-    """Return the panel of one component: shaded samples of the fit, model with its band, reference and measurement.
-
-    ``row`` has the column name and the label of the component, and ``below`` the label of the time axis.
-    """
-    (name, label), time = row, table["time"]
-    known = {
-        suffix: table[name + suffix]
-        for suffix, *_ in _SOURCES
-        if name + suffix in table.names and np.isfinite(table[name + suffix]).any()
-    }
-    items: list[Item] = list(draw_shades(time, table["in_fit"])) if "in_fit" in table.names else []
-    if "_model" in known and f"sd_{name}_model" in table.names:
-        half = NORMAL_95 * table[f"sd_{name}_model"]
-        items.append(Band(*thin_band(time, known["_model"] - half, known["_model"] + half), style.MODEL))
-    for suffix, colour, dash, width, what in _SOURCES:
-        if suffix in known:
-            items.append(Line(*thin_curve(time, known[suffix]), colour, what, dash, width))
-    framed = style.find_range(list(known.values()), _COP_TAIL if name == "cop_x" else 0.0)
-    ends = (float(time[0]), float(time[-1])) if len(time) else None
-    height += 0.3 if below else 0.0
-    return Panel(tuple(items), x=below, y=label, x_range=ends, y_range=framed, linked=True, height=height)
 
 
 _ROW = 0.24  # inches per parameter
@@ -117,27 +109,22 @@ def draw_parameters(data: ReportData) -> Figure | str:
     if dynamics is None or not np.isfinite(dynamics.value).any():
         why = data.facts("dynamics.h5").get("why") or data.why_missing("dynamics.h5")
         return f"No base parameters: {style.clean(why)}."
-    units = np.array(dynamics.units)
-    members = {unit: np.flatnonzero(units == unit) for unit in dict.fromkeys(dynamics.units)}
-    return Figure(tuple((_draw_parameter_panel(dynamics, member, unit),) for unit, member in members.items()))
-
-
-def _draw_parameter_panel(dynamics: IdentifiedDynamics, member: IntArray, unit: str) -> Panel:
-    rows = np.arange(len(member), dtype=np.float64)
-    half = NORMAL_95 * np.where(np.isfinite(dynamics.sd[member]), dynamics.sd[member], 0.0)
-    value, reference = dynamics.value[member], dynamics.base_reference[member]
-    known = np.isfinite(reference)
-    items: tuple[Item, ...] = (
-        Rule("x", 0.0, style.INK),
-        Points(value, rows, style.MODEL, "identified, 95 % interval", half=half),
-        *(
-            [Points(reference[known], rows[known], style.REFERENCE, "allometric reference", "x", 6.0)]
-            if known.any()
-            else []
-        ),
-    )
-    names = tuple(style.clean(dynamics.names[i], 34) for i in member)
-    return Panel(items, x=style.format_unit(unit), rows=names, height=0.55 + _ROW * len(member))
+    units, panels = np.array(dynamics.units), []
+    for unit in dict.fromkeys(dynamics.units):
+        member = np.flatnonzero(units == unit)
+        rows = np.arange(len(member), dtype=np.float64)
+        half = NORMAL_95 * np.where(np.isfinite(dynamics.sd[member]), dynamics.sd[member], 0.0)
+        reference = dynamics.base_reference[member]
+        known = np.isfinite(reference)
+        items: list[Item] = [
+            Rule("x", 0.0, style.INK),
+            Points(dynamics.value[member], rows, style.MODEL, "identified, 95 % interval", half=half),
+        ]
+        if known.any():
+            items.append(Points(reference[known], rows[known], style.REFERENCE, "allometric reference", "x", 6.0))
+        names, height = tuple(style.clean(dynamics.names[i], 34) for i in member), 0.55 + _ROW * len(member)
+        panels.append(Panel(tuple(items), x=style.format_unit(unit), rows=names, height=height))
+    return Figure(tuple((panel,) for panel in panels))
 
 
 _SEGMENT_COLUMNS = 4
@@ -156,23 +143,18 @@ def draw_point_masses(data: ReportData) -> Figure | str:
                 "inertia but no point masses"
             )
         return f"No point masses: {style.clean(why)}."
-    names = data.body_names
-    panels = tuple(
-        _draw_mass_panel(dynamics, k, names[k] if k < len(names) else f"segment {k}")
-        for k in np.unique(dynamics.grid_segment)
-    )
+    names, panels = data.body_names, []
+    for k in np.unique(dynamics.grid_segment):
+        own = dynamics.grid_segment == k
+        (x, y), mass = dynamics.grid_position[own].T, dynamics.grid_mass[own]
+        carries, nothing = mass > _LEAST_MASS, np.zeros(1)
+        items = (
+            Points(x[~carries], y[~carries], style.GRID, size=2.0),
+            Points(nothing, nothing, style.INK, symbol="+", size=8.0),
+            Heat(x[carries], y[carries], mass[carries]),
+        )
+        name = names[k] if k < len(names) else f"segment {k}"
+        title = f"{style.clean(name, 18)}, {np.nansum(mass):.1f} kg"
+        panels.append(Panel(items, title, "x in the segment frame (m)", "y (m)", equal=True, height=3.2))
     scale = Scale(0.0, max(float(np.nanmax(dynamics.grid_mass)), _LEAST_MASS), "mass of a point (kg)")
-    return Figure(arrange_in_lines(panels, _SEGMENT_COLUMNS), scale)
-
-
-def _draw_mass_panel(dynamics: IdentifiedDynamics, segment: int, name: str) -> Panel:
-    own = dynamics.grid_segment == segment
-    (x, y), mass = dynamics.grid_position[own].T, dynamics.grid_mass[own]
-    carries, nothing = mass > _LEAST_MASS, np.zeros(1)
-    items = (
-        Points(x[~carries], y[~carries], style.GRID, size=2.0),
-        Points(nothing, nothing, style.INK, symbol="+", size=8.0),
-        Heat(x[carries], y[carries], mass[carries]),
-    )
-    title = f"{style.clean(name, 18)}, {np.nansum(mass):.1f} kg"
-    return Panel(items, title, "x in the segment frame (m)", "y (m)", equal=True, height=3.2)
+    return Figure(arrange_in_lines(tuple(panels), _SEGMENT_COLUMNS), scale)

@@ -13,7 +13,7 @@ from mocap_id.reporting.downsampling import find_spans, thin_band, thin_curve
 from mocap_id.reporting.figure import Band, Bars, Dash, Figure, Item, Line, Panel, Rule, Spans, Text, arrange_in_lines
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store import Table
-from mocap_id.store.views import MEANINGLESS_AT_POLE, JointStates, SpatialAngles
+from mocap_id.store.views import MEANINGLESS_AT_POLE, JointStates
 
 _RATES = ("velocity (deg/s)", "acceleration (deg/s²)")
 _STRIP = 0.16  # inches per joint in the panel of gaps
@@ -24,12 +24,21 @@ def draw_states(data: ReportData) -> Figure | str:
     motion = data.shown_motion
     if motion is None or not motion.mean.size:
         return f"No joint states: {data.why_missing('states.parquet')}."
-    names = name_joints(data)
+    names = label_joints(data)
     curves = [draw_panel(motion, order, names, height=1.9, label=label_angle(data)) for order in range(3)]
-    return Figure(tuple((one,) for one in (*curves, _draw_strips(motion, names))))
+    # a panel with one row per joint, marked where the joint is bridged
+    gaps = [find_spans(motion.time, ~seen) for seen in motion.observed.T]
+    found = [(j, start, start + wide) for j, own in enumerate(gaps) for start, wide in own]
+    row, low, high = np.array(found, dtype=np.float64).reshape(-1, 3).T
+    ends = (float(motion.time[0]), float(motion.time[-1]))
+    note = () if found else (Text(sum(ends) / 2, (len(names) - 1) / 2, "none"),)
+    bars = Bars(row, low, high, tuple(style.pick_colour(j + 1) for j, *_ in found), thick=0.6)
+    rows, height = tuple(style.clean(name, 9) for name in names), 0.65 + _STRIP * len(names)
+    strips = Panel((bars, *note), "bridged intervals", "time (s)", x_range=ends, rows=rows, linked=True, height=height)
+    return Figure(tuple((one,) for one in (*curves, strips)))
 
 
-def name_joints(data: ReportData) -> tuple[str, ...]:
+def label_joints(data: ReportData) -> tuple[str, ...]:
     """Return a label for each joint in the states; "joint 1" and so on if it has no name."""
     names = data.skeleton.joints if data.skeleton is not None else ()
     count = 0 if data.motion is None else data.motion.mean.shape[1]
@@ -38,13 +47,9 @@ def name_joints(data: ReportData) -> tuple[str, ...]:
 
 def label_angle(data: ReportData) -> str:
     """Return the label of an axis with joint angles, which says where they are zero."""
+    where = {"static": ", static pose", "standing": " from standing", "segment line": ", segment line"}
     sources = {zero.source for zero in data.zeros}
-    where = {
-        frozenset({"static"}): ", static pose",
-        frozenset({"standing"}): " from standing",
-        frozenset({"segment line"}): ", segment line",
-    }
-    return f"angle{where.get(frozenset(sources), '')} (deg)"
+    return f"angle{where.get(sources.pop(), '') if len(sources) == 1 else ''} (deg)"
 
 
 def draw_panel(
@@ -65,32 +70,15 @@ def draw_panel(
         framed += [value, (value - half)[seen], (value + half)[seen]]
     gaps = draw_shades(motion.time, motion.observed.sum(axis=1) < motion.observed.shape[1])
     items: tuple[Item, ...] = (*gaps, *bands, *lines)
-    ends = _find_ends(motion)
+    ends = (float(motion.time[0]), float(motion.time[-1]))
     quantity = (label, *_RATES)[order]
     return Panel(items, y=quantity, x_range=ends, y_range=style.find_range(framed), linked=True, height=height)
 
 
-def draw_shades(time: FloatArray, mask: BoolArray) -> tuple[Spans, ...]:
+def draw_shades(time: FloatArray, mask: BoolArray, colour: str = style.GRID, **look: float) -> tuple[Spans, ...]:
     """Return shaded intervals where ``mask`` (T,) is true; empty if it is true nowhere."""
     found = np.array(find_spans(time, mask)).reshape(-1, 2)
-    return (Spans(found[:, 0], found.sum(axis=1), style.GRID),) if len(found) else ()
-
-
-def _draw_strips(motion: JointStates, names: tuple[str, ...]) -> Panel:
-    """Return a panel with one row per joint, marked where the joint is bridged."""
-    gaps = [find_spans(motion.time, ~seen) for seen in motion.observed.T]
-    found = [(j, start, start + wide) for j, own in enumerate(gaps) for start, wide in own]
-    row, low, high = np.array(found, dtype=np.float64).reshape(-1, 3).T
-    ends = _find_ends(motion)
-    note = () if found else (Text(sum(ends) / 2, (len(names) - 1) / 2, "none"),)
-    bars = Bars(row, low, high, tuple(style.pick_colour(j + 1) for j, *_ in found), thick=0.6)
-    rows = tuple(style.clean(name, 9) for name in names)
-    height = 0.65 + _STRIP * len(names)
-    return Panel((bars, *note), "bridged intervals", "time (s)", x_range=ends, rows=rows, linked=True, height=height)
-
-
-def _find_ends(motion: JointStates) -> tuple[float, float]:
-    return float(motion.time[0]), float(motion.time[-1])
+    return (Spans(found[:, 0], found.sum(axis=1), colour, **look),) if len(found) else ()
 
 
 _SPAN = "time in the repetition (%)"
@@ -107,30 +95,39 @@ _GRID = np.linspace(0.0, 1.0, 101)
 
 def draw_repetitions(data: ReportData) -> Figure | str:
     """Return a panel for each joint: repetitions (thin), mean (thick) and one standard deviation (band)."""
-    motion, events = data.shown_motion, data.table("events.parquet")
-    bounds = np.zeros((0, 2)) if events is None else find_whole_repetitions(events)
+    motion, events, averages = data.shown_motion, data.table("events.parquet"), data.table("phases.parquet")
+    bounds = np.zeros((0, 2)) if events is None else events.stack(["start", "end"])
+    bounds = bounds[bounds[:, 1] > bounds[:, 0]]  # false if start or end is NaN
     if motion is None or events is None or not motion.mean.size or not len(bounds):
         why = "none were found" if events is not None else data.why_missing("events.parquet")
         return f"No repetitions to compare: {why}."
-    curves = np.degrees(normalise_time(motion, bounds))  # (R, 101, n)
-    names = data.skeleton.joints if data.skeleton is not None else ()
-    panels = []
-    for j in range(curves.shape[2]):
-        items = [
-            *_draw_curves(curves[..., j], style.pick_colour(j + 1)),
-            *_draw_other_system(data, j + 1),
-            *_draw_seat_off(events),
+    normalised = np.degrees(normalise_time(motion, bounds))  # (R, 101, n)
+    start, seat_off, end = events.stack(["start", "seat_off", "end"]).T
+    share = (seat_off - start) / np.where(end > start, end - start, np.nan)
+    share = share[np.isfinite(share)]
+    percent, panels = 100 * _GRID, []
+    for j, name in enumerate(label_joints(data)):
+        # all repetitions as one interrupted line, their mean, and one standard deviation
+        curves, colour = normalised[..., j], style.pick_colour(j + 1)
+        count = np.isfinite(curves).sum(axis=0)
+        mean = np.nansum(curves, axis=0) / np.where(count > 0, count, np.nan)
+        spread = np.sqrt(np.nansum((curves - mean) ** 2, axis=0) / np.where(count > 1, count - 1, np.nan))
+        lifted = np.pad(curves, ((0, 0), (0, 1)), constant_values=np.nan)
+        items: list[Item] = [
+            Line(np.tile([*percent, np.nan], len(curves)), lifted.ravel(), colour, width=0.6, opacity=0.6),
+            Band(percent, mean - spread, mean + spread, colour, 0.2),
+            Line(percent, mean, colour, width=1.8),
         ]
-        name = style.clean(names[j], 20) if j < len(names) else f"joint {j + 1}"
+        if averages is not None:  # the same angle from another system
+            mean, sd, at = read_average(averages, f"theta_{j + 1}_other")
+            if np.isfinite(mean).any():
+                mean, sd = np.degrees(mean), np.degrees(sd)
+                items.append(Band(at, mean - sd, mean + sd, style.OTHER, 0.2))
+                items.append(Line(at, mean, style.OTHER, "another system", "--", 1.4))
+        if len(share):
+            items.append(Rule("x", 100 * float(share.mean()), style.INK, ":", 0.8))
         panels.append(Panel(tuple(items), name, _SPAN, label_angle(data), x_range=(0, 100), linked=True, height=2.4))
     return Figure(arrange_in_lines(tuple(panels), _COLUMNS))
-
-
-def find_whole_repetitions(events: Table) -> FloatArray:
-    """Return start and end, (R, 2), s, of the repetitions for which both are known."""
-    bounds = events.stack(["start", "end"])
-    whole: FloatArray = bounds[bounds[:, 1] > bounds[:, 0]]  # false if start or end is NaN
-    return whole
 
 
 def normalise_time(motion: JointStates, bounds: FloatArray) -> FloatArray:
@@ -141,67 +138,38 @@ def normalise_time(motion: JointStates, bounds: FloatArray) -> FloatArray:
     return np.where(motion.observed[nearest], curves, np.nan)
 
 
-def _draw_curves(curves: FloatArray, colour: str) -> list[Item]:
-    """Return the curves (R, 101) of all repetitions as one interrupted line, their mean, and one standard deviation."""
-    percent = 100 * _GRID
-    count = np.isfinite(curves).sum(axis=0)
-    mean = np.nansum(curves, axis=0) / np.where(count > 0, count, np.nan)
-    spread = np.sqrt(np.nansum((curves - mean) ** 2, axis=0) / np.where(count > 1, count - 1, np.nan))
-    lifted = np.pad(curves, ((0, 0), (0, 1)), constant_values=np.nan)
-    each = Line(np.tile([*percent, np.nan], len(curves)), lifted.ravel(), colour, width=0.6, opacity=0.6)
-    return [each, Band(percent, mean - spread, mean + spread, colour, 0.2), Line(percent, mean, colour, width=1.8)]
-
-
-def _draw_other_system(data: ReportData, joint: int) -> list[Item]:
-    """Return mean and standard deviation of a joint angle from another system; empty without one."""
-    table = data.table("phases.parquet")
-    if table is None:
-        return []
-    mean, sd, percent = read_average(table, f"theta_{joint}_other")
-    if not np.isfinite(mean).any():
-        return []
-    mean, sd = np.degrees(mean), np.degrees(sd)
-    band = Band(percent, mean - sd, mean + sd, style.OTHER, 0.2)
-    return [band, Line(percent, mean, style.OTHER, "another system", "--", 1.4)]
-
-
-def _draw_seat_off(events: Table) -> list[Item]:
-    """Return a dotted line at the mean time of seat-off; empty if it is unknown."""
-    start, seat_off, end = events.stack(["start", "seat_off", "end"]).T
-    share = (seat_off - start) / np.where(end > start, end - start, np.nan)
-    share = share[np.isfinite(share)]
-    return [Rule("x", 100 * float(share.mean()), style.INK, ":", 0.8)] if len(share) else []
-
-
 def draw_phases(data: ReportData) -> Figure | str:
     """Return four panels of the wrench and one of the torques, each with mean and one standard deviation."""
     table = data.table("phases.parquet")
     if table is None:
         return f"No averages over repetitions: {data.why_missing('phases.parquet')}."
     names = data.skeleton.joints if data.skeleton is not None else ()
-    wrench = tuple(_draw_phase_panel(table, name, label) for name, label in _WRENCH)
-    torques = tuple(
+    wrench = []
+    for name, label in _WRENCH:
+        items, curves = [], []
+        for suffix, colour, dash, what in _PHASE_SOURCES:
+            items += _draw_average(table, f"{name}{suffix}", colour, dash, what)
+            curves.append(read_average(table, f"{name}{suffix}")[0])
+        framed = style.find_range(curves, _COP_PHASE_TAIL if name == "cop_x" else 0.0)
+        wrench.append(Panel(tuple(items), label, _SPAN, x_range=(0, 100), y_range=framed, linked=True))
+    torques = [
         item
         for k, name in enumerate(names, start=1)
-        for item in _draw_phase_curve(table, f"tau_{k}", style.pick_colour(k), "-", f"{style.clean(name, 14)} torque")
-    )
+        for item in _draw_average(table, f"tau_{k}", style.pick_colour(k), "-", f"{style.clean(name, 14)} torque")
+    ]
     if not torques and not any(panel.items for panel in wrench):
         why = data.facts("phases.parquet").get("why") or "forces and torques are unknown"
         return f"No averages over repetitions: {style.clean(why)}."
     legs = ", both legs together" if data.facts("dynamics.parquet").get("legs") == "both" else ""
-    shades = _shade_unknown_torques(table, len(names))
-    last = Panel((*shades, *torques), f"joint torques{legs} (N·m)", _SPAN, x_range=(0, 100), linked=True)
-    return Figure((wrench[:2], wrench[2:], *(((last,),) if torques else ())))
-
-
-def _shade_unknown_torques(table: Table, joints: int) -> tuple[Item, ...]:
-    """Return shaded intervals of the repetition in which fewer repetitions than elsewhere have a torque."""
+    # shaded: fewer repetitions than elsewhere have a torque
     unknown = np.zeros(len(_GRID), dtype=np.bool_)
-    for joint in range(1, joints + 1):
-        own = (table["quantity"] == f"tau_{joint}") & (table["span"] == "repetition")
+    for k in range(1, len(names) + 1):
+        own = (table["quantity"] == f"tau_{k}") & (table["span"] == "repetition")
         if own.any():
             unknown |= table["count"][own] < table["count"][own].max()
-    return draw_shades(100 * _GRID, unknown)
+    shades = draw_shades(100 * _GRID, unknown)
+    last = Panel((*shades, *torques), f"joint torques{legs} (N·m)", _SPAN, x_range=(0, 100), linked=True)
+    return Figure((tuple(wrench[:2]), tuple(wrench[2:]), *(((last,),) if torques else ())))
 
 
 def read_average(table: Table, quantity: str) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -211,16 +179,7 @@ def read_average(table: Table, quantity: str) -> tuple[FloatArray, FloatArray, F
     return mean, sd, percent
 
 
-def _draw_phase_panel(table: Table, name: str, label: str) -> Panel:
-    items, curves = [], []
-    for suffix, colour, dash, what in _PHASE_SOURCES:
-        items += _draw_phase_curve(table, f"{name}{suffix}", colour, dash, what)
-        curves.append(read_average(table, f"{name}{suffix}")[0])
-    framed = style.find_range(curves, _COP_PHASE_TAIL if name == "cop_x" else 0.0)
-    return Panel(tuple(items), label, _SPAN, x_range=(0, 100), y_range=framed, linked=True)
-
-
-def _draw_phase_curve(table: Table, quantity: str, colour: str, dash: Dash, label: str) -> list[Item]:
+def _draw_average(table: Table, quantity: str, colour: str, dash: Dash, label: str) -> list[Item]:
     mean, sd, percent = read_average(table, quantity)
     if not np.isfinite(mean).any():
         return []
@@ -232,7 +191,7 @@ _ANATOMICAL = {"upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist"}
 
 
 @dataclass(frozen=True)
-class JointMotion:
+class JointCurves:
     """The angles of one joint with velocities and accelerations."""
 
     title: str
@@ -246,62 +205,56 @@ class JointMotion:
         ``below`` is the label of the time axis.
         """
         drawn = draw_panel(self.states, order, self.names, height)
-        found = np.array(find_spans(self.states.time, self.near_gimbal)).reshape(-1, 2)
-        shade = (Spans(found[:, 0], found.sum(axis=1), style.SKY, 0.25),) if len(found) else ()
+        shade = draw_shades(self.states.time, self.near_gimbal, style.SKY, opacity=0.25)
         return replace(drawn, items=(*shade, *drawn.items), title=self.title, x=below)
 
 
-def collect_joint_motions(data: ReportData) -> list[JointMotion]:
+def collect_joint_curves(data: ReportData) -> list[JointCurves]:
     """Return the angles of each joint, and at the end any other angles; empty if nothing was estimated."""
-    angles = data.angles
+    angles, poses, skeleton = data.angles, data.segment_poses, data.spatial_skeleton
     if angles is None or not angles.names or not len(angles.time):
         return []
-    found, left, skeleton = [], list(angles.names), data.spatial_skeleton
-    for j, joint in enumerate(() if skeleton is None else skeleton.joints):
-        moved = "" if skeleton is None else skeleton.segments[j + 1]
-        stems = (f"{_ANATOMICAL.get(moved, joint)}_", f"joint_{j + 1}_")
-        own = [name for name in left if name.startswith(stems)]
-        left = [name for name in left if name not in own]
-        if own:
-            found.append(_make_motion(joint, own, angles, _find_observed(data, j)))
-    return [*found, _make_motion("other angles", left, angles, _find_observed(data, None))] if left else found
-
-
-def _make_motion(joint: str, own: list[str], angles: SpatialAngles, observed: BoolArray) -> JointMotion:
-    columns = [angles.names.index(name) for name in own]
-    mean = angles.mean[:, columns].copy()
-    for k, name in enumerate(own):
-        usable = angles.find_usable(name)
-        if name in MEANINGLESS_AT_POLE and usable.any():
-            mean[usable, k, 0] = shift_to_shortest_arc(mean[usable, k, 0])
-        mean[~usable, k] = np.nan
-    states = JointStates(angles.time, mean, angles.sd[:, columns], np.tile(observed[:, None], (1, len(own))))
-    near = angles.near_gimbal & any(name in MEANINGLESS_AT_POLE for name in own)
-    names = tuple(style.clean(name.replace("_", " "), 24) for name in own)
-    return JointMotion(style.clean(joint.replace("_", " "), 24), names, states, near)
-
-
-def _find_observed(data: ReportData, joint: int | None) -> BoolArray:
-    """Return a mask (T,) of the samples in which both segments of a joint are observed; all true for ``joint`` None."""
-    angles, poses, skeleton = data.angles, data.segment_poses, data.spatial_skeleton
-    assert angles is not None
-    if joint is None or poses is None or skeleton is None or len(poses.time) != len(angles.time):
-        return np.ones(len(angles.time), dtype=np.bool_)
-    return np.asarray(poses.observed[:, [skeleton.chain.parents[joint], joint + 1]].all(axis=1))
+    seen = np.ones(len(angles.time), dtype=np.bool_)
+    members, left = [], list(angles.names)  # joint, its angles, samples in which both its segments are observed
+    if skeleton is not None:
+        for j, joint in enumerate(skeleton.joints):
+            stems = (f"{_ANATOMICAL.get(skeleton.segments[j + 1], joint)}_", f"joint_{j + 1}_")
+            own = [name for name in left if name.startswith(stems)]
+            left = [name for name in left if name not in own]
+            observed = seen
+            if poses is not None and len(poses.time) == len(angles.time):
+                observed = poses.observed[:, [skeleton.chain.parents[j], j + 1]].all(axis=1)
+            members.append((joint, own, observed))
+    found = []
+    for joint, own, observed in (*members, ("other angles", left, seen)):
+        if not own:
+            continue
+        columns = [angles.names.index(name) for name in own]
+        mean = angles.mean[:, columns].copy()
+        for k, name in enumerate(own):
+            usable = angles.find_usable(name)
+            if name in MEANINGLESS_AT_POLE and usable.any():
+                mean[usable, k, 0] = shift_to_shortest_arc(mean[usable, k, 0])
+            mean[~usable, k] = np.nan
+        states = JointStates(angles.time, mean, angles.sd[:, columns], np.tile(observed[:, None], (1, len(own))))
+        near = angles.near_gimbal & any(name in MEANINGLESS_AT_POLE for name in own)
+        names = tuple(style.clean(name.replace("_", " "), 24) for name in own)
+        found.append(JointCurves(style.clean(joint.replace("_", " "), 24), names, states, near))
+    return found
 
 
 def draw_angles(data: ReportData) -> Figure | str:
     """Return a panel with the angles of each joint."""
-    return _draw_panels(data, "angles", (0,), 1.9)
+    return _draw_derivatives(data, "angles", (0,), 1.9)
 
 
 def draw_rates(data: ReportData) -> Figure | str:
     """Return velocities and accelerations side by side, one line of panels for each joint."""
-    return _draw_panels(data, "velocities and accelerations", (1, 2), 1.7)
+    return _draw_derivatives(data, "velocities and accelerations", (1, 2), 1.7)
 
 
-def _draw_panels(data: ReportData, what: str, derivatives: tuple[int, ...], height: float) -> Figure | str:
-    found = collect_joint_motions(data)
+def _draw_derivatives(data: ReportData, what: str, derivatives: tuple[int, ...], height: float) -> Figure | str:
+    found = collect_joint_curves(data)
     if not found:
         return f"No {what}: {data.why_missing('angles.parquet')}."
     below = ["" for _ in found[1:]] + ["time (s)"]
@@ -326,24 +279,17 @@ def draw_phase_portraits(data: ReportData) -> Figure | str:
     panels = []
     for name in names:
         items: list[Item] = []
+        j = angles.names.index(name)
         for k, (start, top, end) in enumerate(turns):
             colour = _COLOURS[len(_COLOURS) * k // len(turns)]
             halves = [(angles.time >= a) & (angles.time <= b) for a, b in ((start, top), (top, end))]
-            if k in {0, len(turns) - 1}:
-                items += [_draw_band(angles, name, half, colour) for half in halves]
-            items.append(_draw_curve(angles, name, halves[0] | halves[1], colour))
+            for within in halves if k in {0, len(turns) - 1} else ():
+                mean, half = angles.mean[within, j], NORMAL_95 * angles.sd[within, j, 2]
+                order = np.argsort(mean[:, 0], kind="stable")
+                low, high = (mean[:, 2] - half)[order], (mean[:, 2] + half)[order]
+                items.append(Band(np.degrees(mean[order, 0]), low, high, colour, 0.15))
+            mean = angles.mean[halves[0] | halves[1], j]
+            items.append(Line(np.degrees(mean[:, 0]), mean[:, 2], colour, width=0.8, opacity=0.7))
         title = style.clean(name.replace("_", " "), 24)
         panels.append(Panel(tuple(items), title, "angle (deg)", "acceleration (rad/s²)", height=_HEIGHT))
     return Figure(arrange_in_lines(tuple(panels), 2))
-
-
-def _draw_curve(angles: SpatialAngles, name: str, within: BoolArray, colour: str) -> Line:
-    mean = angles.mean[within, angles.names.index(name)]
-    return Line(np.degrees(mean[:, 0]), mean[:, 2], colour, width=0.8, opacity=0.7)
-
-
-def _draw_band(angles: SpatialAngles, name: str, within: BoolArray, colour: str) -> Band:
-    j = angles.names.index(name)
-    mean, half = angles.mean[within, j], NORMAL_95 * angles.sd[within, j, 2]
-    order = np.argsort(mean[:, 0], kind="stable")
-    return Band(np.degrees(mean[order, 0]), (mean[:, 2] - half)[order], (mean[:, 2] + half)[order], colour, 0.15)

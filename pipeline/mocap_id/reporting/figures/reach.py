@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -24,7 +23,25 @@ def draw_reach(data: ReportData) -> Figure | str:
         return "No reachable set to draw: only `protocol: reach` has one."
     if not facts.get("mesh"):
         return f"No reachable set to draw: {facts.get('why')}."
-    return Figure(((make_turnable_panel(list(_draw_items(facts)), 1.02 * float(facts["arm_length_m"]), "", 5.6),),))
+    mesh, view, items = facts["mesh"], facts.get("view") or {}, []
+
+    def draw_line(points: FloatArray, colour: str, label: str, *, width: float, opacity: float) -> Line:
+        x, y, z = points.T
+        return Line(x, y, colour, label, width=width, opacity=opacity, z=z)
+
+    for name, (label, colour, opacity) in _SETS.items():
+        if name in mesh:
+            lines = make_wires(mesh["theta_deg"], mesh["psi_deg"], mesh[name])
+            items.append(draw_line(lines, colour, label, width=0.7, opacity=opacity))
+    if view.get("path_m"):
+        items.append(draw_line(np.array(view["path_m"]), style.ORANGE, "path of the wrist", width=0.9, opacity=0.8))
+    for k, label in enumerate(("upper arm", "forearm")):
+        ends = np.array(view["arm_m"])[k : k + 2]
+        items.append(draw_line(ends, style.pick_colour(k + 1), label, width=4.0, opacity=0.8))
+    x, y, z = np.array(list(view["targets_m"].values())).T
+    names = tuple(name.replace("_", " ") for name in view["targets_m"])
+    targets = Points(x, y, style.INK, "parts of the body", "x", 5.0, names=names, z=z)
+    return Figure(((make_turnable_panel([*items, targets], 1.02 * float(facts["arm_length_m"]), "", 5.6),),))
 
 
 def make_turnable_panel(items: list[Item], half: float, title: str, height: float) -> Panel:
@@ -32,27 +49,6 @@ def make_turnable_panel(items: list[Item], half: float, title: str, height: floa
     ends = (-half, half)
     axes = ("across the view (m)", "up the view (m)", ends, ends)
     return Panel(tuple(items), title, *axes, equal=True, height=height, view=_VIEW)
-
-
-def _draw_items(facts: Mapping[str, Any]) -> Iterator[Item]:
-    mesh, view = facts["mesh"], facts.get("view") or {}
-    for name, (label, colour, opacity) in _SETS.items():
-        if name in mesh:
-            lines = make_wires(mesh["theta_deg"], mesh["psi_deg"], mesh[name])
-            yield _draw_line(lines, colour, label, width=0.7, opacity=opacity)
-    if view.get("path_m"):
-        yield _draw_line(np.array(view["path_m"]), style.ORANGE, "path of the wrist", width=0.9, opacity=0.8)
-    for k, label in enumerate(("upper arm", "forearm")):
-        yield _draw_line(np.array(view["arm_m"])[k : k + 2], style.pick_colour(k + 1), label, width=4.0, opacity=0.8)
-    names, places = tuple(view["targets_m"]), np.array(list(view["targets_m"].values()))
-    x, y, z = places.T
-    shown = tuple(name.replace("_", " ") for name in names)
-    yield Points(x, y, style.INK, "parts of the body", "x", 5.0, names=shown, z=z)
-
-
-def _draw_line(points: FloatArray, colour: str, label: str, *, width: float, opacity: float) -> Line:
-    x, y, z = points.T
-    return Line(x, y, colour, label, width=width, opacity=opacity, z=z)
 
 
 def make_wires(polar: Sequence[float], azimuth: Sequence[float], radii: Sequence[Sequence[float | None]]) -> FloatArray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,37 +19,49 @@ from mocap_id.store.views import JointStates, Skeleton
 ALONG, UP = "x, along the motion (m)", "y, up (m)"
 
 
-@dataclass(frozen=True)
-class Moment:
-    """The index of a sample of the states, and the name of the posture in it."""
-
-    name: str
-    sample: int
-
-
 def draw_skeleton(data: ReportData) -> Figure | str:
-    """Return stick figure, joint centres, and measured and predicted markers in two postures side by side."""
+    """Return stick figure, joint centres, and measured and predicted markers in two postures side by side.
+
+    A recording without a chain has one panel with the markers of its middle frame.
+    """
     skeleton, motion, planar = data.skeleton, data.motion, data.long("planar.parquet")
     moments = () if motion is None else choose_moments(motion, data.table("events.parquet"))
     if skeleton is None or motion is None or not moments:
-        return _draw_markers_alone(data, planar)
-    found = []
-    for moment in moments:
-        time = float(motion.time[moment.sample])
+        if planar is None or not planar.length:
+            return f"No markers to draw: {data.why_missing('planar.parquet')}."
+        time = float(planar.time[len(planar.time) // 2])
+        title = f"measured markers at {time:.2f} s; no chain was recovered"
+        items = tuple(_draw_markers(planar, time, None, filled=True))
+        return Figure(((Panel(items, title, ALONG, UP, equal=True, height=4.2),),))
+    found, drawn = [], []
+    for name, sample in moments:
+        time = float(motion.time[sample])
+        angle, origin = segment_poses(motion.angles[sample], skeleton.centres)
+        points = np.vstack([origin[1:], origin[-1] + rotate(angle[-1], skeleton.tip)])
+        sticks: list[Item] = []
+        for j, joint in enumerate(skeleton.joints):  # the last stick ends at the centroid of its segment's markers
+            sticks += [
+                Line(points[j : j + 2, 0], points[j : j + 2, 1], style.pick_colour(j + 1), width=3.5, opacity=0.55),
+                Points(points[j, :1], points[j, 1:], style.INK, symbol="ring", size=10.0),
+                Text(float(points[j, 0]), float(points[j, 1]), style.clean(joint, 20)),
+            ]
         items = (
             *_draw_markers(planar, time, skeleton, filled=True),
             *_draw_markers(data.long("markers.parquet"), time, skeleton, filled=False),
-            *_draw_sticks(skeleton, motion.angles[moment.sample]),
+            *sticks,
         )
-        found.append((f"{moment.name}, {time:.2f} s", items))
-    across, up = _find_common_ranges([items for _, items in found])
-    return Figure(
-        (tuple(Panel(items, title, ALONG, UP, across, up, equal=True, height=4.6) for title, items in found),)
-    )
+        drawn += [item for item in items if isinstance(item, (Line, Points))]
+        found.append((f"{name}, {time:.2f} s", items))
+    ranges = []  # common to all panels, with a margin
+    for axis in ("x", "y"):
+        low, high = style.find_extent([getattr(item, axis) for item in drawn]) or (-1.0, 1.0)
+        margin = 0.1 * max(high - low, 1e-3)
+        ranges.append((low - margin, high + margin))
+    return Figure((tuple(Panel(items, title, ALONG, UP, *ranges, equal=True, height=4.6) for title, items in found),))
 
 
-def choose_moments(motion: JointStates, events: Table | None) -> tuple[Moment, ...]:
-    """Return two postures: before the rise and standing, or without a rise the two extremes of the motion.
+def choose_moments(motion: JointStates, events: Table | None) -> tuple[tuple[str, int], ...]:
+    """Return name and sample of two postures: before the rise and standing, or else the two extremes of the motion.
 
     The extremes are the samples that are farthest along the first principal component of the angles. Samples in which
     every joint is observed are preferred. The result is empty if no sample has all angles.
@@ -65,12 +76,12 @@ def choose_moments(motion: JointStates, events: Table | None) -> tuple[Moment, .
         whole = whole[np.isfinite(whole.sum(axis=1))]
         if len(whole):
             nearest = [int(usable[np.abs(motion.time[usable] - time).argmin()]) for time in whole[0]]
-            return Moment("before the rise", nearest[0]), Moment("standing", nearest[1])
+            return ("before the rise", nearest[0]), ("standing", nearest[1])
     angles = motion.angles[usable]
     centred = angles - angles.mean(axis=0)
     along = centred @ np.linalg.eigh(centred.T @ centred)[1][:, -1]
     ends = sorted({int(usable[along.argmin()]), int(usable[along.argmax()])})
-    return tuple(Moment(f"extreme posture {k + 1}", sample) for k, sample in enumerate(ends))
+    return tuple((f"extreme posture {k + 1}", sample) for k, sample in enumerate(ends))
 
 
 def _draw_markers(table: LongTable | None, time: float, skeleton: Skeleton | None, *, filled: bool) -> list[Item]:
@@ -93,44 +104,6 @@ def _draw_markers(table: LongTable | None, time: float, skeleton: Skeleton | Non
     return items
 
 
-def _draw_sticks(skeleton: Skeleton, angles: FloatArray) -> list[Item]:
-    """Return joints with names, and a line for each moving segment from its joint to the next.
-
-    The last line ends at the centroid of the markers of its segment.
-    """
-    angle, origin = segment_poses(angles, skeleton.centres)
-    points = np.vstack([origin[1:], origin[-1] + rotate(angle[-1], skeleton.tip)])
-    items: list[Item] = []
-    for j, name in enumerate(skeleton.joints):
-        items += [
-            Line(points[j : j + 2, 0], points[j : j + 2, 1], style.pick_colour(j + 1), width=3.5, opacity=0.55),
-            Points(points[j, :1], points[j, 1:], style.INK, symbol="ring", size=10.0),
-            Text(float(points[j, 0]), float(points[j, 1]), style.clean(name, 20)),
-        ]
-    return items
-
-
-def _find_common_ranges(found: Sequence[Sequence[Item]]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return common ranges of x and y for all panels, with a margin."""
-    drawn = [item for items in found for item in items if isinstance(item, (Line, Points))]
-    ranges = []
-    for axis in ("x", "y"):
-        low, high = style.find_extent([getattr(item, axis) for item in drawn]) or (-1.0, 1.0)
-        margin = 0.1 * max(high - low, 1e-3)
-        ranges.append((low - margin, high + margin))
-    return ranges[0], ranges[1]
-
-
-def _draw_markers_alone(data: ReportData, planar: LongTable | None) -> Figure | str:
-    """Return the markers of the middle frame, for a recording without a chain."""
-    if planar is None or not planar.length:
-        return f"No markers to draw: {data.why_missing('planar.parquet')}."
-    time = float(planar.time[len(planar.time) // 2])
-    title = f"measured markers at {time:.2f} s; no chain was recovered"
-    items = tuple(_draw_markers(planar, time, None, filled=True))
-    return Figure(((Panel(items, title, ALONG, UP, equal=True, height=4.2),),))
-
-
 _MOMENTS = 150
 _JOINT_COLUMNS = 4
 
@@ -144,41 +117,31 @@ def draw_recovery(data: ReportData) -> Figure | str:
     measured = read_positions(planar, motion.time[sample], skeleton.markers)  # (K, M, 2)
     angle, origin = segment_poses(motion.angles[sample], skeleton.centres)
     before, itself = [], []
-    for j in range(len(skeleton.joints)):
-        own = measured[:, skeleton.marker_segment == j + 1]
-        seen = [rotate(-angle[:, k, None], own - origin[:, k, None]) for k in (j, j + 1)]
-        before.append(_draw_in_previous(seen[0], skeleton, j))
-        itself.append(_draw_in_own(seen[1], skeleton, j))
+    for j, joint in enumerate(skeleton.joints):
+        own, colour = measured[:, skeleton.marker_segment == j + 1], style.pick_colour(j + 1)
+        # in the frame of the previous segment: paths of the markers, centres of their circles near the joint, the joint
+        points = rotate(-angle[:, j, None], own - origin[:, j, None])
+        circles = fit_circles(points[..., 0] + 1j * points[..., 1])
+        centre = circles.centre[np.isfinite(circles.residual)]
+        reach = float(np.nanmax(np.linalg.norm(points - skeleton.centres[j], axis=-1), initial=0.0))
+        near = centre[np.abs(centre - complex(*skeleton.centres[j])) < reach]
+        centres = Points(near.real, near.imag, style.INK, "circle centre of one marker", "+", 5.0)
+        title = f"{style.clean(joint, 14)} in frame of {style.clean(skeleton.segments[j], 14)}"
+        items: tuple[Item, ...] = (_draw_tracks(points, colour), centres, _draw_joint(skeleton.centres[j]))
+        before.append(Panel(items, title, "x (m)", "y (m)", equal=True, height=2.8))
+        # in the frame of the own segment, with the joints at both ends
+        points = rotate(-angle[:, j + 1, None], own - origin[:, j + 1, None])
+        local = skeleton.local[skeleton.marker_segment == j + 1]
+        ends = [np.zeros(2), *skeleton.centres[j + 1 : j + 2]]
+        items = (
+            _draw_tracks(points, colour),
+            Points(local[:, 0], local[:, 1], style.INK, "marker of the chain", "ring", 4.0),
+            *(_draw_joint(end) for end in ends),
+        )
+        title = f"{style.clean(skeleton.segments[j + 1], 14)} in own frame"
+        itself.append(Panel(items, title, "x (m)", "y (m)", equal=True, height=2.8))
     lines = (arrange_in_lines(tuple(panels), _JOINT_COLUMNS) for panels in (before, itself))
-    pairs = zip(*lines, strict=True)
-    return Figure(tuple(line for pair in pairs for line in pair))
-
-
-def _draw_in_previous(points: FloatArray, skeleton: Skeleton, j: int) -> Panel:
-    """Return the panel in the frame of the previous segment: paths of the markers, their circle centres, the joint.
-
-    ``points`` (K, M, 2) are the positions of the markers, m. Circle centres far from the joint are left out.
-    """
-    circles = fit_circles(points[..., 0] + 1j * points[..., 1])
-    centre = circles.centre[np.isfinite(circles.residual)]
-    near = centre[np.abs(centre - complex(*skeleton.centres[j])) < _find_reach(points, skeleton.centres[j])]
-    centres_near = Points(near.real, near.imag, style.INK, "circle centre of one marker", "+", 5.0)
-    title = f"{style.clean(skeleton.joints[j], 14)} in frame of {style.clean(skeleton.segments[j], 14)}"
-    items = (_draw_tracks(points, style.pick_colour(j + 1)), centres_near, _draw_joint(skeleton.centres[j]))
-    return Panel(items, title, "x (m)", "y (m)", equal=True, height=2.8)
-
-
-def _draw_in_own(points: FloatArray, skeleton: Skeleton, j: int) -> Panel:
-    """Return the panel in the frame of the own segment: paths of the markers (K, M, 2), and the segment's joints."""
-    local = skeleton.local[skeleton.marker_segment == j + 1]
-    ends = [np.zeros(2), *skeleton.centres[j + 1 : j + 2]]
-    items: tuple[Item, ...] = (
-        _draw_tracks(points, style.pick_colour(j + 1)),
-        Points(local[:, 0], local[:, 1], style.INK, "marker of the chain", "ring", 4.0),
-        *(_draw_joint(end) for end in ends),
-    )
-    title = f"{style.clean(skeleton.segments[j + 1], 14)} in own frame"
-    return Panel(items, title, "x (m)", "y (m)", equal=True, height=2.8)
+    return Figure(tuple(line for pair in zip(*lines, strict=True) for line in pair))
 
 
 def _draw_tracks(points: FloatArray, colour: str) -> Line:
@@ -190,12 +153,6 @@ def _draw_tracks(points: FloatArray, colour: str) -> Line:
 
 def _draw_joint(centre: FloatArray) -> Points:
     return Points(centre[:1], centre[1:], style.INK, "joint", "ring", 9.0)
-
-
-def _find_reach(points: FloatArray, centre: FloatArray) -> float:
-    """Return the largest distance of a marker from the joint, m."""
-    distance = np.linalg.norm(points - centre, axis=-1)
-    return float(np.nanmax(distance, initial=0.0))
 
 
 _MARKER_ROW = 0.155  # inches per marker
@@ -274,49 +231,9 @@ _VIEWS = (
 """Title, turn and tilt (rad), and axis labels of each view."""
 
 
-@dataclass(frozen=True)
-class _Scene:
-    """Markers by segment and stick figure at K instants."""
-
-    time: FloatArray  # (K,)
-    segments: tuple[str, ...]
-    markers: list[tuple[int, FloatArray, tuple[str, ...]]]  # segment, (K, m, 3), names
-    sticks: StickFigure | None
-
-    def extent(self) -> tuple[FloatArray, float]:
-        """Return the middle (3,) of all markers and joints, and half the width of a view that contains them, m."""
-        seen = [values.reshape(-1, 3) for _, values, _ in self.markers]
-        if self.sticks is not None:
-            seen.append(self.sticks.joints.reshape(-1, 3))
-        points = np.concatenate(seen)
-        points = points[np.isfinite(points).all(axis=1)]
-        if not len(points):
-            return np.zeros(3), 1.0
-        low, high = points.min(axis=0), points.max(axis=0)
-        return (low + high) / 2, 0.58 * max(float((high - low).max()), 1e-3)
-
-    def items(self, k: int, turn: float, tilt: float) -> Iterator[Item]:
-        """Yield the items of a view at instant ``k``; ``turn`` and ``tilt`` are in rad."""
-        for segment, values, names in self.markers:
-            known = np.isfinite(values[k]).all(axis=1)
-            shown = tuple(name for name, one in zip(names, known, strict=True) if one)
-            look: Any = {"symbol": "x" if segment < 0 else "dot", "size": 3.2, "names": shown}
-            across, up = project(values[k, known], turn, tilt).T
-            yield Points(across, up, style.pick_colour(segment), **look)
-        if self.sticks is None:
-            return
-        for segment, ends in zip(self.sticks.segments, self.sticks.sticks, strict=True):
-            across, up = project(ends[k], turn, tilt).T
-            name = style.clean(self.segments[segment], 20)
-            yield Line(across, up, style.pick_colour(segment), name, width=3.5, opacity=0.55)
-        across, up = project(self.sticks.joints[k], turn, tilt).T
-        names = tuple(style.clean(name, 24) for name in self.sticks.names)
-        yield Points(across, up, style.INK, symbol="ring", size=9.0, names=names)
-
-
 def draw_spatial_skeleton(data: ReportData) -> Figure | str:
     """Return sticks, joint centres and markers in three views, for the two extremes of the motion."""
-    planar = data.long("planar.parquet")
+    planar, skeleton = data.long("planar.parquet"), data.spatial_skeleton
     if planar is None or not planar.length:
         return f"No markers to draw: {data.why_missing('planar.parquet')}."
     samples = choose_samples(data)
@@ -324,20 +241,41 @@ def draw_spatial_skeleton(data: ReportData) -> Figure | str:
         time, sticks = planar.time[[len(planar.time) // 2]], None
     else:
         time, sticks = data.segment_poses.time[samples], make_stick_figure(data, samples)
-    scene = _Scene(time, data.segment_names, _collect_markers(data, time), sticks)
-    return Figure(tuple(_draw_views(scene, k) for k in range(len(time))))
-
-
-def _draw_views(scene: _Scene, k: int) -> tuple[Panel, ...]:
-    """Return the panels of all views at instant ``k``."""
-    middle, half = scene.extent()
-    panels: list[Panel] = []
-    for view, turn, tilt, x, y in _VIEWS:
-        title = view if panels else f"{scene.time[k]:.2f} s, {view}"
-        across, up = ((float(at - half), float(at + half)) for at in project(middle, turn, tilt))
-        items = tuple(scene.items(k, turn, tilt))
-        panels.append(Panel(items, title, x, y, across, up, equal=True, height=2.9))
-    return tuple(panels)
+    # markers at K instants, (K, M, 3), and the segment of each; -1 without a segment
+    own = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
+    segment = np.array([own.get(label, -1) for label in planar.labels])
+    at = planar.time[np.abs(planar.time[:, None] - time).argmin(axis=0)]
+    markers = read_positions(planar, at, tuple(planar.labels), "xyz")
+    names = np.array([style.clean(label, 24) for label in planar.labels])
+    # the views contain all markers and joints
+    points = markers.reshape(-1, 3)
+    if sticks is not None:
+        points = np.concatenate([points, sticks.joints.reshape(-1, 3)])
+    points = points[np.isfinite(points).all(axis=1)]
+    middle, half = np.zeros(3), 1.0
+    if len(points):
+        low, high = points.min(axis=0), points.max(axis=0)
+        middle, half = (low + high) / 2, 0.58 * max(float((high - low).max()), 1e-3)
+    lines = []
+    for k, moment in enumerate(time):
+        panels: list[Panel] = []
+        for view, turn, tilt, x, y in _VIEWS:
+            items: list[Item] = []
+            for number in np.unique(segment).tolist():
+                known = (segment == number) & np.isfinite(markers[k]).all(axis=1)
+                look: Any = {"symbol": "x" if number < 0 else "dot", "size": 3.2, "names": tuple(names[known].tolist())}
+                items.append(Points(*project(markers[k, known], turn, tilt).T, style.pick_colour(number), **look))
+            if sticks is not None:
+                for number, ends in zip(sticks.segments, sticks.sticks, strict=True):
+                    name, colour = style.clean(data.segment_names[number], 20), style.pick_colour(number)
+                    items.append(Line(*project(ends[k], turn, tilt).T, colour, name, width=3.5, opacity=0.55))
+                look = {"symbol": "ring", "size": 9.0, "names": tuple(style.clean(name, 24) for name in sticks.names)}
+                items.append(Points(*project(sticks.joints[k], turn, tilt).T, style.INK, **look))
+            title = view if panels else f"{moment:.2f} s, {view}"
+            across, up = ((float(at - half), float(at + half)) for at in project(middle, turn, tilt))
+            panels.append(Panel(tuple(items), title, x, y, across, up, equal=True, height=2.9))
+        lines.append(tuple(panels))
+    return Figure(tuple(lines))
 
 
 def choose_samples(data: ReportData) -> IntArray | None:
@@ -357,18 +295,3 @@ def choose_samples(data: ReportData) -> IntArray | None:
     centred = points - points.mean(axis=0)
     along = centred @ np.linalg.eigh(centred.T @ centred)[1][:, -1]
     return np.unique(usable[[along.argmin(), along.argmax()]])
-
-
-def _collect_markers(data: ReportData, times: FloatArray) -> list[tuple[int, FloatArray, tuple[str, ...]]]:
-    """Return segment number, positions (K, m, 3), m, and names of the markers, one entry for each segment.
-
-    The number is -1 for markers without a segment.
-    """
-    planar, skeleton = data.long("planar.parquet"), data.spatial_skeleton
-    assert planar is not None
-    own = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
-    segment = np.array([own.get(label, -1) for label in planar.labels])
-    at = planar.time[np.abs(planar.time[:, None] - times).argmin(axis=0)]
-    values = read_positions(planar, at, tuple(planar.labels), "xyz")
-    names = np.array([style.clean(label, 24) for label in planar.labels])
-    return [(k, values[:, segment == k], tuple(names[segment == k].tolist())) for k in np.unique(segment).tolist()]
