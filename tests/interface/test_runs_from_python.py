@@ -94,7 +94,7 @@ def test_a_notebook_shows_the_numbers_without_the_player(
     def fail(data: object) -> None:
         raise kind("no pose in <frame> 3")
 
-    monkeypatch.setattr("mocap_id.reporting.report.make_trial_player", fail)
+    monkeypatch.setattr("mocap_id.reporting.player.make_player", fail)
     html = mocap_id.open(finished / "runs" / "trial")._repr_html_()
     assert "95 % interval" in html
     assert html.endswith("<p>There is no player: no pose in &lt;frame&gt; 3</p>")

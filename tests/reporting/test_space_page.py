@@ -16,7 +16,7 @@ from mocap_id.reporting.figures.motion import collect_joint_curves
 from mocap_id.reporting.figures.skeleton import make_stick_figure
 from mocap_id.reporting.page import read_figures
 from mocap_id.reporting.paper_figures import make_figure_files
-from mocap_id.reporting.player import MOST_IN_SPACE, Player, make_spatial_player
+from mocap_id.reporting.player import MOST_IN_SPACE, Player, make_player
 from mocap_id.stages.report import STAGE
 from mocap_id.stages.report.function import report_data
 from mocap_id.store import Artefact, Document
@@ -35,7 +35,7 @@ def written(artefacts: dict[str, Artefact], refused: Refused | None = None) -> d
 
 
 def moving(trial: SpatialTrial) -> Player:
-    found = make_spatial_player(report_data(context(trial.artefacts())))
+    found = make_player(report_data(context(trial.artefacts())))
     assert found is not None
     return found
 

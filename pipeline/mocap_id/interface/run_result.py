@@ -65,7 +65,7 @@ class Run:
     def _repr_html_(self) -> str:
         """Return verdict, main numbers and player of the motion as HTML for a notebook."""
         from mocap_id.reporting.notebook_view import render_notebook_view  # noqa: PLC0415  needs the page's templates
-        from mocap_id.reporting.report import make_trial_player  # noqa: PLC0415  needs the page's templates
+        from mocap_id.reporting.player import make_player  # noqa: PLC0415  needs the page's templates
         from mocap_id.reporting.report_data import ReportData  # noqa: PLC0415  needs the page's templates
 
         if not self.summary:
@@ -73,7 +73,7 @@ class Run:
         settings = {"space": str(self.summary.get("space"))}
         data = ReportData(self.name, __version__, self._files.artefacts, settings=settings)
         try:
-            player = make_trial_player(data)
+            player = make_player(data)
         except MocapIdError as error:  # the numbers do not need the tables
             return f"{render_notebook_view(self.summary)}<p>There is no player: {escape(str(error))}</p>"
         return render_notebook_view(self.summary, player)

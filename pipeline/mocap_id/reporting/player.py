@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry.planar import rotate, segment_poses
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Figure, Line, Panel, Points, Rule, to_json
@@ -22,6 +22,8 @@ RATE = 30.0
 """Maximum number of frames per second."""
 MOST = 1800
 """Maximum number of frames: a minute at :data:`RATE`; longer recordings have longer time steps."""
+MOST_IN_SPACE = 600
+"""Maximum number of frames of a trial in space."""
 _VALUES = 900_000
 """Maximum number of values in all frames together, which are 2.4 MB as text."""
 _UNKNOWN = -32768
@@ -29,6 +31,8 @@ _REACH = 0.45  # length of the largest force arrow as a fraction of the figure's
 TALL, LOW = 5.9, 1.12  # heights of the stick figure and of each panel of curves, inches
 TALL_IN_SPACE = 4.4
 _SHAPE = 0.54  # width divided by height of the figure
+_CELLS = 4  # number of cells of the floor in each direction
+_AXES = {"x": style.VERMILLION, "y, up": style.GREEN, "z": style.BLUE}
 ACROSS, UPWARDS = "across the view (m)", "up the view (m)"
 
 
@@ -86,27 +90,58 @@ class Player:
 
     def _panel(self) -> Panel:
         """Return the panel with sticks, joints, markers, arrows and the ground."""
-        if self.in_space:
-            x, y = _fit_any_view(find_bounds(self.parts))
-            moving = tuple(part.item for part in self.parts)
-            return Panel(moving, x=ACROSS, y=UPWARDS, x_range=x, y_range=y, equal=True, height=TALL_IN_SPACE)
-        x, y = _fit_to_shape(find_bounds(self.parts))
-        items = (Rule("y", 0.0, style.FAINT), *(part.item for part in self.parts))
-        return Panel(items, x=ALONG, y=UP, x_range=x, y_range=y, equal=True, height=TALL)
+        found, items = find_bounds(self.parts), tuple(part.item for part in self.parts)
+        if self.in_space:  # the ranges contain the bounds from any side
+            half = np.ptp(found, axis=1) / 2
+            side = 1.04 * max(float(np.hypot(half[0], half[2])), float(np.linalg.norm(half)), 1e-3)
+            ends = (-side, side)
+            return Panel(items, x=ACROSS, y=UPWARDS, x_range=ends, y_range=ends, equal=True, height=TALL_IN_SPACE)
+        # the ranges contain the bounds and the ground, with the aspect ratio of the player
+        low, high = np.minimum(found[:, 0], [np.inf, 0.0]), np.maximum(found[:, 1], [-np.inf, 0.0])
+        shape = np.array([_SHAPE, 1.0])
+        half = 0.56 * max(float(np.max((high - low) / shape)), 1e-3) * shape
+        (left, below), (right, above) = (0.5 * (low + high) - half).tolist(), (0.5 * (low + high) + half).tolist()
+        items = (Rule("y", 0.0, style.FAINT), *items)
+        return Panel(items, x=ALONG, y=UP, x_range=(left, right), y_range=(below, above), equal=True, height=TALL)
 
 
 def make_player(data: ReportData) -> Player | None:
-    """Return the player of a trial in the plane; None without markers or with fewer than two frames."""
-    planar = data.long("planar.parquet")
+    """Return the player of a trial in the plane or in space; None without markers or with fewer than two frames."""
+    planar, in_space = data.long("planar.parquet"), data.in_space
     if planar is None or not len(planar.labels):
         return None
-    time = choose_frame_times(planar.time, len(planar.labels))
+    time = choose_frame_times(planar.time, len(planar.labels), MOST_IN_SPACE if in_space else MOST)
     if len(time) < 2:
         return None
+    # the markers of each segment as dots, and the markers without a segment as crosses
     labels = tuple(str(label) for label in planar.labels)
-    moving = [*_make_chain(data, time), *make_marker_parts(data, labels, read_positions(planar, time, labels))]
+    values = read_positions(planar, time, labels, "xyz" if in_space else "xy")
+    skeleton = data.skeleton or data.spatial_skeleton
+    known = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
+    segments = np.array([known.get(label, -1) for label in labels])
+    markers = []
+    for k in np.unique(segments).tolist():
+        own = np.flatnonzero(segments == k)
+        names = tuple(style.clean(labels[i], 24) for i in own)
+        look = {"colour": style.pick_colour(k), "symbol": "x" if k < 0 else "dot", "size": 3.7, "names": names}
+        markers.append(Part("markers", look, values[:, own].swapaxes(1, 2)))
+    wrench = [panel for panel in draw_panels(data, LOW) if any(isinstance(item, Line) for item in panel.items)]
+    if in_space:
+        moving = [*_make_spatial_chain(data, time), *markers]
+        curves = [*(one.draw_panel(0, LOW) for one in collect_joint_curves(data)), *wrench]
+        if curves and not curves[-1].x:
+            curves[-1] = replace(curves[-1], x="time (s)", height=LOW + 0.3)
+        return Player(time, (*_make_floor(find_bounds(moving), len(time)), *moving), tuple(curves), None, "")
+    moving = [*_make_chain(data, time), *markers]
     scale, forces = _make_forces(data, time, float(np.ptp(find_bounds(moving)[1])))
-    return Player(time, (*moving, *forces), _make_curves(data), scale, _describe_motion(data))
+    motion, about = data.shown_motion, ""
+    if motion is not None and motion.mean.size:
+        wrench.insert(0, draw_panel(motion, 0, label_joints(data), LOW, label_angle(data)))
+    if data.measured_poses:
+        about = "The stick figure is the pinned chain; the modelled forces use the measured poses."
+    elif data.facts("dynamics.h5").get("motion") is not None:
+        about = "Stick figure and model both use the pinned chain."
+    return Player(time, (*moving, *forces), tuple(wrench), scale, about)
 
 
 def find_bounds(parts: Sequence[Part]) -> FloatArray:
@@ -119,27 +154,7 @@ def find_bounds(parts: Sequence[Part]) -> FloatArray:
     return found
 
 
-def _fit_any_view(found: FloatArray) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the ranges of the horizontal and the vertical axis of the view that contain the bounds from any side.
-
-    ``found`` (3, 2) contains the bounds in space, m.
-    """
-    half = np.ptp(found, axis=1) / 2
-    wide, high = np.hypot(half[0], half[2]), np.linalg.norm(half)
-    side = 1.04 * max(float(wide), float(high), 1e-3)
-    return (-side, side), (-side, side)
-
-
-def _fit_to_shape(found: FloatArray) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return ranges of x and y that contain the bounds (2, 2) and the ground, with the aspect ratio of the player."""
-    low, high = np.minimum(found[:, 0], [np.inf, 0.0]), np.maximum(found[:, 1], [-np.inf, 0.0])
-    shape = np.array([_SHAPE, 1.0])
-    half = 0.56 * max(float(np.max((high - low) / shape)), 1e-3) * shape
-    (left, below), (right, above) = 0.5 * (low + high) - half, 0.5 * (low + high) + half
-    return (float(left), float(right)), (float(below), float(above))
-
-
-def choose_frame_times(time: FloatArray, markers: int, most: int = MOST) -> FloatArray:
+def choose_frame_times(time: FloatArray, markers: int, most: int) -> FloatArray:
     """Return at most ``most`` evenly spaced sample times of the recording; fewer if there are many ``markers``."""
     if len(time) < 2:
         return time
@@ -159,31 +174,14 @@ def _make_chain(data: ReportData, time: FloatArray) -> list[Part]:
     angle, origin = segment_poses(motion.angles[_find_nearest(motion.time, time)], skeleton.centres)
     tip = origin[:, -1] + rotate(angle[:, -1], skeleton.tip)
     points = np.concatenate([origin[:, 1:], tip[:, None]], axis=1).swapaxes(1, 2)  # (K, 2, n + 1)
-    sticks = [make_stick(j + 1, name, points[..., j : j + 2]) for j, name in enumerate(skeleton.joints)]
+    sticks = [_make_stick(j + 1, name, points[..., j : j + 2]) for j, name in enumerate(skeleton.joints)]
     return [*sticks, Part("joints", {"colour": style.INK, "symbol": "ring", "size": 10.0}, points[..., :-1])]
 
 
-def make_stick(segment: int, name: str, ends: FloatArray) -> Part:
+def _make_stick(segment: int, name: str, ends: FloatArray) -> Part:
     """Return the stick of a segment between its two ends; ``ends`` (K, 2 or 3, 2) has their coordinates, m."""
     look = {"colour": style.pick_colour(segment), "label": style.clean(name, 20), "width": 5.0, "opacity": 0.6}
     return Part("stick", look, ends)
-
-
-def make_marker_parts(data: ReportData, labels: tuple[str, ...], values: FloatArray) -> list[Part]:
-    """Return the markers of each segment as dots, and the markers without a segment as crosses.
-
-    ``values`` (K, M, 2 or 3) are the marker positions in K frames, m.
-    """
-    skeleton = data.skeleton or data.spatial_skeleton
-    known = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
-    segments = np.array([known.get(label, -1) for label in labels])
-    parts = []
-    for k in np.unique(segments).tolist():
-        own = np.flatnonzero(segments == k)
-        names = tuple(style.clean(labels[i], 24) for i in own)
-        look = {"colour": style.pick_colour(k), "symbol": "x" if k < 0 else "dot", "size": 3.7, "names": names}
-        parts.append(Part("markers", look, values[:, own].swapaxes(1, 2)))
-    return parts
 
 
 def _make_forces(data: ReportData, time: FloatArray, height: float) -> tuple[float | None, list[Part]]:
@@ -206,41 +204,16 @@ def _make_forces(data: ReportData, time: FloatArray, height: float) -> tuple[flo
     scale = float(largest) / (_REACH * height)
     parts = []
     for suffix, force in found.items():
+        cop, Fx, Fy = force.T
+        start = np.where(np.isfinite(force.sum(axis=1)), 0.0, np.nan)
+        arrow = np.moveaxis(np.array([[cop, cop + Fx / scale], [start, start + Fy / scale]]), -1, 0)  # (K, 2, 2)
         colour, label = (style.MODEL, "identified model") if suffix else (style.MEASURED, "measured")
-        arrow = _make_arrows(force, scale)
         look = {"colour": colour, "label": label, "width": 1.6 if suffix else 2.2}
         parts += [
             Part(f"force{suffix}", look, arrow),
             Part("force origin", {"colour": colour, "symbol": "dot", "size": 5.0}, arrow[..., :1]),
         ]
     return scale, parts
-
-
-def _make_arrows(force: FloatArray, scale: float) -> FloatArray:
-    """Return the coordinates of the arrows' starts and ends, (K, 2, 2), m, for ``force`` (K, 3): cop_x, Fx, Fy."""
-    cop, Fx, Fy = force.T
-    start = np.where(np.isfinite(force.sum(axis=1)), 0.0, np.nan)
-    ends = [[cop, cop + Fx / scale], [start, start + Fy / scale]]
-    return np.moveaxis(np.array(ends), -1, 0)
-
-
-def _make_curves(data: ReportData) -> tuple[Panel, ...]:
-    motion = data.shown_motion
-    states_known = motion is not None and motion.mean.size
-    angles = (
-        [draw_panel(motion, 0, label_joints(data), LOW, label_angle(data))]
-        if motion is not None and states_known
-        else []
-    )
-    forces = [panel for panel in draw_panels(data, LOW) if any(isinstance(item, Line) for item in panel.items)]
-    return (*angles, *forces)
-
-
-def _describe_motion(data: ReportData) -> str:
-    if data.measured_poses:
-        return "The stick figure is the pinned chain; the modelled forces use the measured poses."
-    known = data.facts("dynamics.h5").get("motion") is not None
-    return "Stick figure and model both use the pinned chain." if known else ""
 
 
 def _find_nearest(clock: FloatArray, time: FloatArray) -> IntArray:
@@ -252,37 +225,6 @@ def _find_nearest(clock: FloatArray, time: FloatArray) -> IntArray:
     return np.where(nearer, before, after).astype(np.int64)
 
 
-MOST_IN_SPACE = 600
-"""Maximum number of frames."""
-_CELLS = 4  # number of cells of the floor in each direction
-_AXES = {"x": style.VERMILLION, "y, up": style.GREEN, "z": style.BLUE}
-
-
-def make_spatial_player(data: ReportData) -> Player | None:
-    """Return the player of a trial in space; None without markers or with fewer than two frames."""
-    planar = data.long("planar.parquet")
-    if planar is None or not len(planar.labels):
-        return None
-    time = choose_frame_times(planar.time, len(planar.labels), MOST_IN_SPACE)
-    if len(time) < 2:
-        return None
-    labels = tuple(str(label) for label in planar.labels)
-    markers = make_marker_parts(data, labels, read_positions(planar, time, labels, "xyz"))
-    moving = [*_make_spatial_chain(data, time), *markers]
-    curves = (
-        *(one.draw_panel(0, LOW) for one in collect_joint_curves(data)),
-        *(panel for panel in draw_panels(data, LOW) if any(isinstance(item, Line) for item in panel.items)),
-    )
-    return Player(time, (*_make_floor(find_bounds(moving), len(time)), *moving), _label_time(curves), None, "")
-
-
-def _label_time(curves: tuple[Panel, ...]) -> tuple[Panel, ...]:
-    """Return the panels of curves; the last has a label for the time axis."""
-    if not curves or curves[-1].x:
-        return curves
-    return (*curves[:-1], replace(curves[-1], x="time (s)", height=LOW + 0.3))
-
-
 def _make_spatial_chain(data: ReportData, time: FloatArray) -> list[Part]:
     """Return the sticks and joints of the chain at the times (K,) of the frames; empty without poses."""
     poses = data.segment_poses
@@ -292,17 +234,14 @@ def _make_spatial_chain(data: ReportData, time: FloatArray) -> list[Part]:
     found = make_stick_figure(data, samples)
     if found is None:
         return []
+    # no pose is near these frames
     away = np.abs(poses.time[samples] - time) > np.median(np.diff(poses.time)) if len(poses.time) > 1 else samples > 0
-    parts = []
-    for segment, ends in zip(found.segments, found.sticks, strict=True):
-        parts.append(make_stick(segment, data.segment_names[segment], _hide_missing(ends, away)))
-    look = {"colour": style.INK, "symbol": "ring", "size": 10.0}
-    return [*parts, Part("joints", look, _hide_missing(found.joints, away))]
-
-
-def _hide_missing(points: FloatArray, away: BoolArray) -> FloatArray:
-    """Return points (K, P, 3) as (K, 3, P); NaN in the frames in which ``away`` (K,) is true."""
-    return np.where(away[:, None, None], np.nan, points).swapaxes(1, 2)
+    *sticks, joints = (
+        np.where(away[:, None, None], np.nan, points).swapaxes(1, 2) for points in (*found.sticks, found.joints)
+    )
+    named = zip(found.segments, sticks, strict=True)
+    parts = [_make_stick(segment, data.segment_names[segment], ends) for segment, ends in named]
+    return [*parts, Part("joints", {"colour": style.INK, "symbol": "ring", "size": 10.0}, joints)]
 
 
 def _make_floor(found: FloatArray, frames: int) -> list[Part]:
@@ -314,19 +253,14 @@ def _make_floor(found: FloatArray, frames: int) -> list[Part]:
     wide = max(float((high - low)[[0, 2]].max()), 0.1)
     corner = np.array([(low + high)[0] / 2 - wide / 2, low[1], (low + high)[2] / 2 - wide / 2])
     steps = np.linspace(0.0, wide, _CELLS + 1)
-    gap = np.full(3, np.nan)
+    gap, unit = np.full(3, np.nan), np.eye(3)
     rows = []
     for along, across in ((0, 2), (2, 0)):
         for step in steps:
-            start = corner + step * np.eye(3)[across]
-            rows += [start, start + wide * np.eye(3)[along], gap]
-    parts = [Part("floor", {"colour": style.GRID, "width": 0.6}, _repeat_in_frames(np.array(rows), frames))]
+            start = corner + step * unit[across]
+            rows += [start, start + wide * unit[along], gap]
+    lines: list[tuple[str, dict[str, Any], list[FloatArray]]] = [("floor", {"colour": style.GRID, "width": 0.6}, rows)]
     for axis, (name, colour) in enumerate(_AXES.items()):
-        ends = np.array([corner, corner + 0.2 * wide * np.eye(3)[axis]])
-        parts.append(Part("axis", {"colour": colour, "label": name, "width": 1.6}, _repeat_in_frames(ends, frames)))
-    return parts
-
-
-def _repeat_in_frames(points: FloatArray, frames: int) -> FloatArray:
-    """Return points (P, 3) repeated for every frame, (frames, 3, P)."""
-    return np.repeat(points.T[None], frames, axis=0)
+        look = {"colour": colour, "label": name, "width": 1.6}
+        lines.append(("axis", look, [corner, corner + 0.2 * wide * unit[axis]]))
+    return [Part(name, look, np.repeat(np.array(points).T[None], frames, axis=0)) for name, look, points in lines]

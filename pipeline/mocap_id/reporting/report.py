@@ -6,7 +6,7 @@ from mocap_id.reporting.contents import PAGE_FILE, SUMMARY_FILE, PdfFonts
 from mocap_id.reporting.explanations import LEVELS
 from mocap_id.reporting.figures import draw_figures
 from mocap_id.reporting.page import Page, explain_reason, read_figures
-from mocap_id.reporting.player import Player, make_player, make_spatial_player
+from mocap_id.reporting.player import make_player
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.sections import make_key_numbers, make_sections
 from mocap_id.reporting.summary import encode_summary, summarise
@@ -27,11 +27,6 @@ def make_documents(data: ReportData, *, figures: bool = False, pdf_fonts: PdfFon
     return tuple(Document(file, content) for file, content in contents.items())
 
 
-def make_trial_player(data: ReportData) -> Player | None:
-    """Return the player of a trial in the plane or in space; None without markers or with fewer than two frames."""
-    return make_spatial_player(data) if data.in_space else make_player(data)
-
-
 def _make_page(data: ReportData, summary: Summary) -> Page:
     verdict = summary.verdict
     headline, lead = LEVELS[verdict.level]
@@ -47,6 +42,6 @@ def _make_page(data: ReportData, summary: Summary) -> Page:
         level=verdict.level,
         reasons=tuple(map(explain_reason, verdict.reasons)),
         key_numbers=tuple(make_key_numbers(data, summary)),
-        player=make_trial_player(data),
+        player=make_player(data),
         notes=tuple(map(explain_reason, verdict.notes)),
     )
