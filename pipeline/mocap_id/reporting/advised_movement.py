@@ -6,7 +6,6 @@ import textwrap
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mocap_id.design.predicted_covariance import Trajectory
@@ -39,14 +38,10 @@ def draw(course: Trajectory, joints: Sequence[str], limits: MovementLimits, word
     for j, name in enumerate(joints):
         for axes, part in zip(panels[j], (np.ones_like(close), close), strict=True):
             axes.plot(time[part], np.degrees(course.q[part, j]), color=style.pick_colour(j + 1))
-            _draw_bounds(axes, float(np.degrees(limits.low[j])), float(np.degrees(limits.high[j])))
+            for end in (limits.low[j], limits.high[j]):
+                axes.axhline(float(np.degrees(end)), color=style.FAINT, linewidth=0.8, linestyle=":")
         panels[j, 0].set_ylabel(f"{style.clean(name, 20)} (°)")
     for axes in panels[-1]:
         axes.set_xlabel("time (s)")
     drawing.suptitle("\n".join(textwrap.wrap(style.clean(words), 105)), fontsize=8, x=0.01, ha="left")
     return drawing
-
-
-def _draw_bounds(axes: Axes, low: float, high: float) -> None:
-    for end in (low, high):
-        axes.axhline(end, color=style.FAINT, linewidth=0.8, linestyle=":")

@@ -214,15 +214,13 @@ def _get_value(row: Any, source: Source) -> Any:
 
 def _flatten(values: Mapping[str, Any], above: str) -> Iterator[tuple[str, str]]:
     for key, value in values.items():
+        rows = [row for row in value if isinstance(row, list)] if isinstance(value, list) else []
         if isinstance(value, Mapping):
             yield from _flatten(value, f"{above}{_make_label(key)}: ")
-        elif value not in (None, "", UNKNOWN, [], ()) and not _is_matrix(value):
+        elif value not in (None, "", UNKNOWN, [], ()) and not any(
+            isinstance(item, float) for row in rows for item in row
+        ):
             yield style.clean(above + _make_label(key)), style.clean(_format(value))
-
-
-def _is_matrix(value: object) -> bool:
-    rows = value if isinstance(value, list) else []
-    return any(isinstance(row, list) and any(isinstance(item, float) for item in row) for row in rows)
 
 
 def _make_label(key: str) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 from mocap_id.reporting import style
 from mocap_id.reporting.explanations import LEVELS
 from mocap_id.reporting.figure import Drawing, Drawings
-from mocap_id.reporting.grids import Grid, GridColumn, number, show_ends, text, to_grid, with_sd
+from mocap_id.reporting.grids import GridColumn, number, show_ends, text, to_grid, with_sd
 from mocap_id.reporting.numbers import UNKNOWN, show_fixed, show_interval
 from mocap_id.reporting.page import embed, explain_reason, make_environment
 from mocap_id.reporting.player import Player
@@ -33,13 +33,43 @@ def render_notebook_view(document: Mapping[str, Any], player: Player | None = No
     """
     summary = Summary.model_validate(document)
     headline, lead = LEVELS[summary.verdict.level]
+    lengths = to_grid(
+        "Segment lengths",
+        summary.lengths_m or {},
+        (
+            with_sd("length ± sd (m)", "value", "sd"),
+            GridColumn("95 % interval", lambda entry: show_interval(entry.value, entry.sd)),
+        ),
+        "segment",
+    )
+    volume = to_grid(
+        "Reachable volume",
+        {} if summary.workspace.volume_m3 is None else {"wrist": summary.workspace},
+        (
+            number("volume (m³)", "volume_m3", 3),
+            GridColumn("95 % interval", lambda entry: show_ends(entry.interval_m3, 3)),
+        ),
+        "point",
+    )
+    vertical = (summary.dynamics.wrench or {}).get("Fy")
+    parameters = to_grid(
+        f"Base parameters; vertical force: r² {show_fixed(vertical.r2 if vertical else None, 4)}",
+        summary.dynamics.base or (),
+        (
+            text("parameter", "name"),
+            with_sd("value ± sd", "value", "sd"),
+            GridColumn("95 % interval", lambda entry: show_interval(entry.value, entry.sd)),
+            text("unit", lambda entry: style.format_unit(entry.unit)),
+            text("verdict", "verdict", UNKNOWN),
+        ),
+    )
     template = make_environment().get_template("notebook.html.j2")
     view = template.render(
         trial=style.clean(summary.trial),
         headline=headline,
         lead=lead,
         reasons=[explain_reason(reason) for reason in summary.verdict.reasons],
-        grids=[_list_lengths(summary), list_angles(summary), _list_volume(summary), _list_parameters(summary)],
+        grids=[lengths, list_angles(summary), volume, parameters],
     )
     return view if player is None else view + _make_frame(_render_page(summary.trial, player=player), _PLAYER_HEIGHT)
 
@@ -72,33 +102,3 @@ def _make_frame(page: str, height: int) -> str:
     """
     look = f"width: 100%; height: {height}px; border: 0; resize: vertical; overflow: auto"
     return f'<iframe sandbox="allow-scripts allow-downloads" style="{look}" srcdoc="{escape(page)}"></iframe>'
-
-
-def _list_lengths(summary: Summary) -> Grid:
-    columns = (
-        with_sd("length ± sd (m)", "value", "sd"),
-        GridColumn("95 % interval", lambda entry: show_interval(entry.value, entry.sd)),
-    )
-    return to_grid("Segment lengths", summary.lengths_m or {}, columns, "segment")
-
-
-def _list_volume(summary: Summary) -> Grid:
-    columns = (
-        number("volume (m³)", "volume_m3", 3),
-        GridColumn("95 % interval", lambda entry: show_ends(entry.interval_m3, 3)),
-    )
-    rows = {} if summary.workspace.volume_m3 is None else {"wrist": summary.workspace}
-    return to_grid("Reachable volume", rows, columns, "point")
-
-
-def _list_parameters(summary: Summary) -> Grid:
-    columns = (
-        text("parameter", "name"),
-        with_sd("value ± sd", "value", "sd"),
-        GridColumn("95 % interval", lambda entry: show_interval(entry.value, entry.sd)),
-        text("unit", lambda entry: style.format_unit(entry.unit)),
-        text("verdict", "verdict", UNKNOWN),
-    )
-    vertical = (summary.dynamics.wrench or {}).get("Fy")
-    caption = f"Base parameters; vertical force: r² {show_fixed(vertical.r2 if vertical else None, 4)}"
-    return to_grid(caption, summary.dynamics.base or (), columns)

@@ -111,11 +111,16 @@ def embed(drawings: Drawings, player: Player | None = None) -> Embedded:
     contents: dict[str, Any] = {"figure-data": to_json(drawings)}
     if player is not None:
         contents["player-data"] = player.to_json()
-    scripts = (*_read_library(), *([_read_script("player.js")] if player is not None else []))
+    names = ("plotly-basic.min.js", "chart.js", *(() if player is None else ("player.js",)))
+    scripts = [_read_script(name) for name in names]
     digests = " ".join(f"'sha256-{digest}'" for _, digest in scripts)
     return Embedded(
         data={
-            name: _escape(json.dumps(content, separators=(",", ":"), allow_nan=False))
+            # no label can close the script element
+            name: json.dumps(content, separators=(",", ":"), allow_nan=False)
+            .replace("<", "\\u003c")
+            .replace(">", "\\u003e")
+            .replace("&", "\\u0026")
             for name, content in contents.items()
         },
         scripts=tuple(text for text, _ in scripts),
@@ -138,20 +143,10 @@ def read_figures(page: str) -> Drawings:
 
 
 @cache
-def _read_library() -> tuple[tuple[str, str], ...]:
-    return _read_script("plotly-basic.min.js"), _read_script("chart.js")
-
-
-@cache
 def _read_script(name: str) -> tuple[str, str]:
     """Return the text of a script and its SHA-256 digest in base64."""
     text = files("mocap_id.reporting").joinpath("templates", name).read_text("utf-8").strip()
     return text, base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode()
-
-
-def _escape(text: str) -> str:
-    """Return JSON with <, > and & escaped, so that no label in it can close the script element."""
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 Prose: TypeAlias = tuple[tuple[str, bool], ...]

@@ -93,7 +93,14 @@ def use_paper_style(pdf_fonts: PdfFonts = "type-3") -> Iterator[None]:
 
 def make_figure_files(drawings: Drawings, pdf_fonts: PdfFonts = "type-3") -> dict[str, bytes]:
     """Return the contents of the figure files by file name: the captions, and every existing figure as SVG and PDF."""
-    contents = {CAPTIONS_FILE: _list_captions(drawings)}
+    captions = (
+        f"**{one.title}** (`{one.name}.svg`, `{one.name}.pdf`). {one.caption}"
+        if one.missing is None
+        else f"**{one.title}**. {one.missing}"
+        for one in drawings.all
+    )
+    markdown = "\n\n".join([f"# Figures of {drawings.of}", *captions]) + "\n"
+    contents = {CAPTIONS_FILE: markdown.encode("utf-8")}
     for one in drawings.all:
         figure = one.figure
         if not isinstance(figure, str):
@@ -101,17 +108,6 @@ def make_figure_files(drawings: Drawings, pdf_fonts: PdfFonts = "type-3") -> dic
             rendered = render(one.name, title, lambda figure=figure: to_matplotlib(figure), pdf_fonts)  # type: ignore[misc]
             contents |= {f"figures/{file}": content for file, content in rendered.items()}
     return contents
-
-
-def _list_captions(drawings: Drawings) -> bytes:
-    """Return the captions of all figures as Markdown in UTF-8."""
-    captions = (
-        f"**{one.title}** (`{one.name}.svg`, `{one.name}.pdf`). {one.caption}"
-        if one.missing is None
-        else f"**{one.title}**. {one.missing}"
-        for one in drawings.all
-    )
-    return ("\n\n".join([f"# Figures of {drawings.of}", *captions]) + "\n").encode("utf-8")
 
 
 def render(name: str, title: str, draw: Callable[[], MplFigure], pdf_fonts: PdfFonts = "type-3") -> dict[str, bytes]:
@@ -185,7 +181,19 @@ def _draw_item(axes: Axes, item: Item, norm: Normalize | None) -> None:
         case Band():
             axes.fill_between(item.x, item.low, item.high, color=item.colour, alpha=item.opacity, lw=0)
         case Points():
-            _draw_points(axes, item)
+            look = {
+                "marker": _MARKERS[item.symbol],
+                "ms": item.size,
+                "mfc": "none" if item.symbol in _OPEN else item.colour,
+                "mec": item.colour,
+                "color": item.colour,
+                "ls": "none",
+                "capsize": 2,
+                "elinewidth": 0.8,
+                "mew": 1.6 if item.symbol in ("x", "|") else 0.9,
+                "zorder": 3,
+            }
+            axes.errorbar(item.x, item.y, xerr=item.half, label=item.label or None, **look)
         case Heat():
             look = {"marker": "s", "linewidths": 0.3, "edgecolors": style.INK, "zorder": 3, "clip_on": False}
             shades = mpl.colormaps[HEAT].resampled(SHADES)
@@ -205,25 +213,6 @@ def _draw_item(axes: Axes, item: Item, norm: Normalize | None) -> None:
             axes.annotate(item.words, (item.x, item.y), (7, -3), textcoords="offset points", fontsize=7.5)
         case Key():
             axes.add_line(Line2D([], [], marker="s", ls="none", ms=5, color=item.colour, label=item.label))
-
-
-def _draw_points(axes: Axes, item: Points) -> None:
-    face = "none" if item.symbol in _OPEN else item.colour
-    look: dict[str, Any] = {
-        "marker": _MARKERS[item.symbol],
-        "ms": item.size,
-        "mfc": face,
-        "mec": item.colour,
-        "color": item.colour,
-    }
-    look |= {
-        "ls": "none",
-        "capsize": 2,
-        "elinewidth": 0.8,
-        "mew": 1.6 if item.symbol in ("x", "|") else 0.9,
-        "zorder": 3,
-    }
-    axes.errorbar(item.x, item.y, xerr=item.half, label=item.label or None, **look)
 
 
 def _set_axes(axes: Axes, panel: Panel, *, named: bool) -> None:

@@ -10,28 +10,16 @@ from mocap_id.reporting.player import make_player
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.sections import make_key_numbers, make_sections
 from mocap_id.reporting.summary import encode_summary, summarise
-from mocap_id.reporting.summary_schema import Summary
 from mocap_id.store import Document
 
 
 def make_documents(data: ReportData, *, figures: bool = False, pdf_fonts: PdfFonts = "type-3") -> tuple[Document, ...]:
     """Return the files of :data:`mocap_id.reporting.contents.FILES`, followed by the paper figures if requested."""
     summary = summarise(data)
-    contents = {SUMMARY_FILE: encode_summary(summary), PAGE_FILE: _make_page(data, summary).render()}
-    if figures:
-        from mocap_id.reporting import paper_figures  # noqa: PLC0415  loads matplotlib
-
-        contents |= paper_figures.make_figure_files(
-            read_figures(contents[PAGE_FILE].decode("utf-8")), pdf_fonts
-        )  # as `mocap-id figures` does
-    return tuple(Document(file, content) for file, content in contents.items())
-
-
-def _make_page(data: ReportData, summary: Summary) -> Page:
     verdict = summary.verdict
     headline, lead = LEVELS[verdict.level]
     along = "the first horizontal axis of the recording" if data.in_space else "the motion"
-    return Page(
+    page = Page(
         name=data.trial,
         headline=headline,
         lead=lead,
@@ -45,3 +33,11 @@ def _make_page(data: ReportData, summary: Summary) -> Page:
         player=make_player(data),
         notes=tuple(map(explain_reason, verdict.notes)),
     )
+    contents = {SUMMARY_FILE: encode_summary(summary), PAGE_FILE: page.render()}
+    if figures:
+        from mocap_id.reporting import paper_figures  # noqa: PLC0415  loads matplotlib
+
+        contents |= paper_figures.make_figure_files(
+            read_figures(contents[PAGE_FILE].decode("utf-8")), pdf_fonts
+        )  # as `mocap-id figures` does
+    return tuple(Document(file, content) for file, content in contents.items())

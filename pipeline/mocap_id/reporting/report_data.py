@@ -171,7 +171,16 @@ class ReportData(ArtefactSet):
     @cached_property
     def residuals(self) -> dict[str, Residual]:
         """Residuals of the markers by label; empty if they are unknown."""
-        return compute_residuals(self.long("markers.parquet"), self.skeleton or self.spatial_skeleton)
+        markers, skeleton = self.long("markers.parquet"), self.skeleton or self.spatial_skeleton
+        if markers is None or not markers.length:
+            return {}
+        segment = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
+        found = {}
+        for label, column in zip(markers.labels, markers.values["residual"].T, strict=True):
+            seen = column[np.isfinite(column)]
+            rms, q95 = (np.sqrt(np.mean(seen**2)), np.quantile(seen, 0.95)) if seen.size else (np.nan, np.nan)
+            found[label] = Residual(label, segment.get(label, -1), float(rms), float(q95), seen.size / column.size)
+        return found
 
     @cached_property
     def segment_names(self) -> tuple[str, ...]:
@@ -222,16 +231,3 @@ class Residual:
     rms: float  # root mean square, m
     q95: float  # 95 % quantile, m
     seen: float  # fraction of frames in which the marker is visible
-
-
-def compute_residuals(markers: LongTable | None, skeleton: Skeleton | SpatialSkeleton | None) -> dict[str, Residual]:
-    """Return the residuals in ``markers.parquet`` by marker label; empty without this table or without frames."""
-    if markers is None or not markers.length:
-        return {}
-    segment = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
-    found = {}
-    for label, column in zip(markers.labels, markers.values["residual"].T, strict=True):
-        seen = column[np.isfinite(column)]
-        rms, q95 = (np.sqrt(np.mean(seen**2)), np.quantile(seen, 0.95)) if seen.size else (np.nan, np.nan)
-        found[label] = Residual(label, segment.get(label, -1), float(rms), float(q95), seen.size / column.size)
-    return found

@@ -71,7 +71,10 @@ _LEGEND = (
 
 def draw_tornado(data: SensitivityData) -> Figure | str:
     """Return a panel for each parameter, or a sentence that says why there is no figure."""
-    kinds = _order_kinds(data)
+    counted = {parameter.name for parameter in data.parameters}
+    responses = data.tables["responses"].frame
+    worst = responses[responses["parameter"].isin(counted)].groupby("kind", sort=False)["ratio"].max()
+    kinds = [str(kind) for kind in worst.dropna().sort_values(ascending=False, kind="stable").index]  # largest first
     if not data.parameters or not kinds:
         return "No parameter is known that could change."
     panels = tuple(_draw_panel(data, parameter, kinds) for parameter in data.parameters)
@@ -82,14 +85,6 @@ def place(percent: float) -> float:
     """Return the position of a change, in per cent, on the axis: linear up to 1 %, logarithmic beyond."""
     size = abs(percent)
     return float(np.sign(percent) * (_LINEAR * size if size <= 1 else _LINEAR + np.log10(size)))
-
-
-def _order_kinds(data: SensitivityData) -> list[str]:
-    """Return the kinds of error, sorted by their largest change of any parameter, largest first."""
-    counted = {parameter.name for parameter in data.parameters}
-    responses = data.tables["responses"].frame
-    worst = responses[responses["parameter"].isin(counted)].groupby("kind", sort=False)["ratio"].max()
-    return [str(kind) for kind in worst.dropna().sort_values(ascending=False, kind="stable").index]
 
 
 def _draw_panel(data: SensitivityData, parameter: Parameter, kinds: Sequence[str]) -> Panel:
@@ -155,17 +150,35 @@ def render_sensitivity_page(data: SensitivityData) -> bytes:
     """Return the HTML page in UTF-8."""
     drawing = Drawing("tornado", "How much each kind of error changes each parameter", CAPTION, draw_tornado(data))
     sentences = tuple(style.clean(sentence) for sentence in data.tables["tolerates"].frame["sentence"])
+    tried = data.tables["perturbations"].frame
+    beyond = tried[~tried["tolerated"]]
+    silent = beyond[(beyond["raised"] == "") & ~beyond["verdict"].isin(_FAILED)]
+    parameters = to_grid(
+        "The unperturbed parameters",
+        data.parameters,
+        (
+            text("parameter", "name"),
+            GridColumn("value", lambda one: show_with_sd(one.value, one.sd, style.format_unit(one.unit))),
+            GridColumn("size", lambda one: show(one.size, 3, style.format_unit(one.unit))),
+            GridColumn("tolerated change", lambda one: show(100 * one.tolerated(data.tolerance), 2, "%")),
+        ),
+    )
     return Page(
         name=data.trial,
         headline="what this trial tolerates",
         lead=f"{describe_criterion(data.tolerance)} The limit between two tried levels is interpolated.",
         note=style.clean(data.note),
         command="sensitivity",
-        key_numbers=_make_key_numbers(data),
+        key_numbers=(
+            KeyNumber("perturbations", str(len(tried)), f"{tried['kind'].nunique()} kinds, seed {data.seed}"),
+            KeyNumber("tolerated", str(len(tried) - len(beyond)), "of these perturbations"),
+            KeyNumber("unnoticed", str(len(silent)), "not tolerated, and no new caution"),
+            KeyNumber("unperturbed verdict", data.verdict, data.trial),
+        ),
         sections=(
             Section("tolerates", "Tolerated levels", items=sentences),
             Section("tornado", drawing.title, figures=(drawing.name,)),
-            Section("numbers", "Numbers", (_list_parameters(data), _list_perturbations(data))),
+            Section("numbers", "Numbers", (parameters, _list_perturbations(data))),
         ),
         figures=Drawings(style.clean(data.trial), (drawing,)),
         footer=_FOOTER,
@@ -178,28 +191,6 @@ def describe_criterion(share: float) -> str:
         f"A perturbation is tolerated if no parameter changes by more than {show(100 * share, 2, '%')} of its size, or "
         "by its own stated standard deviation if that is larger."
     )
-
-
-def _make_key_numbers(data: SensitivityData) -> tuple[KeyNumber, ...]:
-    tried = data.tables["perturbations"].frame
-    beyond = tried[~tried["tolerated"]]
-    silent = beyond[(beyond["raised"] == "") & ~beyond["verdict"].isin(_FAILED)]
-    return (
-        KeyNumber("perturbations", str(len(tried)), f"{tried['kind'].nunique()} kinds, seed {data.seed}"),
-        KeyNumber("tolerated", str(len(tried) - len(beyond)), "of these perturbations"),
-        KeyNumber("unnoticed", str(len(silent)), "not tolerated, and no new caution"),
-        KeyNumber("unperturbed verdict", data.verdict, data.trial),
-    )
-
-
-def _list_parameters(data: SensitivityData) -> Grid:
-    columns = (
-        text("parameter", "name"),
-        GridColumn("value", lambda one: show_with_sd(one.value, one.sd, style.format_unit(one.unit))),
-        GridColumn("size", lambda one: show(one.size, 3, style.format_unit(one.unit))),
-        GridColumn("tolerated change", lambda one: show(100 * one.tolerated(data.tolerance), 2, "%")),
-    )
-    return to_grid("The unperturbed parameters", data.parameters, columns)
 
 
 def _list_perturbations(data: SensitivityData) -> Grid:

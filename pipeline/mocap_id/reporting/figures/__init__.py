@@ -191,6 +191,15 @@ _OF_CHAIN: Mapping[str, str] = {
 }
 
 
+_ZEROS: Mapping[str, str] = {
+    "static": "is zero in the static pose that the configuration gives",
+    "standing": "is zero in the mean of the standing phases",
+    "segment line": "is zero where the lines of its two segments are parallel. The markers define these lines, so "
+    "this zero is arbitrary: compare changes of the angle only, or give a standing pose in `static:`",
+}
+"""Where the angle of a joint is zero, by the source of the zero."""
+
+
 def draw_figures(data: ReportData) -> Drawings:
     """Return all figures of a trial in the plane or in space."""
     entries = SPATIAL_FIGURES if data.in_space else FIGURES
@@ -199,44 +208,29 @@ def draw_figures(data: ReportData) -> Drawings:
 
 
 def _complete_caption(entry: FigureEntry, data: ReportData) -> str:
-    """Return the caption of a figure; figures of the dynamics also say how the masses move."""
+    """Return the caption of a figure, which says where angles are zero and, for the dynamics, how the masses move."""
+    sentences = [entry.caption]
+    names = data.skeleton.joints if data.skeleton is not None else ()
     if entry.name in ("states", "repetitions") and data.zeros:
-        return f"{entry.caption} {_describe_zeros(data)}"
+        joints = data.skeleton.joint_names if data.skeleton is not None else ()
+        for source, text in _ZEROS.items():
+            own = [name for name, zero in zip(joints, data.zeros, strict=False) if zero.source == source]
+            if own:
+                whose = "every joint" if len(own) == len(data.zeros) else ", ".join(own)
+                sentences.append(f"The angle of {whose} {text}.")
+        return f"{entry.caption} {' '.join(sentences[1:])}"
     if entry.name not in _OF_POSES or data.facts("dynamics.h5").get("motion") is None:
         return entry.caption
-    sentences = [entry.caption]
     if entry.name in ("phases", "torques"):
-        legs = data.facts("dynamics.parquet").get("legs") == "both"
-        sentences += ["Forces and torques are sums over both legs." if legs else "", *_describe_missing_torques(data)]
+        if data.facts("dynamics.parquet").get("legs") == "both":
+            sentences.append("Forces and torques are sums over both legs.")
+        missing = data.facts("dynamics.h5").get("untold") or ()
+        unknown = [name for j, name in enumerate(names, start=1) if f"tau_{j}" in missing]
+        if unknown:
+            sentences.append(f"The fit does not determine the torque of: {', '.join(unknown)}.")
     if data.measured_poses:
         cutoffs = ", ".join(f"{axis} {cutoff:g} Hz" for axis, cutoff in (data.bands or {}).items())
         sentences += [f"The masses move with the measured poses, low-pass filtered ({cutoffs}).", _OF_POSES[entry.name]]
     else:
         sentences += ["The masses move with the pinned chain.", _OF_CHAIN.get(entry.name, "")]
     return " ".join(sentence for sentence in sentences if sentence)
-
-
-def _describe_zeros(data: ReportData) -> str:
-    """Return sentences that say where the joint angles are zero."""
-    names = data.skeleton.joint_names if data.skeleton is not None else ()
-    texts = {
-        "static": "is zero in the static pose that the configuration gives",
-        "standing": "is zero in the mean of the standing phases",
-        "segment line": "is zero where the lines of its two segments are parallel. The markers define these lines, so "
-        "this zero is arbitrary: compare changes of the angle only, or give a standing pose in `static:`",
-    }
-    sentences = []
-    for source, text in texts.items():
-        own = [name for name, zero in zip(names, data.zeros, strict=False) if zero.source == source]
-        if own:
-            whose = "every joint" if len(own) == len(data.zeros) else ", ".join(own)
-            sentences.append(f"The angle of {whose} {text}.")
-    return " ".join(sentences)
-
-
-def _describe_missing_torques(data: ReportData) -> list[str]:
-    """Return a sentence on the joints without a torque, if there are any."""
-    names = data.skeleton.joints if data.skeleton is not None else ()
-    missing = data.facts("dynamics.h5").get("untold") or ()
-    joints = [name for j, name in enumerate(names, start=1) if f"tau_{j}" in missing]
-    return [f"The fit does not determine the torque of: {', '.join(joints)}."] if joints else []

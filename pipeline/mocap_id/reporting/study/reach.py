@@ -204,24 +204,21 @@ def _draw_shapes(shapes: Sequence[Shape], panels: Sequence[tuple[str, list[tuple
         return "No reachable volume: no trial has one."
     points = np.concatenate([part for shape in shapes for part in (shape.wires, shape.arm)])
     half = 1.02 * float(np.nanmax(np.linalg.norm(points, axis=1)))
-    made = (
-        make_turnable_panel([item for one in drawn for item in _draw_items(*one)], half, title, 2.6)
-        for title, drawn in panels
-        if drawn
-    )
+    made = []
+    for title, drawn in panels:
+        items: list[Item] = []
+        for shape, label, colour in drawn:
+            for line, hue, name, width, opacity in (
+                (shape.wires, colour, label, 0.5, 0.6),
+                (shape.arm, style.INK, "", 2.0, 1.0),
+            ):
+                x, y, z = line.T
+                items.append(Line(x, y, hue, name, width=width, opacity=opacity, z=z))
+            x, y, z = shape.arm[:1].T
+            items.append(Points(x, y, style.INK, symbol="ring", z=z))
+        if drawn:
+            made.append(make_turnable_panel(items, half, title, 2.6))
     return Figure(arrange_in_lines(tuple(made), 4))
-
-
-def _draw_items(shape: Shape, label: str, colour: str) -> Iterator[Item]:
-    """Yield surface, arm and shoulder of a shape as items of a panel."""
-    for points, hue, name, width, opacity in (
-        (shape.wires, colour, label, 0.5, 0.6),
-        (shape.arm, style.INK, "", 2.0, 1.0),
-    ):
-        x, y, z = points.T
-        yield Line(x, y, hue, name, width=width, opacity=opacity, z=z)
-    x, y, z = shape.arm[:1].T
-    yield Points(x, y, style.INK, symbol="ring", z=z)
 
 
 def show_score(score: object) -> str:

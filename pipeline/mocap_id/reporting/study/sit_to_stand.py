@@ -111,10 +111,14 @@ def _make_sections(data: CohortData) -> Iterator[Section]:
         )
     )
     doubtful = people["models"]
+
+    def name_code(code: str) -> str:
+        return EXPLANATIONS[code].title if code in EXPLANATIONS else code
+
     doubts = tables["models"].grid(
         "Predictions that could not be made, or that the recordings do not support",
         "action_trial model_trial",
-        text("why", lambda row: row["why"] or _list_titles(row["codes"])),
+        text("why", lambda row: row["why"] or "; ".join(map(name_code, row["codes"].split(", ")))),
         rows=doubtful[(doubtful["why"] != "") | (doubtful["codes"] != "")],
     )
     yield Section("models", "Forces and torques by every model", (all_people, doubts), ("pressure",), (each_person,))
@@ -134,11 +138,6 @@ def _make_sections(data: CohortData) -> Iterator[Section]:
         )
     )
     yield Section("parameters", "Inertial parameters", (of_cohort,), ("parameters",), (of_people,))
-
-
-def _list_titles(codes: str) -> str:
-    """Return the titles of reason codes, joined by semicolons; ``codes`` are joined by commas."""
-    return "; ".join(EXPLANATIONS[code].title if code in EXPLANATIONS else code for code in codes.split(", "))
 
 
 def draw_cohort_figures(data: CohortData) -> Drawings:
