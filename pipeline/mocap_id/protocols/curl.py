@@ -222,60 +222,44 @@ def find_trial_end(time: FloatArray, axis: FloatArray, curls: tuple[Curl, ...], 
     axis : (T, 3) array
         Unit vector of the elbow's axis in the trial's axes, towards the right; NaN where unknown.
     """
-    done = [curl for curl in curls if curl.complete]
-    ends = (
-        _end_by_failure(curls),
-        _end_by_pause(curls, rules),
-        _end_by_tempo(done, rules),
-        _end_by_plane(time, axis, done, rules),
-    )
-    ends_known = [curl.end for curl in done if np.isfinite(curl.end)]
-    last = ends_known[-1] if ends_known else float(time[-1])
-    default = TrialEnd(last, "recording", "no rule ends the trial earlier")
-    return min((end for end in ends if end is not None), key=lambda end: end.time, default=default)
-
-
-def _end_by_failure(curls: tuple[Curl, ...]) -> TrialEnd | None:
-    """Return the end at the first failed attempt after the last complete curl; None without a failed attempt."""
+    done, ends = [curl for curl in curls if curl.complete], []
+    # the first failed attempt after the last complete curl
     complete = [k for k, curl in enumerate(curls) if curl.complete]
     rest = [curl for curl in (curls[complete[-1] + 1 :] if complete else curls) if not curl.unknown]
-    return TrialEnd(rest[0].start, "stopped", f"the next attempt fails: {rest[0].why}") if rest else None
-
-
-def _end_by_pause(curls: tuple[Curl, ...], rules: CurlRules) -> TrialEnd | None:
-    """Return the end at the first pause between curls that is too long; None without such a pause."""
-    durations = np.array([curl.end - curl.start for curl in curls if curl.complete])
-    if not np.isfinite(durations).any():
-        return None
-    longest = rules.pause * (1 / rules.metronome if rules.metronome else float(np.nanmedian(durations)))
-    for curl, following in pairwise(curls):
-        pause = following.start - curl.end
-        if pause > longest:
-            return TrialEnd(curl.end, "stopped", f"a pause of {pause:.1f} s follows, expected at most {longest:.1f} s")
-    return None
-
-
-def _end_by_tempo(done: list[Curl], rules: CurlRules) -> TrialEnd | None:
-    """Return the end before the first complete curl that is out of the metronome's tempo; None without such a curl."""
-    if rules.metronome is None:
-        return None
-    period = 1 / rules.metronome
-    for curl in done:
+    if rest:
+        ends.append(TrialEnd(rest[0].start, "stopped", f"the next attempt fails: {rest[0].why}"))
+    # the first pause between curls that is too long
+    period = 1 / rules.metronome if rules.metronome else None
+    durations = np.array([curl.end - curl.start for curl in done])
+    if np.isfinite(durations).any():
+        longest = rules.pause * (period or float(np.nanmedian(durations)))
+        for curl, following in pairwise(curls):
+            pause = following.start - curl.end
+            if pause > longest:
+                why = f"a pause of {pause:.1f} s follows, expected at most {longest:.1f} s"
+                ends.append(TrialEnd(curl.end, "stopped", why))
+                break
+    # before the first complete curl that is out of the metronome's tempo
+    for curl in done if period is not None else ():
         duration = curl.end - curl.start
         if abs(duration - period) > rules.tempo * period:
             why = f"the next curl takes {duration:.2f} s, expected {period:.2f} s ± {100 * rules.tempo:.0f} %"
-            return TrialEnd(curl.start, "tempo", why)
-    return None
+            ends.append(TrialEnd(curl.start, "tempo", why))
+            break
+    ends += _find_motion_out_of_plane(time, axis, [curl for curl in done if curl.timed], rules)
+    ends_known = [curl.end for curl in done if np.isfinite(curl.end)]
+    last = ends_known[-1] if ends_known else float(time[-1])
+    default = TrialEnd(last, "recording", "no rule ends the trial earlier")
+    return min(ends, key=lambda end: end.time, default=default)
 
 
-def _end_by_plane(time: FloatArray, axis: FloatArray, done: list[Curl], rules: CurlRules) -> TrialEnd | None:
-    """Return the end at the first sustained rotation of the elbow's axis from its first direction; None without it."""
-    done = [curl for curl in done if np.isfinite(curl.end - curl.start)]
+def _find_motion_out_of_plane(time: FloatArray, axis: FloatArray, done: list[Curl], rules: CurlRules) -> list[TrialEnd]:
+    """Return the first sustained rotation of the elbow's axis from its first direction as an end; empty without it."""
     if not done:
-        return None
+        return []
     first = (time >= done[0].start) & (time <= done[0].end)
     if not np.isfinite(axis[first]).any():
-        return None
+        return []
     reference = np.nanmean(axis[first], axis=0)
     with np.errstate(invalid="ignore"):
         turned = np.arccos(np.clip(axis @ reference / np.linalg.norm(reference), -1, 1))
@@ -284,8 +268,8 @@ def _end_by_plane(time: FloatArray, axis: FloatArray, done: list[Curl], rules: C
         if time[run.stop - 1] - time[run.start] >= rules.sustained:
             degrees = np.degrees(np.nanmax(turned[run]))
             why = f"the elbow's axis rotates by {degrees:.0f}°, expected at most {np.degrees(rules.plane):.0f}°"
-            return TrialEnd(float(time[run.start]), "plane", why)
-    return None
+            return [TrialEnd(float(time[run.start]), "plane", why)]
+    return []
 
 
 _VARIES = 0.25  # share of the error of the angle's changes that differs from curl to curl
@@ -327,30 +311,27 @@ def measure_compensation(
     if not used:
         return tuple(None for _ in spans)
     first, start = float(angle[used[0]].mean()), float(angle[used[0].start])
-    return tuple(
-        None
-        if span is None or span not in used
-        else _measure_in_curl(time[span], angle[span] - start, sd[span], first - start, rules)
-        for span in spans
-    )
-
-
-def _measure_in_curl(
-    time: FloatArray, change: FloatArray, sd: FloatArray, first: float, rules: CurlRules
-) -> Compensation:
-    """Return the compensation in one curl; ``first`` is the mean change of the angle in the first curl, rad."""
-    error, size = float(np.sqrt(np.mean(sd**2))), float(np.ptp(change))
-    half = NORMAL_95 * float(np.sqrt(2) * error)  # at worst, the errors of both ends are independent
-    away = find_runs(np.abs(change) > rules.compensation)
-    longest = max((float(time[run.stop - 1] - time[run.start]) for run in away), default=0.0)
-    return Compensation(
-        range=size,
-        range_interval=(max(size - half, 0.0), size + half),
-        offset=float(change.mean()) - first,
-        offset_sd=np.sqrt(2) * error,
-        floor=half,
-        sustained=longest if longest >= rules.sustained else 0.0,
-    )
+    found: list[Compensation | None] = []
+    for span in spans:
+        if span is None or span not in used:
+            found.append(None)
+            continue
+        change = angle[span] - start
+        error, size = float(np.sqrt(np.mean(sd[span] ** 2))), float(np.ptp(change))
+        half = NORMAL_95 * float(np.sqrt(2) * error)  # at worst, the errors of both ends are independent
+        away = find_runs(np.abs(change) > rules.compensation)
+        longest = max((float(time[span][run.stop - 1] - time[span][run.start]) for run in away), default=0.0)
+        found.append(
+            Compensation(
+                range=size,
+                range_interval=(max(size - half, 0.0), size + half),
+                offset=float(change.mean()) - (first - start),
+                offset_sd=np.sqrt(2) * error,
+                floor=half,
+                sustained=longest if longest >= rules.sustained else 0.0,
+            )
+        )
+    return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -394,16 +375,13 @@ def fit_part_in_step(  # noqa: PLR0917
     curve = basis @ shape
     left = float(np.std(angle[first] - curve[first]))
     size = float(np.ptp(curve[first]))
-    half = NORMAL_95 * (np.sqrt(2 * np.mean(sd[first] ** 2)) if axis is None else _find_largest_sd(basis[first], axis))
+    if axis is None:
+        half = NORMAL_95 * np.sqrt(2 * np.mean(sd[first] ** 2))
+    else:  # the largest rotation in a curl that an error of the elbow's axis causes
+        change = basis[first] - basis[first][int(np.argmax(basis[first][:, 0]))]
+        half = NORMAL_95 * float(np.sqrt(np.einsum("ti,ij,tj->t", change, axis, change).max()))
     rest = np.sqrt(left**2 + (_VARIES * sd) ** 2 / 2)
     return InStep(curve, size, (max(size - float(half), 0.0), size + float(half)), rest)
-
-
-def _find_largest_sd(basis: FloatArray, axis: FloatArray) -> float:
-    """Return the largest standard deviation, rad, of a rotation in a curl that an error of the elbow's axis causes."""
-    extended = int(np.argmax(basis[:, 0]))
-    change = basis - basis[extended]
-    return float(np.sqrt(np.einsum("ti,ij,tj->t", change, axis, change).max()))
 
 
 _ELBOW_CUTOFF = 4.0  # Hz: the elbow rests or moves slowly
@@ -462,7 +440,14 @@ def compute_elbow_torque(
     elbow = segments[0].origin
     down = np.array([0.0, -gravity, 0.0])
     total, weight_moment, variance = np.zeros(len(time)), np.zeros(len(time)), np.zeros(len(time))
-    acceleration = _differentiate_twice(elbow, rate)  # acceleration of the segment's origin
+    # acceleration of the segment's origin, from low-passed positions; zero if more than half of them are missing
+    known: BoolArray = np.asarray(np.isfinite(elbow).all(axis=1))
+    acceleration = np.zeros_like(elbow)
+    if known.sum() >= len(known) // 2:
+        at = np.flatnonzero(known)
+        filled = np.stack([np.interp(np.arange(len(elbow)), at, elbow[at, i]) for i in range(3)], axis=1)
+        smooth = LowPass(_ELBOW_CUTOFF, rate)(filled)
+        acceleration = np.gradient(np.gradient(smooth, axis=0), axis=0) * rate**2
     for k, motion in enumerate(segments):
         if k:
             before = segments[k - 1]
@@ -486,14 +471,3 @@ def compute_elbow_torque(
 def _relative_acceleration(motion: SegmentMotion, out: FloatArray) -> FloatArray:
     """Return the acceleration (T, 3) of a point at ``out`` from the segment's origin, relative to the origin, m/s²."""
     return np.cross(motion.alpha, out) + np.cross(motion.omega, np.cross(motion.omega, out))
-
-
-def _differentiate_twice(position: FloatArray, rate: float) -> FloatArray:
-    """Return the second derivative (T, 3) of low-passed positions, m/s²; zeros if more than half are missing."""
-    known: BoolArray = np.asarray(np.isfinite(position).all(axis=1))
-    if known.sum() < len(known) // 2:
-        return np.zeros_like(position)
-    at = np.flatnonzero(known)
-    filled = np.stack([np.interp(np.arange(len(position)), at, position[at, i]) for i in range(3)], axis=1)
-    smooth = LowPass(_ELBOW_CUTOFF, rate)(filled)
-    return np.asarray(np.gradient(np.gradient(smooth, axis=0), axis=0) * rate**2)

@@ -58,8 +58,21 @@ def find_failed_attempts(
     """
     if not posture.moves or chair is False:
         return ()
-    unloaded = _measure_unloading(time, posture, vertical)
-    between = _find_samples_outside(time, repetitions)
+    # share of the chair's load at rest that the feet took over; NaN if unknown and while upright
+    unloaded = np.full(len(time), np.nan)
+    rate = (len(time) - 1) / (time[-1] - time[0])
+    smooth = LowPass(min(_CUTOFF, rate / 5), rate)(vertical[:, None])[:, 0]
+    for low in find_runs(~posture.upright):
+        with np.errstate(invalid="ignore"):
+            seated = low.start + np.flatnonzero((posture.height[low] < _HIP_RISE) & np.isfinite(smooth[low]))
+        if len(seated):
+            rest = float(np.median(smooth[seated]))
+            unloaded[low] = (smooth[low] - rest) / max(1.0 - rest, 0.1)
+    between = np.ones(len(time), dtype=bool)  # an unknown start or end of a repetition is that of the recording
+    for each in repetitions:
+        begin = -np.inf if np.isnan(each.start) else each.start
+        finish = np.inf if np.isnan(each.end) else each.end
+        between &= (time < begin) | (time > finish)
     instants: list[int] = []
     for low in find_runs(~posture.upright):
         instants += [low.start + k for k in _find_peaks(np.nan_to_num(posture.height[low], nan=0.0), _HIP_RISE)]
@@ -84,30 +97,6 @@ def _find_peaks(values: FloatArray, prominence: float) -> list[int]:
     top = int(candidates[values[candidates].argmax()])
     after = [top + k for k in _find_peaks(values[top:], prominence)]
     return [*_find_peaks(values[: top + 1], prominence), top, *after]
-
-
-def _find_samples_outside(time: FloatArray, repetitions: tuple[Repetition, ...]) -> BoolArray:
-    """Return True (T,) outside all repetitions; an unknown start or end is replaced by that of the recording."""
-    out = np.ones(len(time), dtype=bool)
-    for each in repetitions:
-        begin = -np.inf if np.isnan(each.start) else each.start
-        finish = np.inf if np.isnan(each.end) else each.end
-        out &= (time < begin) | (time > finish)
-    return out
-
-
-def _measure_unloading(time: FloatArray, posture: Posture, vertical: FloatArray) -> FloatArray:
-    """Return the share (T,) of the chair's load at rest that the feet took over; NaN if unknown and while upright."""
-    out = np.full(len(time), np.nan)
-    rate = (len(time) - 1) / (time[-1] - time[0])
-    smooth = LowPass(min(_CUTOFF, rate / 5), rate)(vertical[:, None])[:, 0]
-    for low in find_runs(~posture.upright):
-        with np.errstate(invalid="ignore"):
-            seated = low.start + np.flatnonzero((posture.height[low] < _HIP_RISE) & np.isfinite(smooth[low]))
-        if len(seated):
-            rest = float(np.median(smooth[seated]))
-            out[low] = (smooth[low] - rest) / max(1.0 - rest, 0.1)
-    return out
 
 
 REQUIRED_RISES = 5

@@ -31,12 +31,8 @@ def find_robot_cycles(time: FloatArray, q: FloatArray) -> tuple[Repetition, ...]
     if high[joint] - low[joint] < _LEAST_ARC:
         return ()
     half = (high[joint] - low[joint]) / 2
-    swing = (q[known, joint] - (high[joint] + low[joint]) / 2) / half
-    return _split_cycles(time[known], swing)
-
-
-def _split_cycles(time: FloatArray, swing: FloatArray) -> tuple[Repetition, ...]:
-    """Return the cycles of an angle ``swing`` (T,), scaled so that its range is -1 to 1."""
+    swing = (q[known, joint] - (high[joint] + low[joint]) / 2) / half  # scaled so that its range is -1 to 1
+    time = time[known]
     side = np.where(swing > _SIDE, 1, np.where(swing < -_SIDE, -1, 0))
     visits = np.flatnonzero(side)
     turns = visits[np.concatenate([[True], np.diff(side[visits]) != 0])]  # first sample of each visit to a side
@@ -102,9 +98,24 @@ def find_movement(
     body = compute_posture(recorded.q, recorded.dq, recorded.centres)
     if not body.moves:
         seated = recorded.seat is not None
-        reasons = (_describe_missing_rise(body, stands, seated),)
+        if stands:
+            consequence = "the person stands, so all samples are used for identification"
+        elif seated:
+            consequence = "the force of the chair is measured, so all samples are used for identification"
+        else:
+            consequence = (
+                "it is not certain that the person stands, so a chair may carry part of the body in every sample"
+            )
+        missing_rise = Reason(
+            "no-repetitions",
+            f"no rise was found: the hip moves {100 * body.rise:.1f} cm up and down, too little for a "
+            f"sit-to-stand; {consequence}. If the window contains only part of the movement, widen it. For another "
+            "movement without a chair, set `protocol: free`",
+            value=body.rise,
+            level="caution",
+        )
         free = everything & (stands or seated)
-        return Movement(free, (), None, body, reasons, ~free)
+        return Movement(free, (), None, body, (missing_rise,), ~free)
     if prepared is None:
         repetitions = find_sit_to_stand_repetitions(recorded.time, body, None, chair=True)
         return Movement(everything, repetitions, None, body, (), ~find_samples_off_chair(body))
@@ -118,23 +129,6 @@ def find_facing(recorded: TrialData) -> int:
     knee: FloatArray = recorded.q[:, min(recorded.knee, recorded.q.shape[1] - 1)]
     known = knee[np.isfinite(knee)]
     return 1 if len(known) and known.mean() > 0.0 else -1
-
-
-def _describe_missing_rise(body: Posture, stands: bool, seat_measured: bool) -> Reason:
-    if stands:
-        consequence = "the person stands, so all samples are used for identification"
-    elif seat_measured:
-        consequence = "the force of the chair is measured, so all samples are used for identification"
-    else:
-        consequence = "it is not certain that the person stands, so a chair may carry part of the body in every sample"
-    return Reason(
-        "no-repetitions",
-        f"no rise was found: the hip moves {100 * body.rise:.1f} cm up and down, too little for a "
-        f"sit-to-stand; {consequence}. If the window contains only part of the movement, widen it. For another "
-        "movement without a chair, set `protocol: free`",
-        value=body.rise,
-        level="caution",
-    )
 
 
 def _explain_contact(contact: Contact, requested: ContactRule) -> tuple[Reason, ...]:

@@ -8,7 +8,6 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.priors import (
-    ReferenceTable,
     Sex,
     TableName,
     estimate_height,
@@ -76,10 +75,16 @@ def build_reference_body(
         mass = plate_mass
         assumed.append(f"a mass of {mass:.1f} kg, from the plates")
     if height is None:
-        height, how = _estimate_height(reference, centres)
-        assumed.append(how)
+        shank, thigh = (float(np.linalg.norm(end)) for end in centres[1:3])
+        height, factor = estimate_height(reference, shank, thigh), reference.shank.length + reference.thigh.length
+        legs = f"{shank + thigh:.3f} m / {factor:.3f}"
+        assumed.append(f"a height of {height:.2f} m, from the lengths of shank and thigh ({legs})")
     if name == "de-leva" and sex is None:
         assumed.append("the mean of the female and the male table")
+    reasons: tuple[Reason, ...] = ()
+    if assumed:
+        message = f"the reference body ({name}) assumes {'; '.join(assumed)}; give these values under `subject:`"
+        reasons = (Reason("reference-assumed", message, level="ok"),)
     return ReferenceBody(
         table=name,
         parameters=scale_reference(reference, centres, height, mass, facing, standing=standing),
@@ -87,23 +92,8 @@ def build_reference_body(
         mass=mass,
         assumed=tuple(assumed),
         why=None,
-        reasons=_explain_assumptions(name, assumed),
+        reasons=reasons,
     )
-
-
-def _estimate_height(reference: ReferenceTable, centres: FloatArray) -> tuple[float, str]:
-    """Return the height of the person, m, estimated from shank and thigh, and a text that states this assumption."""
-    shank, thigh = (float(np.linalg.norm(end)) for end in centres[1:3])
-    height, factor = estimate_height(reference, shank, thigh), reference.shank.length + reference.thigh.length
-    legs = f"{shank + thigh:.3f} m / {factor:.3f}"
-    return height, f"a height of {height:.2f} m, from the lengths of shank and thigh ({legs})"
-
-
-def _explain_assumptions(name: TableName, assumed: list[str]) -> tuple[Reason, ...]:
-    if not assumed:
-        return ()
-    message = f"the reference body ({name}) assumes {'; '.join(assumed)}; give these values under `subject:`"
-    return (Reason("reference-assumed", message, level="ok"),)
 
 
 def make_empty_reference(joints: int, why: str | None) -> ReferenceBody:

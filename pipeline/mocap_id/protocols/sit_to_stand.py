@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -147,8 +147,12 @@ def _find_rest(time: FloatArray, posture: Posture, part: slice, peak: float, *, 
 
     Without a pause, the result is the slowest instant. It is NaN if the recording ends there while the person moves.
     """
-    level = _find_samples_at_level(posture, part)
+    # samples of an upright part near its top, or of a low part near its bottom
+    level, height = np.zeros(len(posture.height), dtype=bool), posture.height[part]
     with np.errstate(invalid="ignore"):
+        if np.isfinite(height).any():
+            high = posture.upright[part.start]
+            level[part] = height > np.nanmax(height) - _LEVEL if high else height < np.nanmin(height) + _LEVEL
         still = level & (posture.speed < _STILL * peak)
     pauses = [run for run in find_runs(still) if time[run.stop - 1] - time[run.start] >= _PAUSE]
     if pauses:
@@ -160,18 +164,6 @@ def _find_rest(time: FloatArray, posture: Posture, part: slice, peak: float, *, 
     at_end = part.start == 0 if last else part.stop == len(time)
     cut = at_end and slowest in (known[0], known[-1]) and posture.speed[slowest] > _MOVING * peak
     return float("nan") if cut else float(time[slowest])
-
-
-def _find_samples_at_level(posture: Posture, part: slice) -> BoolArray:
-    """Return True (T,) for the samples of an upright part near its top, or of a low part near its bottom."""
-    level = np.zeros(len(posture.height), dtype=bool)
-    height = posture.height[part]
-    if np.isfinite(height).any():
-        with np.errstate(invalid="ignore"):
-            high = posture.upright[part.start]
-            near = height > np.nanmax(height) - _LEVEL if high else height < np.nanmin(height) + _LEVEL
-        level[part] = near
-    return level
 
 
 def _find_seat_event(time: FloatArray, touching: BoolArray | None, low: slice, *, last: bool) -> float:
@@ -191,7 +183,9 @@ def add_remarks(repetition: Repetition, rise: RiseDetails) -> Repetition:
     partial = ""
     if rise.reached < STANDING:
         partial = f"reaches only {100 * rise.reached:.0f} % of the standing height"
-    support = f"{100 * rise.support:.0f} % of the weight carried by an unknown support" if _is_supported(rise) else ""
+    support = ""
+    if rise.support > SUPPORT_LIMIT:
+        support = f"{100 * rise.support:.0f} % of the weight carried by an unknown support"
     remarks = (
         repetition.why,
         partial,
@@ -207,7 +201,17 @@ def explain_repetitions(
     repetitions: Sequence[Repetition], rises: Sequence[RiseDetails], attempts: Sequence[Attempt], posture: Posture
 ) -> tuple[Reason, ...]:
     """Return the reasons for the verdict about the repetitions."""
-    reasons = _explain_cuts(repetitions, posture)
+    reasons = []
+    cuts = [part for each in repetitions for part in each.why.split("; ") if part.startswith("the recording ")]
+    height = posture.height[np.isfinite(posture.height)]
+    if posture.moves and len(height) and not posture.upright[-1] and height[-1] > _RISING:
+        cuts.append("the recording ends during a further rise, which is not counted")
+    if cuts:
+        text = (
+            f"{'; '.join(dict.fromkeys(cuts))}: events outside the recording, and quantities of whole repetitions, are "
+            "unknown"
+        )
+        reasons.append(Reason("repetition-cut", text, level="ok"))
     if attempts:
         times = ", ".join(f"{attempt.time_s:.1f} s" for attempt in attempts)
         highest = max(attempt.height for attempt in attempts)
@@ -245,44 +249,22 @@ def explain_repetitions(
                 value=longest,
             )
         )
-    supported = {k: rise.support for k, rise in numbered if _is_supported(rise)}
+    supported = {k: rise.support for k, rise in numbered if rise.support > SUPPORT_LIMIT}
     if supported:
-        reasons.append(_explain_support(supported))
+        most = max(supported.values())
+        reasons.append(
+            Reason(
+                "support-unexplained",
+                f"in the rise of repetition {_list(supported)}, up to {100 * most:.0f} % of the weight is carried "
+                "neither by the plates nor, at this height, by a chair: arms on an armrest or rail, or a helping hand. "
+                "These samples are used for identification, so parameters and torques are biased; seat-off may be "
+                "found late. In these rises, and in the sitting before them, joint torques are unknown (NaN)",
+                value=most,
+                limit=SUPPORT_LIMIT,
+            )
+        )
     return tuple(reasons)
-
-
-def _is_supported(rise: RiseDetails) -> bool:
-    return rise.support > SUPPORT_LIMIT
 
 
 def _list(numbers: Iterable[int]) -> str:
     return ", ".join(map(str, numbers))
-
-
-def _explain_cuts(repetitions: Sequence[Repetition], posture: Posture) -> list[Reason]:
-    """Return a note if the recording begins or ends within a repetition."""
-    cuts = [part for each in repetitions for part in each.why.split("; ") if part.startswith("the recording ")]
-    height = posture.height[np.isfinite(posture.height)]
-    if posture.moves and len(height) and not posture.upright[-1] and height[-1] > _RISING:
-        cuts.append("the recording ends during a further rise, which is not counted")
-    if not cuts:
-        return []
-    text = (
-        f"{'; '.join(dict.fromkeys(cuts))}: events outside the recording, and quantities of whole repetitions, are "
-        "unknown"
-    )
-    return [Reason("repetition-cut", text, level="ok")]
-
-
-def _explain_support(shares: Mapping[int, float]) -> Reason:
-    """Return a caution about an unknown support; ``shares`` are its shares of the weight by repetition."""
-    most = max(shares.values())
-    return Reason(
-        "support-unexplained",
-        f"in the rise of repetition {_list(shares)}, up to {100 * most:.0f} % of the weight is carried neither by the "
-        "plates nor, at this height, by a chair: arms on an armrest or rail, or a helping hand. These samples are used "
-        "for identification, so parameters and torques are biased; seat-off may be found late. In these rises, and in "
-        "the sitting before them, joint torques are unknown (NaN)",
-        value=most,
-        limit=SUPPORT_LIMIT,
-    )

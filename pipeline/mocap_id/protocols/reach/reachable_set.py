@@ -307,17 +307,13 @@ def compute_reach_surface(arm: ReachArm, limits: FloatArray, planes: PlaneRange 
     azimuth = 2 * np.pi * (np.arange(AZIMUTHS) + 0.5) / AZIMUTHS
     radius = reachable.radius(azimuth)[::-1]
     polar = np.arccos((reachable.cosine[1:] + reachable.cosine[:-1]) / 2)[::-1]
-    return Surface(polar, azimuth, radius, _compute_areas(polar, azimuth, radius / arm.length))
-
-
-def _compute_areas(polar: FloatArray, azimuth: FloatArray, radius: FloatArray) -> dict[str, float]:
-    """Return areas by name, as fractions of a half-sphere with the arm's length, of which ``radius`` is a fraction."""
-    each = np.nan_to_num(radius) ** 2 * 2 / radius.size  # all cells have the same solid angle
-    front, lateral = np.sin(azimuth) > 0, np.cos(azimuth) > 0
-    upper = np.cos(polar)[:, None] > 0
+    # relative areas; all cells have the same solid angle
+    each = np.nan_to_num(radius / arm.length) ** 2 * 2 / radius.size
+    front, lateral, upper = np.sin(azimuth) > 0, np.cos(azimuth) > 0, np.cos(polar)[:, None] > 0
     areas = {"total": float(each[:, front].sum())}
     for name in QUADRANTS:
         height, side = name.split("_")
         there = (upper == (height == "upper")) & front & (lateral == (side == "lateral"))
         areas[name] = float(each[there].sum())
-    return areas | {"behind": float(each[:, ~front].sum())}
+    areas["behind"] = float(each[:, ~front].sum())
+    return Surface(polar, azimuth, radius, areas)

@@ -408,7 +408,10 @@ def _compute_effects(arm: RecordedArm, ranges: Mapping[str, AngleRange], limits:
                 continue
             step = np.zeros((4, 2))
             step[k, columns] = sd
-            effects[f"{name}_{side}"] = change(own, own, _limit_step(step, limits))
+            # elevations and ranges stay valid
+            step[1] = np.minimum(step[1], [max(limits[1, 0], 0.0), max(np.pi - limits[1, 1], 0.0)])
+            step = np.minimum(step, 0.5 * (limits[:, 1:] - limits[:, :1]))
+            effects[f"{name}_{side}"] = change(own, own, step)
     longer = own.elbow * (1 + arm.upper_arm_sd / float(np.linalg.norm(own.elbow)))
     pairs = {
         "upper_arm": (replace(own, elbow=longer), replace(own, elbow=2 * own.elbow - longer)),
@@ -416,9 +419,3 @@ def _compute_effects(arm: RecordedArm, ranges: Mapping[str, AngleRange], limits:
         "rise": tuple(replace(own, rise=own.rise + s * arm.rise_sd) for s in (1, -1)),
     }
     return effects | {name: change(up, down, np.zeros((4, 2))) for name, (up, down) in pairs.items()}
-
-
-def _limit_step(step: FloatArray, limits: FloatArray) -> FloatArray:
-    """Return ``step`` (4, 2), reduced so that elevations and ranges stay valid; the argument itself is changed too."""
-    step[1] = np.minimum(step[1], [max(limits[1, 0], 0.0), max(np.pi - limits[1, 1], 0.0)])
-    return np.minimum(step, 0.5 * (limits[:, 1:] - limits[:, :1]))
