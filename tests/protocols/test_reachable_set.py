@@ -10,7 +10,7 @@ import pytest
 import mocap_id_simulation.arm_files as truth
 from mocap_id.geometry import so3
 from mocap_id.protocols.reach.reachable_set import (
-    Grid,
+    CellGrid,
     ReachableSet,
     ReachArm,
     compute_reach_surface,
@@ -22,7 +22,7 @@ from mocap_id_simulation.arm import draw_arm
 X, Y, Z = np.eye(3)
 ARM = ReachArm(np.array([0.0, -0.3, 0.0]), 0.25, np.array([-0.15, 0.02, -0.01]), 0.0)
 BOX = np.radians([[-30.0, 110.0], [15.0, 120.0], [-60.0, 70.0], [15.0, 140.0]])
-GRID = Grid(24, 48, 32)
+GRID = CellGrid(24, 48, 32)
 
 
 def wrists(arm: ReachArm, postures: np.ndarray) -> np.ndarray:
@@ -67,8 +67,8 @@ def test_the_volume_scales_with_the_cube_of_the_arm_and_grows_with_the_limits() 
 
 
 def test_the_grid_converges() -> None:
-    fine = compute_reachable_set(ARM, BOX, Grid(48, 96, 64)).volume
-    grids = Grid(6, 12, 8), Grid(24, 48, 32)
+    fine = compute_reachable_set(ARM, BOX, CellGrid(48, 96, 64)).volume
+    grids = CellGrid(6, 12, 8), CellGrid(24, 48, 32)
     errors = [abs(compute_reachable_set(ARM, BOX, grid).volume / fine - 1) for grid in grids]
     assert errors[1] < 0.005
     assert errors[1] < errors[0]
@@ -104,7 +104,7 @@ def test_a_region_as_large_as_the_box_reaches_as_far() -> None:
     region = find_visited_region(np.concatenate([corners, inner]), BOX)
     assert region is not None
     assert np.allclose(region.limits, BOX)
-    grid = Grid(12, 24, 48)
+    grid = CellGrid(12, 24, 48)
     box, same = compute_reachable_set(ARM, BOX, grid), compute_reachable_set(ARM, region.limits, grid, region.planes)
     assert same.volume == pytest.approx(box.volume, rel=0.01)
 
@@ -113,7 +113,7 @@ def test_postures_between_visited_ones_add_nothing_to_the_region() -> None:
     random = np.random.default_rng(2)
     visited = random.uniform(BOX[:, 0], BOX[:, 1], (60, 4))
     between = 0.5 * (visited[random.integers(0, 60, 150)] + visited[random.integers(0, 60, 150)])
-    grid = Grid(8, 16, 24)
+    grid = CellGrid(8, 16, 24)
     first, second = (find_visited_region(each, BOX) for each in (visited, np.concatenate([visited, between])))
     assert first is not None and second is not None
     volumes = [compute_reachable_set(ARM, each.limits, grid, each.planes).volume for each in (first, second)]

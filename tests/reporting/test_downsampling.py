@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from mocap_id.arrays import find_runs
-from mocap_id.reporting.downsampling import find_spans, thin_band, thin_curve
+from mocap_id.reporting.downsampling import find_shaded_spans, thin_band, thin_curve
 
 BINS = 10
 curves = arrays(
@@ -51,5 +51,5 @@ def test_spans_with_invisible_gaps_are_joined() -> None:
     time = np.arange(1000) / 100.0
     mask = np.zeros(1000, dtype=bool)
     mask[100:200], mask[201:300], mask[600:650] = True, True, True
-    assert find_spans(time, mask, bins=100) == [(1.0, pytest.approx(2.0)), (6.0, pytest.approx(0.5))]
-    assert find_spans(time, np.zeros(1000, dtype=bool)) == []
+    assert find_shaded_spans(time, mask, bins=100) == [(1.0, pytest.approx(2.0)), (6.0, pytest.approx(0.5))]
+    assert find_shaded_spans(time, np.zeros(1000, dtype=bool)) == []

@@ -39,18 +39,18 @@ def name_directions(joints: Sequence[str], facing: int) -> dict[str, list[str]]:
     return {name: list(_DIRECTIONS[name][::-facing]) for name in joints if name in _DIRECTIONS}
 
 
-def name_bodies(protocol: str, count: int, *, foot_turns: bool = False) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def name_chain(protocol: str, count: int, *, foot_turns: bool = False) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return names for ``count`` segments, base first, and for the ``count - 1`` joints between them.
 
     If the foot rotates on the ground (``foot_turns``), it is the first moving segment.
 
     Examples
     --------
-    >>> name_bodies("sit-to-stand", 4)[1]
+    >>> name_chain("sit-to-stand", 4)[1]
     ('ankle', 'knee', 'hip')
-    >>> name_bodies("free", 3)
+    >>> name_chain("free", 3)
     (('base', 'segment 1', 'segment 2'), ('joint 1', 'joint 2'))
-    >>> name_bodies("sit-to-stand", 4, foot_turns=True)
+    >>> name_chain("sit-to-stand", 4, foot_turns=True)
     (('ground', 'foot', 'shank', 'thigh'), ('toes', 'ankle', 'knee'))
     """
     if foot_turns and protocol == "sit-to-stand" and count - 1 in _SIT_TO_STAND:

@@ -60,7 +60,13 @@ def compute_posture(q: FloatArray, dq: FloatArray, centres: FloatArray) -> Postu
     length = float(np.linalg.norm(centres[1 : joint + 1], axis=1).sum())
     height = (heights[:, joint] - low[joint]) / rise if rise > 0.0 else np.zeros(len(q))
     speed = np.linalg.norm(dq[:, : joint + 1], axis=1)
-    return Posture(height, rise, _apply_hysteresis(height), rise > max(_LEAST_RISE * length, 1e-6), speed)
+    # upright from above 0.7 until below 0.3 of the rise; unknown heights are skipped
+    change = np.where(height > _HIGH, 1, np.where(height < _LOW, -1, 0))
+    decided, upright = np.flatnonzero(change), np.zeros(len(height), dtype=bool)
+    if len(decided):
+        last = np.searchsorted(decided, np.arange(len(height)), side="right") - 1
+        upright = change[decided[np.maximum(last, 0)]] > 0
+    return Posture(height, rise, upright, rise > max(_LEAST_RISE * length, 1e-6), speed)
 
 
 def measure_standing_angles(q: FloatArray, posture: Posture) -> FloatArray | None:
@@ -88,17 +94,6 @@ def find_standing_phases(posture: Posture) -> list[slice]:
         if parts:
             phases.append(max(parts, key=lambda part: part.stop - part.start))
     return phases
-
-
-def _apply_hysteresis(height: FloatArray) -> BoolArray:
-    """Return the upright state (T,), from above 0.7 until below 0.3 of the rise; unknown heights are skipped."""
-    change = np.where(height > _HIGH, 1, np.where(height < _LOW, -1, 0))
-    decided = np.flatnonzero(change)
-    if len(decided) == 0:
-        return np.zeros(len(height), dtype=bool)
-    last = np.searchsorted(decided, np.arange(len(height)), side="right") - 1
-    state: BoolArray = change[decided[np.maximum(last, 0)]] > 0
-    return state
 
 
 NAN = float("nan")

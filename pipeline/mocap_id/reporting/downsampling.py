@@ -65,7 +65,7 @@ def thin_band(
     return _reshape(time, bins).mean(axis=1), np.where(known, under, np.nan), np.where(known, over, np.nan)
 
 
-def find_spans(time: FloatArray, mask: BoolArray, bins: int = BINS) -> list[tuple[float, float]]:
+def find_shaded_spans(time: FloatArray, mask: BoolArray, bins: int = BINS) -> list[tuple[float, float]]:
     """Return start and width, s, of each interval where ``mask`` (T,) is true; gaps shorter than a bin are closed."""
     runs = find_runs(mask)
     if not runs:

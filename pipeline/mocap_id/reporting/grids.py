@@ -83,17 +83,17 @@ def get_element(source: Source, key: int | str) -> Callable[[Any], Any]:
     return value
 
 
-def text(head: str, source: Source, missing: str = "") -> GridColumn:
+def texts(head: str, source: Source, missing: str = "") -> GridColumn:
     """Return a column of texts, with ``missing`` for an empty value."""
     return GridColumn(head, lambda row: str(_get_value(row, source) or missing), text=True)
 
 
-def whole(head: str, source: Source) -> GridColumn:
+def wholes(head: str, source: Source) -> GridColumn:
     """Return a column of whole numbers, with a dash for a missing value."""
     return GridColumn(head, lambda row: show_fixed(_get_value(row, source), 0))
 
 
-def number(
+def numbers(
     head: str, source: Source, decimals: int | None = None, factor: float = 1.0, *, optional: bool = False
 ) -> GridColumn:
     """Return a column of numbers times ``factor``, with ``decimals`` or, if None, with three significant digits."""
@@ -107,12 +107,12 @@ def number(
 
 def millimetres(head: str, source: Source, *, optional: bool = False) -> GridColumn:
     """Return a column of lengths in metres, shown in millimetres."""
-    return number(head, source, 1, 1e3, optional=optional)
+    return numbers(head, source, 1, 1e3, optional=optional)
 
 
 def percent(head: str, source: Source) -> GridColumn:
     """Return a column of fractions, shown in per cent."""
-    return number(head, source, 1, 100)
+    return numbers(head, source, 1, 100)
 
 
 def with_sd(head: str, value: Source, sd: Source, factor: float = 1.0) -> GridColumn:
@@ -135,7 +135,7 @@ def quantities(kind: type[Result], names: str = "") -> list[GridColumn]:
         elif name.startswith("interval"):
             columns.append(GridColumn(head, partial(_show_field_ends, name=name, decimals=decimals)))
         else:
-            columns.append(number(head, name, decimals, factor))
+            columns.append(numbers(head, name, decimals, factor))
     return columns
 
 
@@ -143,7 +143,7 @@ def _show_field_ends(row: Any, name: str, decimals: int) -> str:
     return show_ends(_get_value(row, name), decimals)
 
 
-def mean_sd(head: str, name: str, factor: float = 1.0, decimals: int = 1) -> GridColumn:
+def means_with_sd(head: str, name: str, factor: float = 1.0, decimals: int = 1) -> GridColumn:
     """Return a column of ``mean ± sd``, from ``<name>_mean`` and ``<name>_sd`` of a result table times ``factor``."""
 
     def cell(row: Mapping[str, Any]) -> str:
@@ -192,7 +192,7 @@ def to_grid(caption: str, rows: Iterable[Any], columns: Sequence[GridColumn], in
         rows = rows.to_dict("records")
     cells = [[style.clean(column.cell(row)) for column in columns] for row in rows]
     if index:
-        columns = [text(index, ""), *columns]
+        columns = [texts(index, ""), *columns]
         cells = [[style.clean(key), *row] for key, row in zip(keys, cells, strict=False)]
     kept = [k for k, one in enumerate(columns) if not one.optional or any(row[k] != UNKNOWN for row in cells)]
     left = frozenset(place for place, k in enumerate(kept) if columns[k].text)

@@ -9,7 +9,7 @@ from typing import Any
 from mocap_id.reporting import style
 from mocap_id.reporting.explanations import LEVELS
 from mocap_id.reporting.figure import Drawing, Drawings
-from mocap_id.reporting.grids import GridColumn, number, show_ends, text, to_grid, with_sd
+from mocap_id.reporting.grids import GridColumn, numbers, show_ends, texts, to_grid, with_sd
 from mocap_id.reporting.numbers import UNKNOWN, show_fixed, show_interval
 from mocap_id.reporting.page import embed, explain_reason, make_environment
 from mocap_id.reporting.player import Player
@@ -46,7 +46,7 @@ def render_notebook_view(document: Mapping[str, Any], player: Player | None = No
         "Reachable volume",
         {} if summary.workspace.volume_m3 is None else {"wrist": summary.workspace},
         (
-            number("volume (m³)", "volume_m3", 3),
+            numbers("volume (m³)", "volume_m3", 3),
             GridColumn("95 % interval", lambda entry: show_ends(entry.interval_m3, 3)),
         ),
         "point",
@@ -56,11 +56,11 @@ def render_notebook_view(document: Mapping[str, Any], player: Player | None = No
         f"Base parameters; vertical force: r² {show_fixed(vertical.r2 if vertical else None, 4)}",
         summary.dynamics.base or (),
         (
-            text("parameter", "name"),
+            texts("parameter", "name"),
             with_sd("value ± sd", "value", "sd"),
             GridColumn("95 % interval", lambda entry: show_interval(entry.value, entry.sd)),
-            text("unit", lambda entry: style.format_unit(entry.unit)),
-            text("verdict", "verdict", UNKNOWN),
+            texts("unit", lambda entry: style.format_unit(entry.unit)),
+            texts("verdict", "verdict", UNKNOWN),
         ),
     )
     template = make_environment().get_template("notebook.html.j2")

@@ -161,13 +161,6 @@ class ReportData(ArtefactSet):
         bands = (self.facts("dynamics.h5").get("motion") or {}).get("bands_hz")
         return None if bands is None else {axis: float(bands[axis]) for axis in ("x", "y", "angle")}
 
-    @property
-    def body_names(self) -> tuple[str, ...]:
-        """Names of the identified bodies; for the pinned chain, the names of its segments."""
-        if not self.measured_poses:
-            return self.segment_names
-        return tuple(str(name) for name in self.facts("dynamics.h5")["motion"].get("bodies") or ())
-
     @cached_property
     def residuals(self) -> dict[str, Residual]:
         """Residuals of the markers by label; empty if they are unknown."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Set
+from collections.abc import Set
+from functools import partial
 
 from mocap_id.reporting import tables
-from mocap_id.reporting.grids import Grid, list_facts, millimetres, number, text, to_grid
+from mocap_id.reporting.grids import Grid, list_facts, millimetres, numbers, texts, to_grid
 from mocap_id.reporting.numbers import UNKNOWN, scale, show, show_fixed, show_millimetres
 from mocap_id.reporting.page import KeyNumber, Section
 from mocap_id.reporting.report_data import ReportData
@@ -170,7 +171,7 @@ def make_key_numbers(data: ReportData, summary: Summary) -> list[KeyNumber]:
         if curls.end_rule != "recording":
             remark = f"to the end of the trial at {show_fixed(curls.end_s, 1, 's')} ({curls.end_rule})"
         counted = KeyNumber("curls", str(curls.count), f"{remark}; {curls.partial} failed")
-    numbers = (
+    found = (
         KeyNumber("segments", show_fixed(segments.count, 0), f"confidence {show_fixed(segments.confidence, 2)}"),
         KeyNumber("reprojection error", show(summary.markers.reprojection_rms_mm, 3, "mm"), "rms over all markers"),
         KeyNumber(
@@ -200,7 +201,7 @@ def make_key_numbers(data: ReportData, summary: Summary) -> list[KeyNumber]:
         ),
         KeyNumber("clock offset", show_fixed(scale(dynamics.clock_offset_s, 1e3), 2, "ms"), "plates after cameras"),
     )
-    return [number for number in numbers if number.value != UNKNOWN]
+    return [one for one in found if one.value != UNKNOWN]
 
 
 def _list_clock(summary: Summary) -> Grid:
@@ -236,9 +237,9 @@ def _make_motion_section(data: ReportData, summary: Summary, motion: MotionEntry
         f"Pinned chain and measured poses: rms error on left-out repetitions, {describe_band(data)}",
         {name: row for name, row in motions.items() if row[0] is not None},
         (
-            *(number(f"{part} ({unit})", _make_rms_source(part)) for part, unit in _COMPONENTS.items()),
+            *(numbers(f"{part} ({unit})", partial(_get_rms, part=part)) for part, unit in _COMPONENTS.items()),
             millimetres("centre of pressure (mm)", lambda row: row[0].cop_rms_m),
-            number("clock offset (ms)", lambda row: row[1], 2, 1e3),
+            numbers("clock offset (ms)", lambda row: row[1], 2, 1e3),
         ),
         "motion",
     )
@@ -265,10 +266,10 @@ def _make_motion_section(data: ReportData, summary: Summary, motion: MotionEntry
         "Gap between the two sides of each joint (rms). A joint whose gap is within the noise of the cameras is pinned",
         list((motion.joints or {}).items()),
         (
-            text("joint", lambda row: row[0]),
+            texts("joint", lambda row: row[0]),
             millimetres("gap (mm)", lambda row: row[1].gap_m),
-            number("acceleration below 3 Hz (m/s²)", lambda row: row[1].acceleration_m_s2),
-            text("in the dynamics", describe_treatment),
+            numbers("acceleration below 3 Hz (m/s²)", lambda row: row[1].acceleration_m_s2),
+            texts("in the dynamics", describe_treatment),
         ),
     )
     poses = list_facts(
@@ -327,5 +328,5 @@ def _compute_rms(channel: ChannelEntry | None) -> float | None:
     return math.hypot(channel.bias, channel.sd)
 
 
-def _make_rms_source(part: str) -> Callable[[tuple[PredictedEntry, float | None]], float | None]:
-    return lambda row: _compute_rms(row[0].wrench.get(part))
+def _get_rms(row: tuple[PredictedEntry, float | None], part: str) -> float | None:
+    return _compute_rms(row[0].wrench.get(part))

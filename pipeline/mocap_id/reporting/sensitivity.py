@@ -11,7 +11,7 @@ import pandas as pd
 
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Bars, Drawing, Drawings, Figure, Key, Panel, Rule, Spans, arrange_in_lines
-from mocap_id.reporting.grids import Grid, GridColumn, text, to_grid
+from mocap_id.reporting.grids import Grid, GridColumn, texts, to_grid
 from mocap_id.reporting.numbers import show, show_fixed, show_with_sd
 from mocap_id.reporting.page import KeyNumber, Page, Section
 from mocap_id.verdict import Level
@@ -157,7 +157,7 @@ def render_sensitivity_page(data: SensitivityData) -> bytes:
         "The unperturbed parameters",
         data.parameters,
         (
-            text("parameter", "name"),
+            texts("parameter", "name"),
             GridColumn("value", lambda one: show_with_sd(one.value, one.sd, style.format_unit(one.unit))),
             GridColumn("size", lambda one: show(one.size, 3, style.format_unit(one.unit))),
             GridColumn("tolerated change", lambda one: show(100 * one.tolerated(data.tolerance), 2, "%")),
@@ -208,7 +208,7 @@ def _list_perturbations(data: SensitivityData) -> Grid:
         "perturbation",
         GridColumn("change divided by the tolerated change", ratio),
         "parameter",
-        text("new cautions", lambda row: row["raised"] or (row["verdict"] if row["verdict"] in _FAILED else "")),
+        texts("new cautions", lambda row: row["raised"] or (row["verdict"] if row["verdict"] in _FAILED else "")),
         "condition_number",
         GridColumn(
             "r² Fx, Fy, tauz", lambda row: ", ".join(show_fixed(row[f"{name}_r2"], 4) for name in ("Fx", "Fy", "tauz"))

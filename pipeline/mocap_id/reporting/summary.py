@@ -11,39 +11,9 @@ import numpy as np
 from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.geometry.so3 import shift_to_shortest_arc
 from mocap_id.protocols.five_times import LOAD_PHASES, Attempt, FiveTimes, LoadShare, Spread
+from mocap_id.reporting import summary_schema as schema
 from mocap_id.reporting.numbers import scale, to_number, to_numbers
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.summary_schema import (
-    AngleEntry,
-    BaseEntry,
-    ChannelEntry,
-    CompensationEntry,
-    CurlsEntry,
-    DynamicsEntry,
-    EncoderEntry,
-    GapEntry,
-    HeldOutEntry,
-    HypothesisEntry,
-    ImuEntry,
-    JointEntry,
-    LandmarkEntry,
-    LengthEntry,
-    MarkersEntry,
-    MotionEntry,
-    NoiseEntry,
-    PinsEntry,
-    PlaneEntry,
-    PredictedEntry,
-    ReasonEntry,
-    RepetitionEntry,
-    RivalEntry,
-    SegmentsEntry,
-    Summary,
-    TorqueEntry,
-    TrendEntry,
-    VerdictEntry,
-    WorkspaceEntry,
-)
 from mocap_id.results import join_sentences, why_unknown
 from mocap_id.store.views import MEANINGLESS_AT_POLE
 
@@ -58,7 +28,7 @@ _WIDE = 2.0  # times the median standard deviation; above it, a torque is not re
 _AXES = {"ball": 0, "hinge": 1, "two-axis": 2}  # number of axes of each kind of joint
 
 
-def summarise(data: ReportData) -> Summary:
+def summarise(data: ReportData) -> schema.Summary:
     """Return the summary of a trial; values of artefacts that are missing are null, with a ``why``."""
     joints, lengths = _summarise_spatial_chain(data) if data.in_space else _summarise_chain(data)
     rises, failed = _summarise_repetitions(data), data.facts(_EVENTS).get("attempts")
@@ -69,22 +39,22 @@ def summarise(data: ReportData) -> Summary:
         why_unknown("attempts: only a sit-to-stand has them", failed) if data.in_space else None,
         why_unknown("time_s: the run times of the stages were not recorded", seconds),
     )
-    reasons = [ReasonEntry(**reason.as_dict()) for reason in data.reasons]
+    reasons = [schema.ReasonEntry(**reason.as_dict()) for reason in data.reasons]
     angles, skeleton, landmarks = data.angles, data.spatial_skeleton, {}
     if skeleton is not None:
         for k, name in enumerate(skeleton.landmarks):
-            landmarks[name] = LandmarkEntry.explain(
+            landmarks[name] = schema.LandmarkEntry.explain(
                 "the landmark is not visible in a still pose or a pointer trial",
                 segment=skeleton.segments[int(skeleton.landmark_segment[k])],
                 local_m=to_numbers(skeleton.landmark_local[k]),
                 sd_m=to_number(skeleton.landmark_sd[k]),
             )
-    return Summary(
+    return schema.Summary(
         trial=data.trial,
         product=data.product,
         space="3d" if data.in_space else "plane",
         mirrored=data.facts("planar.parquet").get("side") == "left",
-        verdict=VerdictEntry(
+        verdict=schema.VerdictEntry(
             level=data.level,
             reasons=[entry for entry in reasons if entry.level != "ok"],
             notes=[entry for entry in reasons if entry.level == "ok"],
@@ -103,7 +73,7 @@ def summarise(data: ReportData) -> Summary:
         attempts=None if failed is None else [Attempt.of(one) for one in failed],
         load_share=_summarise_load_share(data),
         encoder=_summarise_encoder(data),
-        imus={name: ImuEntry(**entry) for name, entry in data.facts("states.parquet").get("imus", {}).items()},
+        imus={name: schema.ImuEntry(**entry) for name, entry in data.facts("states.parquet").get("imus", {}).items()},
         workspace=_summarise_workspace(data),
         curls=summarise_curls(data),
         time_s=seconds,
@@ -111,13 +81,13 @@ def summarise(data: ReportData) -> Summary:
     )
 
 
-def encode_summary(summary: Summary) -> bytes:
+def encode_summary(summary: schema.Summary) -> bytes:
     """Return the content of ``summary.json``: strict JSON without NaN, in ASCII, with a final newline."""
     text = json.dumps(summary.model_dump(mode="json", by_alias=True), allow_nan=False, indent=1)
     return (text + "\n").encode("ascii")
 
 
-def _summarise_plane(data: ReportData) -> PlaneEntry:
+def _summarise_plane(data: ReportData) -> schema.PlaneEntry:
     planar, share = data.facts("planar.parquet"), data.facts("segments.parquet").get("planarity")
     plane = planar.get("plane") or {}
     if data.in_space:
@@ -127,21 +97,23 @@ def _summarise_plane(data: ReportData) -> PlaneEntry:
         why_unknown(plane.get("why") or data.why_missing("planar.parquet"), yaw, planarity, origin),
         why_unknown(f"out_of_plane_share: {data.why_missing('segments.parquet')}", share),
     )
-    return PlaneEntry(
+    return schema.PlaneEntry(
         yaw_deg=yaw, planarity=planarity, out_of_plane_share=share, origin_m=origin, why=join_sentences(why)
     )
 
 
-def _summarise_segments(data: ReportData) -> SegmentsEntry:
+def _summarise_segments(data: ReportData) -> schema.SegmentsEntry:
     facts = data.facts("segments.parquet")
     assignment = {row["marker"]: row["segment"] for row in data.rows("segments.parquet") if row["segment"] >= 0}
     hypotheses = facts.get("hypotheses")  # the chosen one first
     if hypotheses is not None:
         hypotheses = [
-            HypothesisEntry.of({**entry, "chosen": k == 0, "left_out": sum(len(body) for body in entry["left_out"])})
+            schema.HypothesisEntry.of(
+                {**entry, "chosen": k == 0, "left_out": sum(len(body) for body in entry["left_out"])}
+            )
             for k, entry in enumerate(hypotheses)
         ]
-    return SegmentsEntry.explain(
+    return schema.SegmentsEntry.explain(
         facts.get("why") or data.why_missing("segments.parquet"),
         facts,
         assignment=None if data.table("segments.parquet") is None else assignment,
@@ -149,7 +121,7 @@ def _summarise_segments(data: ReportData) -> SegmentsEntry:
     )
 
 
-def _summarise_chain(data: ReportData) -> tuple[list[JointEntry] | None, dict[str, LengthEntry] | None]:
+def _summarise_chain(data: ReportData) -> tuple[list[schema.JointEntry] | None, dict[str, schema.LengthEntry] | None]:
     """Return joints, and lengths of segments between two joints, of the chain in the plane; None without a chain.
 
     For a robot, the lengths contain the distance of the joint from the plane origin (thesis table 5.1), ``base``.
@@ -158,7 +130,7 @@ def _summarise_chain(data: ReportData) -> tuple[list[JointEntry] | None, dict[st
     if skeleton is None:
         return None, None
     joints = [
-        JointEntry.explain(
+        schema.JointEntry.explain(
             _NOT_FINITE if data.zeros[j].sd is not None else _NO_STATE_SD,
             name=name,
             parent=int(skeleton.parents[j]),
@@ -176,24 +148,24 @@ def _summarise_chain(data: ReportData) -> tuple[list[JointEntry] | None, dict[st
         value = float(np.hypot(*skeleton.centres[0]))
         along = skeleton.centres[0] / value if value > 0 else np.zeros(2)
         lengths.insert(0, ("base", value, np.sqrt(along @ skeleton.covariance[0] @ along)))
-    return joints, {name: LengthEntry.explain(_NOT_FINITE, value=m, sd=sd) for name, m, sd in lengths}
+    return joints, {name: schema.LengthEntry.explain(_NOT_FINITE, value=m, sd=sd) for name, m, sd in lengths}
 
 
-def _summarise_markers(data: ReportData) -> MarkersEntry:
+def _summarise_markers(data: ReportData) -> schema.MarkersEntry:
     rms = data.facts("states.parquet").get("reprojection_rms_m")
     missing = data.facts("planar.parquet").get("missing_fraction")
     why = (
         why_unknown(data.why_missing("states.parquet"), rms),
         why_unknown(data.why_missing("planar.parquet"), missing),
     )
-    return MarkersEntry(reprojection_rms_mm=scale(rms, 1e3), missing_fraction=missing, why=join_sentences(why))
+    return schema.MarkersEntry(reprojection_rms_mm=scale(rms, 1e3), missing_fraction=missing, why=join_sentences(why))
 
 
-def _summarise_noise(data: ReportData) -> NoiseEntry:
+def _summarise_noise(data: ReportData) -> schema.NoiseEntry:
     facts = data.facts("states.parquet")
     sigma_v = facts.get("sigma_v")
     each = to_numbers(sigma_v if isinstance(sigma_v, (list, tuple)) else [sigma_v])
-    return NoiseEntry.explain(
+    return schema.NoiseEntry.explain(
         facts.get("why") or data.why_missing("states.parquet"),
         facts,
         sigma_v=None if each is None else float(np.sqrt(np.mean(np.square(each)))),
@@ -201,7 +173,7 @@ def _summarise_noise(data: ReportData) -> NoiseEntry:
     )
 
 
-def _summarise_dynamics(data: ReportData) -> DynamicsEntry:
+def _summarise_dynamics(data: ReportData) -> schema.DynamicsEntry:
     facts, measured = data.facts("dynamics.h5"), data.facts("wrench.parquet")
     identified = {
         "base": _summarise_parameters(data),
@@ -223,12 +195,12 @@ def _summarise_dynamics(data: ReportData) -> DynamicsEntry:
         why_unknown(facts.get("why") or data.why_missing("dynamics.h5"), *identified.values()),
         why_unknown(measured.get("why") or data.why_missing("wrench.parquet"), mass, cop),
     )
-    return DynamicsEntry(
+    return schema.DynamicsEntry(
         **identified,
         mass_kg=mass,
         cop_mean_m=cop,
         rivals={
-            str(name): RivalEntry.explain(
+            str(name): schema.RivalEntry.explain(
                 "no samples off the seat are available",
                 body,
                 assumed=[str(assumption) for assumption in body.get("assumed") or ()],
@@ -244,7 +216,9 @@ def _summarise_dynamics(data: ReportData) -> DynamicsEntry:
     )
 
 
-def _summarise_torques(data: ReportData, base: list[BaseEntry] | None, mass: float | None) -> dict[str, TorqueEntry]:
+def _summarise_torques(
+    data: ReportData, base: list[schema.BaseEntry] | None, mass: float | None
+) -> dict[str, schema.TorqueEntry]:
     """Return the largest known torques of each joint in the plane; empty without an identification."""
     table, skeleton = data.table("dynamics.parquet"), data.skeleton
     if table is None or skeleton is None or base is None:
@@ -272,7 +246,7 @@ def _summarise_torques(data: ReportData, base: list[BaseEntry] | None, mass: flo
             missing = "the fit does not determine this torque: both sides of the joint may be one body"
         why = (why_unknown("the mass of the person is unknown", mass), None if len(used) else missing)
         positive, negative = words.get(name, ("positive", "negative"))
-        entries[name] = TorqueEntry(
+        entries[name] = schema.TorqueEntry(
             positive=positive,
             negative=negative,
             mass_kg=mass,
@@ -283,7 +257,7 @@ def _summarise_torques(data: ReportData, base: list[BaseEntry] | None, mass: flo
     return entries
 
 
-def _summarise_parameters(data: ReportData) -> list[BaseEntry] | None:
+def _summarise_parameters(data: ReportData) -> list[schema.BaseEntry] | None:
     """Return the base parameters; None if none was identified."""
     dynamics, facts = data.dynamics, data.facts("dynamics.h5")
     if dynamics is None or not dynamics.names or not np.isfinite(dynamics.value).any():
@@ -300,7 +274,7 @@ def _summarise_parameters(data: ReportData) -> list[BaseEntry] | None:
         }
         own = advice[i] if i < len(advice) else {}
         entries.append(
-            BaseEntry(
+            schema.BaseEntry(
                 name=name,
                 value=value,
                 sd=sd,
@@ -315,7 +289,7 @@ def _summarise_parameters(data: ReportData) -> list[BaseEntry] | None:
     return entries
 
 
-def _summarise_motion(data: ReportData) -> MotionEntry | None:
+def _summarise_motion(data: ReportData) -> schema.MotionEntry | None:
     """Return the entry on the motion of the masses; None if nothing was identified."""
     found = data.facts("dynamics.h5").get("motion")
     if found is None:
@@ -323,14 +297,14 @@ def _summarise_motion(data: ReportData) -> MotionEntry | None:
     order = () if data.skeleton is None else data.skeleton.joints
     gaps = found.get("joints") or {}
     joints = {
-        name: GapEntry.explain("no interval without gaps is long enough", gaps[name])
+        name: schema.GapEntry.explain("no interval without gaps is long enough", gaps[name])
         for name in sorted(gaps, key=lambda name: (*order, name).index(name))
     }
-    missing = dict.fromkeys(MotionEntry.model_fields)
-    return MotionEntry.of(missing | found | {"bands_hz": data.bands, "joints": joints or None})
+    missing = dict.fromkeys(schema.MotionEntry.model_fields)
+    return schema.MotionEntry.of(missing | found | {"bands_hz": data.bands, "joints": joints or None})
 
 
-def _summarise_pins(data: ReportData) -> PinsEntry:
+def _summarise_pins(data: ReportData) -> schema.PinsEntry:
     """Return the errors of the pinned chain and the measured poses on the same left-out repetitions."""
     facts = data.facts("dynamics.h5")
     found = facts.get("pins") or {}
@@ -338,13 +312,13 @@ def _summarise_pins(data: ReportData) -> PinsEntry:
     errors = {}
     for motion in ("chain", "segments"):
         own = found.get(motion)
-        errors[motion] = own and PredictedEntry.explain(
+        errors[motion] = own and schema.PredictedEntry.explain(
             "no sample has a centre of pressure", own, wrench=_summarise_channels(own["wrench"])
         )
-    return PinsEntry.explain(found.get("why") or unknown, found, **errors)
+    return schema.PinsEntry.explain(found.get("why") or unknown, found, **errors)
 
 
-def _summarise_held_out(data: ReportData) -> HeldOutEntry:
+def _summarise_held_out(data: ReportData) -> schema.HeldOutEntry:
     """Return the prediction errors on left-out repetitions; null with a ``why`` if there are none."""
     facts = data.facts("dynamics.h5")
     found = facts.get("held_out") or {}
@@ -362,16 +336,16 @@ def _summarise_held_out(data: ReportData) -> HeldOutEntry:
         why_unknown("reference: there is no reference body", reference) if model is not None else None,
         why_unknown(no_share, inside) if model is not None else None,
     )
-    return HeldOutEntry(**values, reference=reference, inside=inside, why=join_sentences(why))
+    return schema.HeldOutEntry(**values, reference=reference, inside=inside, why=join_sentences(why))
 
 
-def _summarise_channels(found: Mapping[str, Mapping[str, Any] | None] | None) -> dict[str, ChannelEntry]:
+def _summarise_channels(found: Mapping[str, Mapping[str, Any] | None] | None) -> dict[str, schema.ChannelEntry]:
     """Return the error of a model or measurement in each component, by its name; empty for None."""
     why = "it could not be computed from the samples of the fit"
-    return {str(name): ChannelEntry.explain(why, channel or {}) for name, channel in (found or {}).items()}
+    return {str(name): schema.ChannelEntry.explain(why, channel or {}) for name, channel in (found or {}).items()}
 
 
-def _summarise_repetitions(data: ReportData) -> list[RepetitionEntry] | None:
+def _summarise_repetitions(data: ReportData) -> list[schema.RepetitionEntry] | None:
     """Return one entry for each repetition; None if repetitions were not searched for."""
     if data.table(_EVENTS) is None:
         return None
@@ -379,8 +353,10 @@ def _summarise_repetitions(data: ReportData) -> list[RepetitionEntry] | None:
     for row in data.rows(_EVENTS):
         remark = row["why"] or ""
         why = remark or "the protocol has no such event, or it was not found"
-        values = {name: row.get(name.removesuffix("_s")) for name in RepetitionEntry.model_fields if name != "why"}
-        entries.append(RepetitionEntry.explain(why, values | {"remark": remark}))
+        values = {
+            name: row.get(name.removesuffix("_s")) for name in schema.RepetitionEntry.model_fields if name != "why"
+        }
+        entries.append(schema.RepetitionEntry.explain(why, values | {"remark": remark}))
     return entries
 
 
@@ -418,7 +394,7 @@ def _explain_missing(data: ReportData) -> str:
     return "the protocol is not sit-to-stand" if _EVENTS in data.artefacts else data.why_missing(_EVENTS)
 
 
-def _summarise_encoder(data: ReportData) -> EncoderEntry:
+def _summarise_encoder(data: ReportData) -> schema.EncoderEntry:
     """Return clock and zero of the encoder, and the errors of cameras and model against the encoder."""
     facts, torque = data.facts("encoder.parquet"), data.facts("dynamics.h5").get("torque")
     why = facts.get("why")
@@ -428,10 +404,12 @@ def _summarise_encoder(data: ReportData) -> EncoderEntry:
         why = "torque: " + ("no torque was identified" if facts.get("torque") else "the encoder record has none")
     camera = _summarise_channels(facts.get("camera")) or None
     found = None if torque is None else _summarise_channels({"torque": torque})["torque"]
-    return EncoderEntry.explain("", facts, camera=camera, torque=found).model_copy(update={"why": why})
+    return schema.EncoderEntry.explain("", facts, camera=camera, torque=found).model_copy(update={"why": why})
 
 
-def _summarise_spatial_chain(data: ReportData) -> tuple[list[JointEntry] | None, dict[str, LengthEntry] | None]:
+def _summarise_spatial_chain(
+    data: ReportData,
+) -> tuple[list[schema.JointEntry] | None, dict[str, schema.LengthEntry] | None]:
     """Return joints, and lengths of segments, of the chain in space; None if no chain was found."""
     skeleton = data.spatial_skeleton
     if skeleton is None:
@@ -450,7 +428,7 @@ def _summarise_spatial_chain(data: ReportData) -> tuple[list[JointEntry] | None,
         axis_sd = np.degrees([np.sqrt(np.trace(each) / 2) for each in joint.axes_covariance[: len(axes)]])
         glides = bool(np.any(joint.glide))
         entries.append(
-            JointEntry(
+            schema.JointEntry(
                 name=name,
                 parent=joint.parent,
                 kind=joint.kind,
@@ -468,7 +446,7 @@ def _summarise_spatial_chain(data: ReportData) -> tuple[list[JointEntry] | None,
         )
     unknown = "the motion does not determine both ends of the segment"
     lengths = skeleton.lengths.items()
-    return entries, {name: LengthEntry.explain(unknown, value=length, sd=sd) for name, (length, sd) in lengths}
+    return entries, {name: schema.LengthEntry.explain(unknown, value=length, sd=sd) for name, (length, sd) in lengths}
 
 
 def _compute_sd(covariance: FloatArray) -> FloatArray:
@@ -476,7 +454,7 @@ def _compute_sd(covariance: FloatArray) -> FloatArray:
     return np.sqrt(np.where(variance >= 0, variance, np.nan))
 
 
-def _summarise_angle(data: ReportData, k: int) -> AngleEntry:
+def _summarise_angle(data: ReportData, k: int) -> schema.AngleEntry:
     """Return the statistics of one angle.
 
     A constant error of a segment's frame changes an angle by different amounts in different poses. The errors at both
@@ -491,7 +469,7 @@ def _summarise_angle(data: ReportData, k: int) -> AngleEntry:
         why = "the angle is unknown in every sample"
         if name in MEANINGLESS_AT_POLE and np.isfinite(found.mean[:, k, 0]).any():
             why = "the elevation is within 15° of 0 or 180° in every sample, where this angle has no meaning"
-        return AngleEntry.explain(why, {}, used_share=share)
+        return schema.AngleEntry.explain(why, {}, used_share=share)
     turned = found.mean[usable, k, 0]
     values = np.degrees(shift_to_shortest_arc(turned) if name in MEANINGLESS_AT_POLE else turned)
     sd = np.degrees(found.sd[usable, k, 0])
@@ -500,7 +478,7 @@ def _summarise_angle(data: ReportData, k: int) -> AngleEntry:
     constant = to_number(np.degrees(np.sqrt(np.mean(np.square(found.constant_sd[usable, k])))))
     spread = None if constant is None else to_number(np.linalg.norm([*sd[ends], constant]))
     interval = None if spread is None else [max(high - low - NORMAL_95 * spread, 0.0), high - low + NORMAL_95 * spread]
-    return AngleEntry.explain(
+    return schema.AngleEntry.explain(
         "the standard deviation is unknown",
         low_deg=low,
         high_deg=high,
@@ -512,15 +490,15 @@ def _summarise_angle(data: ReportData, k: int) -> AngleEntry:
     )
 
 
-def summarise_curls(data: ReportData) -> CurlsEntry:
+def summarise_curls(data: ReportData) -> schema.CurlsEntry:
     """Return counts, end of the trial, compensation, torque and fatigue; null with a ``why`` for other protocols."""
     facts = data.facts(_EVENTS).get("curl")
     if facts is None:
-        return CurlsEntry(why="only `protocol: curl` counts curls")
+        return schema.CurlsEntry(why="only `protocol: curl` counts curls")
     torque = [one for one in facts.get("torque") or () if one is not None]
     peak = max(torque, key=lambda one: one["peak_Nm"], default={})
     end, in_step = facts.get("end") or {}, facts.get("in_step") or {}
-    return CurlsEntry.of(
+    return schema.CurlsEntry.of(
         facts
         | {
             "end_s": end.get("time_s"),
@@ -532,7 +510,7 @@ def summarise_curls(data: ReportData) -> CurlsEntry:
             "largest_torque_nm": peak.get("peak_Nm"),
             "largest_torque_sd_nm": peak.get("sd_Nm"),
             "fatigue": {
-                name: TrendEntry(slope=found["slope"], interval=found["interval"], curls=found["count"])
+                name: schema.TrendEntry(slope=found["slope"], interval=found["interval"], curls=found["count"])
                 for name, found in (facts.get("fatigue") or {}).items()
                 if found is not None
             },
@@ -541,7 +519,9 @@ def summarise_curls(data: ReportData) -> CurlsEntry:
     )
 
 
-def _summarise_compensation(found: list[dict[str, Any] | None], in_step: Mapping[str, Any] | None) -> CompensationEntry:
+def _summarise_compensation(
+    found: list[dict[str, Any] | None], in_step: Mapping[str, Any] | None
+) -> schema.CompensationEntry:
     """Return the compensation of one angle, degrees.
 
     ``found`` has an entry for each curl, None for a failed attempt; ``in_step`` is the part of the angle that depends
@@ -551,7 +531,7 @@ def _summarise_compensation(found: list[dict[str, Any] | None], in_step: Mapping
     def degrees(one: Mapping[str, Any] | None, name: str) -> Any:
         return np.degrees(one[name]).tolist() if one else None
 
-    return CompensationEntry(
+    return schema.CompensationEntry(
         range_deg=[degrees(one, "range_rad") for one in found],
         interval_deg=[degrees(one, "interval_rad") for one in found],
         floor_deg=[degrees(one, "floor_rad") for one in found],
@@ -562,10 +542,10 @@ def _summarise_compensation(found: list[dict[str, Any] | None], in_step: Mapping
     )
 
 
-def _summarise_workspace(data: ReportData) -> WorkspaceEntry:
+def _summarise_workspace(data: ReportData) -> schema.WorkspaceEntry:
     """Return the reachable volume and the quantities about it; null with a ``why`` for other protocols."""
     facts = data.facts(_EVENTS).get("reach")
     if facts is None:
         where = "only `protocol: reach` has a reachable volume"
-        return WorkspaceEntry(why=where if data.in_space else f"{where}, which needs `space: 3d`")
-    return WorkspaceEntry.of({**facts, "why": facts.get("why") or None})
+        return schema.WorkspaceEntry(why=where if data.in_space else f"{where}, which needs `space: 3d`")
+    return schema.WorkspaceEntry.of({**facts, "why": facts.get("why") or None})

@@ -17,11 +17,11 @@ from mocap_id.reporting.grids import (
     GridColumn,
     get_element,
     millimetres,
-    number,
+    numbers,
     percent,
     quantities,
     show_ends,
-    text,
+    texts,
     to_grid,
     with_sd,
 )
@@ -55,7 +55,7 @@ _EVENTS = "events.parquet"
 _UNITS = {"Fx": "N", "Fy": "N", "Fz": "N", "taux": "N·m", "tauy": "N·m", "tauz": "N·m"}
 _IN_PLANE = ("Fx", "Fy", "tauz")
 _AXES = "xyz"
-_ERRORS = (number("bias", "bias"), number("standard deviation", "sd"))  # of a channel
+_ERRORS = (numbers("bias", "bias"), numbers("standard deviation", "sd"))  # of a channel
 
 
 def describe_band(data: ReportData) -> str:
@@ -78,7 +78,7 @@ def list_chain(summary: Summary) -> tuple[Grid, ...]:
             return "not determined by the motion"
         return show_with_sd(*(None if values is None else values[k] for values in (joint.centre_m, joint.sd_m)))
 
-    zeros = (text("angle is zero in", "zero"), with_sd("theta there (deg)", "zero_deg", "zero_sd_deg"))
+    zeros = (texts("angle is zero in", "zero"), with_sd("theta there (deg)", "zero_deg", "zero_sd_deg"))
     notes = (
         ". A hinge has a centre only across its axis"
         if in_space
@@ -88,12 +88,12 @@ def list_chain(summary: Summary) -> tuple[Grid, ...]:
         "Joint centres in the frame of the previous segment, ± one standard deviation" + notes,
         joints,
         (
-            text("joint", "name"),
-            *([text("kind", "kind")] if in_space else []),
-            text("fixed to", lambda joint: names[joint.parent] if 0 <= joint.parent < len(names) else joint.parent),
-            text("moves", lambda joint: moved.get(joint.name)),
+            texts("joint", "name"),
+            *([texts("kind", "kind")] if in_space else []),
+            texts("fixed to", lambda joint: names[joint.parent] if 0 <= joint.parent < len(names) else joint.parent),
+            texts("moves", lambda joint: moved.get(joint.name)),
             *(GridColumn(f"{_AXES[k]} (m)", partial(centre, k=k)) for k in range(3 if in_space else 2)),
-            number("arc (deg)", "arc_deg", 1),
+            numbers("arc (deg)", "arc_deg", 1),
             *(() if in_space else zeros),
         ),
     )
@@ -109,7 +109,7 @@ def list_chain(summary: Summary) -> tuple[Grid, ...]:
         "Glide: shift of the joint centre at an elevation of 180°, in the frame of the previous segment",
         [joint for joint in joints if joint.glide_m],
         (
-            text("joint", "name"),
+            texts("joint", "name"),
             *(
                 with_sd(f"{axis} (mm)", get_element("glide_m", k), get_element("glide_sd_m", k), 1e3)
                 for k, axis in enumerate(_AXES)
@@ -125,11 +125,11 @@ def list_chain(summary: Summary) -> tuple[Grid, ...]:
         "Axes of hinges and two-axis joints",
         rows,
         (
-            text("joint", lambda row: row[0]),
+            texts("joint", lambda row: row[0]),
             GridColumn("axis", lambda row: str(row[1] + 1)),
-            text("in the frame of the", lambda row: "own segment" if row[1] else "previous segment"),
-            *(number(axis, get_element(lambda row: row[2], d), 3) for d, axis in enumerate(_AXES)),
-            number("sd (deg)", lambda row: row[3], 1),
+            texts("in the frame of the", lambda row: "own segment" if row[1] else "previous segment"),
+            *(numbers(axis, get_element(lambda row: row[2], d), 3) for d, axis in enumerate(_AXES)),
+            numbers("sd (deg)", lambda row: row[3], 1),
         ),
     )
     kinds = to_grid(
@@ -137,9 +137,9 @@ def list_chain(summary: Summary) -> tuple[Grid, ...]:
         "The simplest kind with a small multiple is chosen; a ball joint explains every rotation",
         [joint for joint in joints if joint.evidence],
         (
-            text("joint", "name"),
-            text("kind", "kind"),
-            *(number(kind, get_element("evidence", kind), 2) for kind in ("ball", "two-axis", "hinge")),
+            texts("joint", "name"),
+            texts("kind", "kind"),
+            *(numbers(kind, get_element("evidence", kind), 2) for kind in ("ball", "two-axis", "hinge")),
         ),
     )
     return of_joints, glides, axes, kinds, of_lengths
@@ -161,7 +161,7 @@ def list_encoder_errors(summary: Summary) -> Grid:
     sense = "the same" if found.sign == 1 else "the opposite"
     caption = f"Error against the encoder ({sense} sense as the plane; clock {clock} after the cameras')"
     known_errors = {name: error for name, error in errors.items() if error is not None}
-    return to_grid(caption, known_errors, (*_ERRORS, number("r²", "r2", 5)), "quantity")
+    return to_grid(caption, known_errors, (*_ERRORS, numbers("r²", "r2", 5)), "quantity")
 
 
 def list_imus(summary: Summary) -> Grid:
@@ -171,11 +171,11 @@ def list_imus(summary: Summary) -> Grid:
         return None if entry.gyro_bias_rad_s is None else math.degrees(math.hypot(*entry.gyro_bias_rad_s))
 
     columns = (
-        text("used", lambda entry: "yes" if entry.used else f"no: {entry.why}"),
+        texts("used", lambda entry: "yes" if entry.used else f"no: {entry.why}"),
         *quantities(ImuEntry, "clock_offset_s"),
-        text("determined by the motion", lambda entry: "yes" if entry.observable else "no"),
+        texts("determined by the motion", lambda entry: "yes" if entry.observable else "no"),
         *quantities(ImuEntry, "ppm"),
-        number("gyroscope bias (deg/s)", bias, 2),
+        numbers("gyroscope bias (deg/s)", bias, 2),
         GridColumn("position (mm)", lambda entry: ", ".join(map(show_millimetres, entry.position_m or [None] * 3))),
         *quantities(ImuEntry, "mounting_sd_deg skin_share gyro_residual_rad_s acc_residual_m_s2"),
     )
@@ -191,8 +191,8 @@ def list_repetitions(data: ReportData, summary: Summary) -> tuple[Grid, ...]:
         entries,
         (
             *quantities(RepetitionEntry, "start_s seat_off_s stand_s seat_on_s end_s"),
-            text("complete", lambda entry: "yes" if entry.complete else "no"),
-            text("remark", lambda entry: entry.remark or ("" if entry.complete else entry.why)),
+            texts("complete", lambda entry: "yes" if entry.complete else "no"),
+            texts("remark", lambda entry: entry.remark or ("" if entry.complete else entry.why)),
         ),
         "repetition",
     )
@@ -207,7 +207,7 @@ def list_repetitions(data: ReportData, summary: Summary) -> tuple[Grid, ...]:
         "height as a share of the rise, time in pauses, failed attempts before it, and unexplained vertical force",
         entries if any(entry.reached is not None for entry in entries) else (),
         (
-            number("seat-off (s)", "seat_off_s", 3),
+            numbers("seat-off (s)", "seat_off_s", 3),
             GridColumn("model agreement (s)", partial(delay, name="seat_off_model_s")),
             GridColumn("72 % of weight (s)", partial(delay, name="seat_off_72_s")),
             *quantities(RepetitionEntry, "reached held_s attempts support"),
@@ -230,13 +230,13 @@ def list_repetitions(data: ReportData, summary: Summary) -> tuple[Grid, ...]:
         "opposite sense; a minus sign before the column name in `compare:` corrects it",
         data.facts("phases.parquet").get("compared") or (),
         (
-            text("joint", "joint"),
-            text("column", "column"),
-            number("r", "r", 4),
-            number("mean difference (deg)", "offset_rad", 2, 180 / np.pi),
-            number("rms without it (deg)", "rmse_rad", 2, 180 / np.pi),
+            texts("joint", "joint"),
+            texts("column", "column"),
+            numbers("r", "r", 4),
+            numbers("mean difference (deg)", "offset_rad", 2, 180 / np.pi),
+            numbers("rms without it (deg)", "rmse_rad", 2, 180 / np.pi),
             GridColumn("samples", lambda one: str(one.get("samples", ""))),
-            text("remark", "why"),
+            texts("remark", "why"),
         ),
     )
     attempts = to_grid("Failed attempts to rise", summary.attempts or (), quantities(Attempt))
@@ -264,7 +264,7 @@ def _list_test_times(summary: Summary) -> tuple[Grid, Grid]:
         "of the measurement (of the cycle: over the cycles). A stopwatch, which starts at the command, shows longer "
         "times",
         {name: value for name, value in rows.items() if value},
-        [text("value", str)],
+        [texts("value", str)],
         "quantity",
     )
     published = to_grid(
@@ -273,10 +273,10 @@ def _list_test_times(summary: Summary) -> tuple[Grid, Grid]:
         found.published if found.to_fifth_stand_s is not None else (),
         (
             GridColumn("longer than (s)", lambda one: f"{one.limit_s:g}"),
-            text("group", "people"),
-            text("meaning", "meaning"),
-            text("stop rule", "stop"),
-            text("source", "source"),
+            texts("group", "people"),
+            texts("meaning", "meaning"),
+            texts("stop rule", "stop"),
+            texts("source", "source"),
         ),
     )
     return times, published
@@ -288,7 +288,7 @@ def list_wrench_errors(data: ReportData, summary: Summary) -> tuple[Grid, ...]:
     channels = dynamics.wrench or {}
     named = {f"{name} ({_UNITS[name]})" if name in _UNITS else name: channel for name, channel in channels.items()}
     caption = f"Error of the model over the samples of the fit, {band}"
-    of_model = to_grid(caption, named, (*_ERRORS, number("r²", "r2", 4)), "component")
+    of_model = to_grid(caption, named, (*_ERRORS, numbers("r²", "r2", 4)), "component")
 
     def error(channels: Mapping[str, Any], part: str, factor: float = 1.0) -> str:
         """Format bias ± sd of a component, times ``factor``; a number is a fraction of samples, in per cent."""
@@ -328,11 +328,11 @@ def list_wrench_errors(data: ReportData, summary: Summary) -> tuple[Grid, ...]:
 def list_plates(data: ReportData) -> Grid:
     """Return a table of the detected use of each force plate."""
     columns = (
-        text("plate", lambda plate: str(plate.get("index", ""))),
-        text("type", "kind"),
-        text("use", "use"),
-        number("mean vertical force (N)", "mean_vertical_N", 1),
-        text("reason", "why"),
+        texts("plate", lambda plate: str(plate.get("index", ""))),
+        texts("type", "kind"),
+        texts("use", "use"),
+        numbers("mean vertical force (N)", "mean_vertical_N", 1),
+        texts("reason", "why"),
     )
     plates = data.facts("wrench.parquet").get("plates") or ()
     return to_grid("Force plates and their detected use", plates, columns)
@@ -351,14 +351,14 @@ def list_torques(summary: Summary) -> Grid:
         if values[0] is None or sign * values[0] > 0
     ]
     columns = (
-        text("joint", lambda row: row[0]),
-        text("torque towards", lambda row: row[2]),
+        texts("joint", lambda row: row[0]),
+        texts("torque towards", lambda row: row[2]),
         GridColumn(
             "largest (N·m)", lambda row: show_with_sd(scale(row[3], -1 if row[3] and row[3] < 0 else 1), row[4])
         ),
         GridColumn("N·m/kg", lambda row: show_fixed(None if row[5] is None else abs(row[5]), 2)),
-        number("at (s)", lambda row: row[6], 2),
-        text("remark", lambda row: row[1]),
+        numbers("at (s)", lambda row: row[6], 2),
+        texts("remark", lambda row: row[1]),
     )
     legs = "both legs together, " if dynamics.legs == "both" else ""
     caption = (
@@ -372,12 +372,12 @@ def list_parameters(data: ReportData, summary: Summary) -> tuple[Grid, Grid]:
     """Return tables of the parameters with intervals and references, and of how well each of them is excited."""
     base, dynamics = summary.dynamics.base or (), data.dynamics
     columns = [
-        text("parameter", lambda row: row[0].name),
+        texts("parameter", lambda row: row[0].name),
         GridColumn("value ± sd", lambda row: show_with_sd(row[0].value, row[0].sd)),
         GridColumn("95 % interval", lambda row: show_interval(row[0].value, row[0].sd)),
         GridColumn("reference", lambda row: show_beside(row[1], row[0].sd)),
-        text("unit", lambda row: style.format_unit(row[0].unit)),
-        text("verdict", lambda row: row[0].verdict, UNKNOWN),
+        texts("unit", lambda row: style.format_unit(row[0].unit)),
+        texts("verdict", lambda row: row[0].verdict, UNKNOWN),
     ]
     caption = "Base parameters"
     if data.measured_poses:
@@ -389,10 +389,10 @@ def list_parameters(data: ReportData, summary: Summary) -> tuple[Grid, Grid]:
         "column that is independent of the others, in residual standard deviations per SI unit; own share of that part",
         [entry for entry in base if entry.excitation is not None],
         (
-            text("parameter", "name"),
-            text("verdict", "verdict", UNKNOWN),
+            texts("parameter", "name"),
+            texts("verdict", "verdict", UNKNOWN),
             *quantities(BaseEntry),
-            text("movement that would help", "helps", UNKNOWN),
+            texts("movement that would help", "helps", UNKNOWN),
             GridColumn(
                 "factor on the sd", lambda entry: UNKNOWN if entry.sd_ratio is None else f"× {show(entry.sd_ratio, 2)}"
             ),
@@ -438,13 +438,13 @@ def list_markers(data: ReportData) -> tuple[Grid, ...]:
         "Markers: rms distance from the rigid segment; rms and 95 % quantile of the distance from the chain",
         data.rows("segments.parquet"),
         (
-            text("marker", "marker"),
-            text("segment", lambda row: "none" if row["segment"] < 0 else names.get(row["segment"], row["segment"])),
+            texts("marker", "marker"),
+            texts("segment", lambda row: "none" if row["segment"] < 0 else names.get(row["segment"], row["segment"])),
             millimetres("rigid (mm)", "residual"),
             millimetres("chain (mm)", residual("rms")),
             millimetres("95 % (mm)", residual("q95")),
             percent("visible (%)", residual("seen")),
-            text("reason", "reason"),
+            texts("reason", "reason"),
         ),
     )
     evidence = Grid()
@@ -466,9 +466,9 @@ def list_markers(data: ReportData) -> tuple[Grid, ...]:
         "(1.5 times for the last joint)",
         zip(*(facts.get(key) or () for key in keys), strict=True) if facts.get("joint_confidences") else (),
         (
-            text("joint", lambda row: row[0]),
-            number("confidence", lambda row: row[1], 2),
-            number("residual without the segment, factor", lambda row: row[2]),
+            texts("joint", lambda row: row[0]),
+            numbers("confidence", lambda row: row[1], 2),
+            numbers("residual without the segment, factor", lambda row: row[2]),
         ),
     )
 
@@ -481,12 +481,12 @@ def list_markers(data: ReportData) -> tuple[Grid, ...]:
         facts.get("hypotheses") or (),
         (
             GridColumn("segments", lambda entry: str(entry.get("segments", ""))),
-            number("cost", "cost", 1),
-            text("result", "why"),
-            text("joint residuals (mm)", lambda entry: join(entry.get("joint_residual_m"), show_millimetres)),
-            text("arcs (deg)", lambda entry: join(entry.get("arc_deg"), lambda arc: show_fixed(arc, 1))),
-            text("markers by segment", lambda entry: " | ".join(map(join, entry.get("markers") or ()))),
-            text("left out", lambda entry: join(itertools.chain.from_iterable(entry.get("left_out") or ()))),
+            numbers("cost", "cost", 1),
+            texts("result", "why"),
+            texts("joint residuals (mm)", lambda entry: join(entry.get("joint_residual_m"), show_millimetres)),
+            texts("arcs (deg)", lambda entry: join(entry.get("arc_deg"), lambda arc: show_fixed(arc, 1))),
+            texts("markers by segment", lambda entry: " | ".join(map(join, entry.get("markers") or ()))),
+            texts("left out", lambda entry: join(itertools.chain.from_iterable(entry.get("left_out") or ()))),
         ),
     )
     return markers, evidence, confidences, hypotheses
@@ -506,8 +506,8 @@ def list_landmarks(data: ReportData, summary: Summary) -> Grid:
     labels = dict(part.split(" ", 1) for part in data.settings.get("landmarks", "").split(", ") if " " in part)
     residuals = {name: data.residuals.get(labels.get(name, name)) for name in summary.landmarks}
     columns = (
-        text("landmark", lambda row: row[0]),
-        text("segment", lambda row: row[1].segment),
+        texts("landmark", lambda row: row[0]),
+        texts("segment", lambda row: row[1].segment),
         *(millimetres(f"{axis} (mm)", get_element(lambda row: row[1].local_m, d)) for d, axis in enumerate(_AXES)),
         millimetres("sd (mm)", lambda row: row[1].sd_m),
         millimetres("residual of its marker, rms (mm)", lambda row: getattr(residuals[row[0]], "rms", None)),
@@ -534,11 +534,11 @@ def list_curls(data: ReportData) -> tuple[Grid, Grid]:
         caption,
         zip(rows, facts.get("torque") or [None] * len(rows), strict=True),
         (
-            number("start (s)", lambda row: row[0]["start"], 2),
-            number("top (s)", lambda row: row[0]["top"], 2),
-            number("end (s)", lambda row: row[0]["end"], 2),
-            number("rise of the flexion (deg)", lambda row: row[0]["amplitude"], 0, 180 / np.pi),
-            text("complete", lambda row: "yes" if row[0]["complete"] else f"no: {row[0]['why']}"),
+            numbers("start (s)", lambda row: row[0]["start"], 2),
+            numbers("top (s)", lambda row: row[0]["top"], 2),
+            numbers("end (s)", lambda row: row[0]["end"], 2),
+            numbers("rise of the flexion (deg)", lambda row: row[0]["amplitude"], 0, 180 / np.pi),
+            texts("complete", lambda row: "yes" if row[0]["complete"] else f"no: {row[0]['why']}"),
             GridColumn("largest torque (N·m)", partial(peak, who="")),
             GridColumn("of the person (N·m)", partial(peak, who="person_")),
         ),
@@ -569,9 +569,9 @@ def list_curls(data: ReportData) -> tuple[Grid, Grid]:
         "the elbow's axis has the same effect",
         to_words(compared),
         (
-            number("mean range (deg)", "mean", 1),
-            number("largest range (deg)", "largest", 1),
-            number("range by errors alone (deg)", "errors", 1),
+            numbers("mean range (deg)", "mean", 1),
+            numbers("largest range (deg)", "largest", 1),
+            numbers("range by errors alone (deg)", "errors", 1),
             GridColumn("change per curl, 95 % interval (deg)", lambda row: row["change"]),
             GridColumn("curls with a sustained compensation", lambda row: row["sustained"]),
             GridColumn("excluded part that follows the flexion, 95 % interval (deg)", lambda row: row["in step"]),
@@ -592,10 +592,10 @@ def list_reach(data: ReportData, summary: Summary) -> tuple[Grid, ...]:
             if one is not None and one.volume_m3 is not None
         ],
         (
-            text("set", lambda row: row[0]),
-            number("volume (m³)", lambda row: row[1].volume_m3, 4),
+            texts("set", lambda row: row[0]),
+            numbers("volume (m³)", lambda row: row[1].volume_m3, 4),
             GridColumn("95 % interval (m³)", lambda row: show_ends(row[1].interval_m3, 4)),
-            number("fraction of a sphere with the arm's length as radius", lambda row: row[2], 3),
+            numbers("fraction of a sphere with the arm's length as radius", lambda row: row[2], 3),
             GridColumn(
                 "volume on finer and finer grids (m³)",
                 lambda row: ", ".join(show_fixed(volume, 4) for volume in row[1].convergence_m3 or ()),
@@ -617,7 +617,7 @@ def list_reach(data: ReportData, summary: Summary) -> tuple[Grid, ...]:
         "Relative area of the furthest reach about the shoulder. In front, 1 is half a sphere of the arm's length and "
         "0.25 a full quadrant; medial is towards the other arm",
         {kinds.get(name, name): one for name, one in (found.surface or {}).items()},
-        [number(name.replace("_", " "), name, 3) for name in quadrants],
+        [numbers(name.replace("_", " "), name, 3) for name in quadrants],
         "set",
     )
     levels: dict[str, tuple[str, str]] = {}
@@ -648,12 +648,12 @@ def list_reach(data: ReportData, summary: Summary) -> tuple[Grid, ...]:
         "Reaches",
         [row for row in data.rows(_EVENTS) if "target" in row],
         (
-            number("start (s)", "start", 2),
-            number("held (s)", "top", 2),
-            number("end (s)", "end", 2),
-            text("target", lambda row: row["target"].replace("_", " ")),
-            number("missed by (mm)", "miss_m", factor=1e3),
-            text("complete", lambda row: "yes" if row["complete"] else f"no: {row['why']}"),
+            numbers("start (s)", "start", 2),
+            numbers("held (s)", "top", 2),
+            numbers("end (s)", "end", 2),
+            texts("target", lambda row: row["target"].replace("_", " ")),
+            numbers("missed by (mm)", "miss_m", factor=1e3),
+            texts("complete", lambda row: "yes" if row["complete"] else f"no: {row['why']}"),
         ),
     )
     return volumes, of_angles, areas, heights, targets, reaches

@@ -121,16 +121,16 @@ class ReachArm:
 
 
 @dataclass(frozen=True)
-class Grid:
+class CellGrid:
     """Numbers of distances and polar angles; ``turns`` is the number of elevations and also of axial rotations."""
 
     distances: int
     polar: int
     turns: int
 
-    def refined(self) -> Grid:
+    def refined(self) -> CellGrid:
         """Return a grid with 1.5 times as many values in every direction."""
-        return Grid(*(int(np.ceil(1.5 * each)) for each in (self.distances, self.polar, self.turns)))
+        return CellGrid(*(int(np.ceil(1.5 * each)) for each in (self.distances, self.polar, self.turns)))
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ class ReachableSet:
 
 
 def compute_reachable_set(
-    arm: ReachArm, limits: FloatArray, grid: Grid, planes: PlaneRange | None = None
+    arm: ReachArm, limits: FloatArray, grid: CellGrid, planes: PlaneRange | None = None
 ) -> ReachableSet:
     """Return the set of positions that the wrist can reach, relative to the shoulder at the middle elevation.
 
@@ -202,7 +202,7 @@ class _Solver:
     """Inverse kinematics on the cells of distance and polar angle."""
 
     limits: FloatArray
-    grid: Grid
+    grid: CellGrid
     rise: float
     distance: FloatArray
     cosine: FloatArray
@@ -211,7 +211,7 @@ class _Solver:
     wrist: FloatArray  # (K, 3) wrist in the axes of the upper arm at this distance
 
     @classmethod
-    def create(cls, arm: ReachArm, limits: FloatArray, grid: Grid) -> _Solver:
+    def create(cls, arm: ReachArm, limits: FloatArray, grid: CellGrid) -> _Solver:
         flexion = np.linspace(limits[3, 0], limits[3, 1], _CURVE)
         wrist = arm.wrist(flexion)
         reach = np.linalg.norm(wrist, axis=1)
@@ -277,8 +277,8 @@ class _Solver:
         return azimuth, elevation, np.broadcast_to(axial, elevation.shape), flexion, valid
 
 
-SURFACE_GRID = Grid(48, 24, 16)
-"""Grid of the surface, with many distances because the distance is the radius of the surface."""
+SURFACE_GRID = CellGrid(48, 24, 16)
+"""CellGrid of the surface, with many distances because the distance is the radius of the surface."""
 AZIMUTHS = 48
 QUADRANTS = ("upper_medial", "upper_lateral", "lower_medial", "lower_lateral")
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray
 from mocap_id.geometry.so3 import shift_to_shortest_arc
-from mocap_id.protocols.reach.reachable_set import Grid, PlaneRange, ReachArm, VisitedRegion, compute_reachable_set
+from mocap_id.protocols.reach.reachable_set import CellGrid, PlaneRange, ReachArm, VisitedRegion, compute_reachable_set
 from mocap_id.store.views import MEANINGLESS_AT_POLE, SegmentPoses, SpatialAngles, SpatialSkeleton
 
 SEGMENTS = ("thorax", "upper_arm", "forearm")
@@ -73,45 +73,6 @@ def measure_arm(
     UnknownReach
         A segment, an angle, the shoulder centre or the wrist is missing, or the chain is not an arm.
     """
-    _check_segments(angles, poses, skeleton)
-    thorax, upper, lower = (poses.segments.index(name) for name in SEGMENTS)
-    centres = _express_in_segment(poses, thorax, poses.origin[:, upper])
-    elevation = angles.mean[:, angles.names.index("shoulder_elevation"), 0]
-    shoulder, glide, glide_known = _fit_glide(
-        np.where(poses.find_measured(*SEGMENTS[:2])[:, None], centres, np.nan), elevation
-    )
-    elbow = _find_median(_express_in_segment(poses, upper, poses.origin[:, lower]), "upper arm and forearm")
-    wrist, forearm_sd = _locate_wrist(poses, skeleton)
-    along = np.array([0.0, -wrist, 0.0])
-    length = float(np.linalg.norm(elbow)) + wrist
-    _check_arm(centres, float(np.linalg.norm(elbow)), wrist)
-    stature = stature or _HEIGHT * length
-    palm = np.array([0.0, -_PALM * stature, 0.0])
-    turn = np.swapaxes(poses.rotation[:, thorax], 1, 2)
-    elbows = np.einsum("tij,tjk,k->ti", turn, poses.rotation[:, upper], elbow)
-    wrists = elbows + np.einsum("tij,tjk,k->ti", turn, poses.rotation[:, lower], along)
-    if not np.isfinite(wrists).all(axis=1).any():
-        raise UnknownReach("no frame has markers of the whole arm")
-    hand = poses.rotation[:, poses.segments.index("hand") if "hand" in poses.segments else lower]
-    seen = np.isfinite(hand) & poses.find_measured("hand")[:, None, None]
-    hand = np.where(seen, hand, poses.rotation[:, lower])
-    return RecordedArm(
-        arm=ReachArm(elbow, wrist, _fit_carrying(poses.rotation[:, upper], poses.rotation[:, lower]), float(glide[1])),
-        upper_arm_sd=_length_sd(skeleton, "upper_arm"),
-        forearm_sd=forearm_sd,
-        rise_sd=_find_rise_sd(skeleton) if glide_known else _RISE_SD,
-        shoulder=shoulder,
-        glide=glide,
-        elbows=elbows,
-        wrists=wrists,
-        palms=wrists + np.einsum("tij,tjk,k->ti", turn, hand, palm),
-        measured=poses.find_measured(*SEGMENTS),
-        stature=stature,
-    )
-
-
-def _check_segments(angles: SpatialAngles, poses: SegmentPoses, skeleton: SpatialSkeleton) -> None:
-    """Raise UnknownReach if the chain lacks a segment, angle or joint centre of an arm."""
     missing = [name.replace("_", " ") for name in SEGMENTS if name not in poses.segments]
     if missing:
         raise UnknownReach(
@@ -129,6 +90,59 @@ def _check_segments(angles: SpatialAngles, poses: SegmentPoses, skeleton: Spatia
                 f"the motion does not determine the centre of the joint above the {name.replace('_', ' ')}: use "
                 "`calibration:`, or record a larger motion"
             )
+    thorax, upper, lower = (poses.segments.index(name) for name in SEGMENTS)
+    centres = _express_in_segment(poses, thorax, poses.origin[:, upper])
+    # shoulder centre at the lowest elevation, and its glide from 0 to 180°
+    share = (1 - np.cos(angles.mean[:, angles.names.index("shoulder_elevation"), 0])) / 2
+    seen = np.where(poses.find_measured(*SEGMENTS[:2])[:, None], centres, np.nan)
+    known = np.isfinite(seen).all(axis=1) & np.isfinite(share)
+    if not known.any():
+        raise UnknownReach("no frame has markers of both thorax and upper arm")
+    share, seen = share[known], seen[known]
+    shoulder, glide, rise_sd = np.asarray(seen.mean(axis=0)), np.zeros(3), _RISE_SD
+    if np.ptp(share) >= _RAISED and np.ptp(seen, axis=0).max() >= 1e-6:
+        fit = np.linalg.lstsq(np.stack([np.ones(len(share)), share], axis=1), seen, rcond=None)[0]
+        shoulder, glide = np.asarray(fit[0] + share.min() * fit[1]), np.asarray(fit[1])
+        variance = float(skeleton.chain.joints[skeleton.segments.index("upper_arm") - 1].glide_covariance[1, 1])
+        rise_sd = float(np.sqrt(variance)) if variance > 0 else _RISE_SD
+    elbow = _find_median(_express_in_segment(poses, upper, poses.origin[:, lower]), "upper arm and forearm")
+    wrist, forearm_sd = _locate_wrist(poses, skeleton)
+    upper_arm = float(np.linalg.norm(elbow))
+    # a chain between thorax and wrist that cannot be an arm
+    travel = float(np.nanmax(np.nanquantile(centres, 0.99, axis=0) - np.nanquantile(centres, 0.01, axis=0)))
+    hint = "the segments may be wrong: set `segment: {count: …}` or `together`"
+    if travel > _TRAVEL:
+        raise UnknownReach(
+            f"the centre of the shoulder moves by {travel:.2f} m in the thorax, expected at most {_TRAVEL} m; {hint}"
+        )
+    if not _PROPORTION[0] * wrist <= upper_arm <= _PROPORTION[1] * wrist:
+        raise UnknownReach(
+            f"the elbow is {upper_arm:.3f} m from the shoulder and the wrist {wrist:.3f} m along the forearm, expected "
+            f"a ratio of {_PROPORTION[0]} to {_PROPORTION[1]}; {hint}"
+        )
+    stature = stature or _HEIGHT * (upper_arm + wrist)
+    turn = np.swapaxes(poses.rotation[:, thorax], 1, 2)
+    elbows = np.einsum("tij,tjk,k->ti", turn, poses.rotation[:, upper], elbow)
+    wrists = elbows + np.einsum("tij,tjk,k->ti", turn, poses.rotation[:, lower], np.array([0.0, -wrist, 0.0]))
+    if not np.isfinite(wrists).all(axis=1).any():
+        raise UnknownReach("no frame has markers of the whole arm")
+    hand = poses.rotation[:, poses.segments.index("hand") if "hand" in poses.segments else lower]
+    usable = np.isfinite(hand) & poses.find_measured("hand")[:, None, None]
+    hand = np.where(usable, hand, poses.rotation[:, lower])
+    palm = np.array([0.0, -_PALM * stature, 0.0])
+    return RecordedArm(
+        arm=ReachArm(elbow, wrist, _fit_carrying(poses.rotation[:, upper], poses.rotation[:, lower]), float(glide[1])),
+        upper_arm_sd=_length_sd(skeleton, "upper_arm"),
+        forearm_sd=forearm_sd,
+        rise_sd=rise_sd,
+        shoulder=shoulder,
+        glide=glide,
+        elbows=elbows,
+        wrists=wrists,
+        palms=wrists + np.einsum("tij,tjk,k->ti", turn, hand, palm),
+        measured=poses.find_measured(*SEGMENTS),
+        stature=stature,
+    )
 
 
 def _find_median(points: FloatArray, segments: str) -> FloatArray:
@@ -137,21 +151,6 @@ def _find_median(points: FloatArray, segments: str) -> FloatArray:
     if not known.any():
         raise UnknownReach(f"no frame has markers of both {segments}")
     return np.asarray(np.median(points[known], axis=0))
-
-
-def _check_arm(centres: FloatArray, upper: float, lower: float) -> None:
-    """Raise UnknownReach if the chain between thorax and wrist cannot be an arm."""
-    travel = float(np.nanmax(np.nanquantile(centres, 0.99, axis=0) - np.nanquantile(centres, 0.01, axis=0)))
-    hint = "the segments may be wrong: set `segment: {count: …}` or `together`"
-    if travel > _TRAVEL:
-        raise UnknownReach(
-            f"the centre of the shoulder moves by {travel:.2f} m in the thorax, expected at most {_TRAVEL} m; {hint}"
-        )
-    if not _PROPORTION[0] * lower <= upper <= _PROPORTION[1] * lower:
-        raise UnknownReach(
-            f"the elbow is {upper:.3f} m from the shoulder and the wrist {lower:.3f} m along the forearm, expected a "
-            f"ratio of {_PROPORTION[0]} to {_PROPORTION[1]}; {hint}"
-        )
 
 
 def _express_in_segment(poses: SegmentPoses, segment: int, points: FloatArray) -> FloatArray:
@@ -177,27 +176,6 @@ def _length_sd(skeleton: SpatialSkeleton, segment: str) -> float:
     """Return the standard deviation of the length of a segment, m; 3 mm if unknown."""
     sd = skeleton.lengths.get(segment, (np.nan, np.nan))[1]
     return sd if np.isfinite(sd) else _WRIST_SD
-
-
-def _fit_glide(centres: FloatArray, elevation: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
-    """Return the shoulder centre at the lowest elevation, its glide from 0 to 180°, m, and whether that is known."""
-    share = (1 - np.cos(elevation)) / 2
-    known = np.isfinite(centres).all(axis=1) & np.isfinite(share)
-    if not known.any():
-        raise UnknownReach("no frame has markers of both thorax and upper arm")
-    share, centres = share[known], centres[known]
-    if np.ptp(share) < _RAISED or np.ptp(centres, axis=0).max() < 1e-6:
-        return np.asarray(centres.mean(axis=0)), np.zeros(3), False
-    design = np.stack([np.ones(len(share)), share], axis=1)
-    fit = np.linalg.lstsq(design, centres, rcond=None)[0]
-    return np.asarray(fit[0] + share.min() * fit[1]), np.asarray(fit[1]), True
-
-
-def _find_rise_sd(skeleton: SpatialSkeleton) -> float:
-    """Return the standard deviation of the shoulder's rise, m; 8 mm if unknown."""
-    joint = skeleton.chain.joints[skeleton.segments.index("upper_arm") - 1]
-    variance = float(joint.glide_covariance[1, 1])
-    return float(np.sqrt(variance)) if variance > 0 else _RISE_SD
 
 
 def _fit_carrying(upper: FloatArray, forearm: FloatArray) -> FloatArray:
@@ -300,10 +278,10 @@ def _find_low_end(values: FloatArray, sd: FloatArray, rank: int) -> tuple[float,
     return float(values[lowest[-1]]), float(np.median(sd[lowest]))
 
 
-_BOX, _REGION = Grid(12, 24, 16), Grid(8, 16, 32)
+_BOX, _REGION = CellGrid(12, 24, 16), CellGrid(8, 16, 32)
 """First grids for the box and for a region, which needs more axial rotations."""
-_CHANGES = Grid(9, 18, 12)
-"""Grid for the changes of the volume by one standard deviation; their error is a few per cent."""
+_CHANGES = CellGrid(9, 18, 12)
+"""CellGrid for the changes of the volume by one standard deviation; their error is a few per cent."""
 _ENOUGH = 0.01, 0.02
 """Grids for the box and for a region are refined until the volume changes by less than this share."""
 _MOST = 4  # largest number of grids

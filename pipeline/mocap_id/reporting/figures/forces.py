@@ -143,7 +143,9 @@ def draw_point_masses(data: ReportData) -> Figure | str:
                 "inertia but no point masses"
             )
         return f"No point masses: {style.clean(why)}."
-    names, panels = data.body_names, []
+    # for the pinned chain, the bodies are the segments
+    bodies = data.facts("dynamics.h5")["motion"].get("bodies") or () if data.measured_poses else data.segment_names
+    names, panels = tuple(map(str, bodies)), []
     for k in np.unique(dynamics.grid_segment):
         own = dynamics.grid_segment == k
         (x, y), mass = dynamics.grid_position[own].T, dynamics.grid_mass[own]

@@ -9,7 +9,7 @@ import numpy as np
 from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray
 from mocap_id.geometry.so3 import shift_to_shortest_arc
 from mocap_id.reporting import style
-from mocap_id.reporting.downsampling import find_spans, thin_band, thin_curve
+from mocap_id.reporting.downsampling import find_shaded_spans, thin_band, thin_curve
 from mocap_id.reporting.figure import Band, Bars, Dash, Figure, Item, Line, Panel, Rule, Spans, Text, arrange_in_lines
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store import Table
@@ -27,7 +27,7 @@ def draw_states(data: ReportData) -> Figure | str:
     names = label_joints(data)
     curves = [draw_panel(motion, order, names, height=1.9, label=label_angle(data)) for order in range(3)]
     # a panel with one row per joint, marked where the joint is bridged
-    gaps = [find_spans(motion.time, ~seen) for seen in motion.observed.T]
+    gaps = [find_shaded_spans(motion.time, ~seen) for seen in motion.observed.T]
     found = [(j, start, start + wide) for j, own in enumerate(gaps) for start, wide in own]
     row, low, high = np.array(found, dtype=np.float64).reshape(-1, 3).T
     ends = (float(motion.time[0]), float(motion.time[-1]))
@@ -77,7 +77,7 @@ def draw_panel(
 
 def draw_shades(time: FloatArray, mask: BoolArray, colour: str = style.GRID, **look: float) -> tuple[Spans, ...]:
     """Return shaded intervals where ``mask`` (T,) is true; empty if it is true nowhere."""
-    found = np.array(find_spans(time, mask)).reshape(-1, 2)
+    found = np.array(find_shaded_spans(time, mask)).reshape(-1, 2)
     return (Spans(found[:, 0], found.sum(axis=1), colour, **look),) if len(found) else ()
 
 

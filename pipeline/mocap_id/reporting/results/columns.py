@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -44,7 +44,7 @@ def text(
     name: str, meaning: str, value: Value = None, head: str | None = None, *, cell: Value = None, missing: str = ""
 ) -> ResultColumn:
     """Return a column of texts; on a page, with the heading ``head``, and cells by a function of the row."""
-    shown = None if head is None else grids.text(head, cell or name, missing)
+    shown = None if head is None else grids.texts(head, cell or name, missing)
     return ResultColumn(name, "str", "", meaning, value, shown)
 
 
@@ -59,19 +59,19 @@ def number(
     factor: float = 1.0,
     optional: bool = False,
 ) -> ResultColumn:
-    """Return a column of numbers, NaN where unknown; on a page as by :func:`mocap_id.reporting.grids.number`."""
-    shown = None if head is None else grids.number(head, name, decimals, factor, optional=optional)
+    """Return a column of numbers, NaN where unknown; on a page as by :func:`mocap_id.reporting.grids.numbers`."""
+    shown = None if head is None else grids.numbers(head, name, decimals, factor, optional=optional)
     return ResultColumn(name, "float64", unit, meaning, value, shown)
 
 
 def whole(name: str, meaning: str, value: Value = None, head: str | None = None) -> ResultColumn:
     """Return a column of whole numbers in which no value may be missing."""
-    return ResultColumn(name, "int64", "1", meaning, value, None if head is None else grids.whole(head, name))
+    return ResultColumn(name, "int64", "1", meaning, value, None if head is None else grids.wholes(head, name))
 
 
 def count(name: str, meaning: str, value: Value = None, head: str | None = None) -> ResultColumn:
     """Return a column of whole numbers in which values may be missing."""
-    return ResultColumn(name, "Int64", "1", meaning, value, None if head is None else grids.whole(head, name))
+    return ResultColumn(name, "Int64", "1", meaning, value, None if head is None else grids.wholes(head, name))
 
 
 def shown_as(
@@ -117,7 +117,7 @@ def error_columns(
 ) -> list[ResultColumn]:
     """Return the columns of a mean with the other ``parts``; a page shows mean ± sd, times a factor, in one cell."""
     mean, *others = (number(f"{name}_{part}", unit, f"{meaning}: {_PARTS[part]}") for part in parts.split())
-    return [mean if head is None else replace(mean, shown=grids.mean_sd(head, name, factor, decimals)), *others]
+    return [mean if head is None else replace(mean, shown=grids.means_with_sd(head, name, factor, decimals)), *others]
 
 
 def declare_tables(**columns: Iterable[ResultColumn]) -> dict[str, TableSchema]:
@@ -155,7 +155,10 @@ class ResultTable:
         ValueError
             A row has a value for a column that the schema does not have.
         """
-        named = [row if isinstance(row, Mapping) else dict(_read_values(schema, row)) for row in rows]
+        sources = {one.name: one.value for one in schema.columns if isinstance(one, ResultColumn) and one.value}
+        named = [
+            row if isinstance(row, Mapping) else {name: read(row) for name, read in sources.items()} for row in rows
+        ]
         given = [name for row in named for name in row]
         columns = list(expand_columns(schema, [*given, *(column.name for column in schema.columns)]))
         unknown = set(given) - {column.name for column in columns}
@@ -213,8 +216,13 @@ class ResultTable:
 
     def csv(self) -> bytes:
         """Return the content of a CSV file with the table; a missing value is empty."""
-        stream = io.BytesIO()
-        pyarrow.csv.write_csv(pa.table(dict(_replace_nan(self._arrow))), stream)
+        stream, columns = io.BytesIO(), {}
+        for name in self._arrow.column_names:
+            column = self._arrow.column(name)
+            if pa.types.is_floating(column.type):
+                column = pc.if_else(pc.is_nan(column), pa.scalar(None, column.type), column)
+            columns[name] = column
+        pyarrow.csv.write_csv(pa.table(columns), stream)
         return stream.getvalue()
 
     def parquet(self, kind: str) -> bytes:
@@ -235,17 +243,3 @@ class ResultTable:
 def to_finite(value: float) -> float | None:
     """Return a number for a JSON document; None if it is not finite."""
     return float(value) if math.isfinite(value) else None
-
-
-def _read_values(schema: TableSchema, source: Any) -> Iterator[tuple[str, Any]]:
-    for column in schema.columns:
-        if isinstance(column, ResultColumn) and column.value is not None:
-            yield column.name, column.value(source)
-
-
-def _replace_nan(table: pa.Table) -> Iterator[tuple[str, Any]]:
-    for name in table.column_names:
-        column = table.column(name)
-        if pa.types.is_floating(column.type):
-            column = pc.if_else(pc.is_nan(column), pa.scalar(None, column.type), column)
-        yield name, column

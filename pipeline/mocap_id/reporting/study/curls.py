@@ -10,7 +10,7 @@ import pandas as pd
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Bars, Drawing, Drawings, Figure, Item, Line, Panel, Points, Rule, arrange_in_lines
-from mocap_id.reporting.grids import Grid, number, show_estimate
+from mocap_id.reporting.grids import Grid, numbers, show_estimate
 from mocap_id.reporting.page import KeyNumber, Section
 from mocap_id.reporting.study.cohort import CohortData, render_study_page, spread_evenly, to_floats
 
@@ -99,8 +99,8 @@ def _make_sections(data: CohortData, reference: str) -> Iterator[Section]:
     trials = data.tables["trials"].grid(
         "Every trial",
         "trial subject condition number verdict",
-        number("repetitions", "repetitions", 0),
-        number("normalised", "normalised", 2),
+        numbers("repetitions", "repetitions", 0),
+        numbers("normalised", "normalised", 2),
         "partial end end_rule why",
     )
     yield Section("trials", "Trials", (trials,))

@@ -15,7 +15,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.downsampling import thin_curve
 from mocap_id.reporting.figure import Band, Dash, Drawing, Drawings, Figure, Item, Line, Panel, Points, Text
-from mocap_id.reporting.grids import Grid, GridColumn, number, text
+from mocap_id.reporting.grids import Grid, GridColumn, numbers, texts
 from mocap_id.reporting.numbers import UNKNOWN, show_fixed, to_number
 from mocap_id.reporting.page import Page, Section
 from mocap_id.reporting.study.cohort import TrialEntry, count_passed
@@ -143,12 +143,12 @@ def _list_grids(data: RobotStudyData) -> Iterator[Grid]:
     yield data.overview.grid(
         "Every trial, with states from the cameras; errors of my₂ and Izz₂ ± sd, relative to the reference",
         "trial verdict codes base base_error",
-        number("acceleration r²", "ddtheta_r2", 4),
+        numbers("acceleration r²", "ddtheta_r2", 4),
         "condition",
         GridColumn("error of my₂ (%)", lambda row: _show_error(row, "my2")),
         GridColumn("error of Izz₂ (%)", lambda row: _show_error(row, "Izz2")),
-        text("Izz₂ is", "Izz2_verdict", UNKNOWN),
-        number("torque r²", "torque_r2", 4),
+        texts("Izz₂ is", "Izz2_verdict", UNKNOWN),
+        numbers("torque r²", "torque_r2", 4),
         "encoder_offset",
         rows=trials[trials["method"] == "cameras"],
     )

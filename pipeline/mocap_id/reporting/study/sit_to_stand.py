@@ -11,7 +11,7 @@ import pandas as pd
 from mocap_id.reporting import style
 from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Item, Panel, Points, Symbol, arrange_in_lines
-from mocap_id.reporting.grids import mean_sd, text
+from mocap_id.reporting.grids import means_with_sd, texts
 from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed
 from mocap_id.reporting.page import KeyNumber, Section
 from mocap_id.reporting.study.cohort import (
@@ -70,7 +70,7 @@ def _make_sections(data: CohortData) -> Iterator[Section]:
     trials = tables["trials"].grid(
         "Every trial; errors of the centre of pressure are rms, off the chair",
         "trial",
-        text("subject", "subject"),
+        texts("subject", "subject"),
         "strategy verdict repetitions five_times reprojection condition_number",
         "cop_x_own_rms cop_x_held_out_rms cop_x_reference_rms",
     )
@@ -95,7 +95,7 @@ def _make_sections(data: CohortData) -> Iterator[Section]:
         tables["models"].grid(
             caption,
             "action condition_number_mean model pairs Fy_mean tauz_mean cop_x_mean",
-            *(mean_sd(f"τ{k} (N·m)", f"tau_{k}") for k in torques),
+            *(means_with_sd(f"τ{k} (N·m)", f"tau_{k}") for k in torques),
             rows=rows,
         )
         for caption, rows in (
@@ -118,7 +118,7 @@ def _make_sections(data: CohortData) -> Iterator[Section]:
     doubts = tables["models"].grid(
         "Predictions that could not be made, or that the recordings do not support",
         "action_trial model_trial",
-        text("why", lambda row: row["why"] or "; ".join(map(name_code, row["codes"].split(", ")))),
+        texts("why", lambda row: row["why"] or "; ".join(map(name_code, row["codes"].split(", ")))),
         rows=doubtful[(doubtful["why"] != "") | (doubtful["codes"] != "")],
     )
     yield Section("models", "Forces and torques by every model", (all_people, doubts), ("pressure",), (each_person,))

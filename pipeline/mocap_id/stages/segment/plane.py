@@ -20,7 +20,7 @@ from mocap_id.kinematics import (
     segment_markers,
 )
 from mocap_id.kinematics.marker_faults import BadStretch, RecordedMarkers, find_bad_stretches, find_repeats, sample_rows
-from mocap_id.protocols.body_names import LONGEST, name_bodies
+from mocap_id.protocols.body_names import LONGEST, name_chain
 from mocap_id.protocols.kind_of_movement import ELSEWHERE, recognise_movement
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.marker_names import find_markers
@@ -61,7 +61,7 @@ def segment(context: Context) -> Outputs:
     planarity = _measure_planarity(points[:, found.segment > 0])
     not_planar = _check_planarity(planarity, settings)
     foot = is_foot_a_segment(lift, labels, found)
-    usual, joint_names = name_bodies(trial.protocol, found.count, foot_turns=foot)
+    usual, joint_names = name_chain(trial.protocol, found.count, foot_turns=foot)
     names = usual if settings.names is None else check_names(settings.names, found.count)
     doubts = _explain_doubts(found, joint_names)
     counted = settings.count is not None and settings.count_alone is None  # by the user, not by a study
