@@ -80,14 +80,8 @@ def find_contact_in_low_phases(posture: Posture, evidence: BoolArray) -> BoolArr
 def extend_contact_to_release(time: FloatArray, touching: BoolArray, seat_force: FloatArray) -> BoolArray:
     """Return True (T,) for the samples with contact, extended from ``touching`` to the instants of zero chair force.
 
-    Parameters
-    ----------
-    time : (T,) array
-        Sample times, s.
-    touching : (T,) bool array
-        Samples with a chair force above the noise.
-    seat_force : (T,) array
-        Vertical force of the chair, N, not filtered because a low-pass would blur its end.
+    ``time`` (T,) are the sample times, s, and ``touching`` (T,) marks the samples with a chair force above the noise.
+    ``seat_force`` (T,) is the vertical force of the chair, N, not filtered because a low-pass would blur its end.
     """
     out = touching.copy()
     for run in find_runs(touching):
@@ -128,12 +122,7 @@ def estimate_noise_on_chair(seat_force: FloatArray, height: FloatArray) -> float
 def compute_contact_threshold(noise: float, weight: float) -> float:
     """Return the chair force above which there is contact, N.
 
-    Parameters
-    ----------
-    noise : float
-        Standard deviation of the chair's force without contact, N.
-    weight : float
-        Standing weight, N.
+    ``noise`` is the standard deviation of the chair's force without contact, N, and ``weight`` the standing weight, N.
     """
     return float(np.clip(_THRESHOLD_SDS * noise, _THRESHOLD_RANGE[0] * weight, _THRESHOLD_RANGE[1] * weight))
 
@@ -215,12 +204,8 @@ def find_contact(
 ) -> Contact:
     """Find the samples with chair contact by a rule of this module.
 
-    Parameters
-    ----------
-    weight_share : float
-        Share of the standing weight under the feet at which the chair is released (rule ``weight``).
-    knee_bend : float
-        Angle of the knee below which the person is off the chair (rule ``knee``), rad.
+    ``weight_share`` is the share of the standing weight under the feet at which the chair is released (rule
+    ``weight``), ``knee_bend`` the angle of the knee below which the person is off the chair (rule ``knee``), rad.
     """
     if prepared.recorded.seat is not None:
         return find_contact_by_seat_plate(prepared, posture)

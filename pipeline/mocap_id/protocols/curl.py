@@ -213,14 +213,10 @@ class TrialEnd:
 
 
 def find_trial_end(time: FloatArray, axis: FloatArray, curls: tuple[Curl, ...], rules: CurlRules) -> TrialEnd:
-    """Find the end of a trial: the earliest time at which one of the three rules ends it.
+    """Find the end of a trial: the earliest time at which one of the rules ends it.
 
-    Parameters
-    ----------
-    time : (T,) array
-        Sample times, s.
-    axis : (T, 3) array
-        Unit vector of the elbow's axis in the trial's axes, towards the right; NaN where unknown.
+    ``time`` (T,) are the sample times, s. ``axis`` (T, 3) is the unit vector of the elbow's axis in the trial's axes,
+    towards the right; NaN where unknown.
     """
     done, ends = [curl for curl in curls if curl.complete], []
     # the first failed attempt after the last complete curl
@@ -297,14 +293,8 @@ def measure_compensation(
 ) -> tuple[Compensation | None, ...]:
     """Measure the motion of an angle of shoulder or thorax during every curl.
 
-    The entry of a curl is None if it is a failed attempt or if the angle is unknown in it.
-
-    Parameters
-    ----------
-    time : (T,) array
-        Sample times, s.
-    angle, sd : (T,) arrays
-        Angle and standard deviation of its changes, rad; NaN where unknown.
+    The entry of a curl is None if it is a failed attempt or if the angle is unknown in it. ``time`` (T,) are the sample
+    times, s; ``angle`` and ``sd`` (T,) are the angle and the standard deviation of its changes, rad; NaN where unknown.
     """
     spans = [slice(*np.searchsorted(time, [curl.start, curl.end])) if curl.timed else None for curl in curls]
     used = [span for span in spans if span is not None and np.isfinite(angle[span]).all() and span.stop > span.start]
@@ -355,14 +345,9 @@ def fit_part_in_step(  # noqa: PLR0917
 ) -> InStep | None:
     """Fit the part of an angle that depends on the flexion alone; None if the angle is known in no complete curl.
 
-    Parameters
-    ----------
-    time : (T,) array
-        Sample times, s.
-    angle, sd, flexion : (T,) arrays
-        Angle, standard deviation of its changes, and flexion of the elbow, rad; NaN where unknown.
-    axis : (2, 2) array or None
-        Covariance of the elbow's axis along x and y of the upper arm, rad²; None if unknown.
+    ``time`` (T,) are the sample times, s; ``angle``, ``sd`` and ``flexion`` (T,) are the angle, the standard deviation
+    of its changes, and the flexion of the elbow, rad; NaN where unknown. ``axis`` (2, 2) is the covariance of the
+    elbow's axis along x and y of the upper arm, rad²; None if unknown.
     """
     spans = (slice(*np.searchsorted(time, [curl.start, curl.end])) for curl in curls if curl.timed)
     basis = np.stack([np.cos(flexion), np.sin(flexion)], axis=1)

@@ -268,12 +268,8 @@ class LoadShare(Result):
 def find_foot_plates(across: Sequence[tuple[int, float]], forwards: int) -> tuple[int, int] | str:
     """Return the numbers of the plates under left and right foot, or a text that says why they are unknown.
 
-    Parameters
-    ----------
-    across : sequence of (int, float)
-        Number of every plate under the feet, and the z coordinate of its load in the plane's axes, m.
-    forwards : {-1, 1}
-        1 if the person faces x in the plane's axes, -1 if the person faces -x and z points to the left of the person.
+    ``across`` has the number of every plate under the feet, and the z coordinate of its load in the plane's axes, m.
+    ``forwards`` is 1 if the person faces x in the plane's axes, -1 if the person faces -x and z points to the left.
     """
     if len(across) != 2:
         return f"left and right need one plate under each foot, but the feet are on {len(across)} plates"
@@ -288,12 +284,8 @@ def compute_load_share(
 ) -> dict[str, FloatArray]:
     """Return the mean share of the left foot in the load, by phase in :data:`LOAD_PHASES`, (R,) for the R repetitions.
 
-    Parameters
-    ----------
-    time : (T,) array
-        Sample times, s.
-    left, right : (T,) arrays
-        Vertical force under each foot, N; NaN where unknown.
+    ``time`` (T,) are the sample times, s; ``left`` and ``right`` (T,) are the vertical forces under each foot, N; NaN
+    where unknown.
     """
     out = {phase: np.full(len(repetitions), np.nan) for phase in LOAD_PHASES}
     before = -np.inf

@@ -192,14 +192,7 @@ class Agreement:
 def resample_repetitions(time: FloatArray, values: FloatArray, bounds: FloatArray) -> FloatArray:
     """Return a signal at 0, 1 … 100 % of each repetition, (R, 101); NaN next to missing samples.
 
-    Parameters
-    ----------
-    time : (T,) array
-        Sample times, s.
-    values : (T,) array
-        Signal; NaN where missing.
-    bounds : (R, 2) array
-        Start and end of each repetition, s.
+    ``values`` (T,) is the signal at ``time`` (T,), s; ``bounds`` (R, 2) are start and end of each repetition, s.
     """
     return interpolate_at(time, values, bounds[:, :1] + (bounds[:, 1:] - bounds[:, :1]) * GRID)
 

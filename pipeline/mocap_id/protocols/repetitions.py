@@ -43,12 +43,8 @@ class Posture:
 def compute_posture(q: FloatArray, dq: FloatArray, centres: FloatArray) -> Posture:
     """Compute the height of the hip for a chain whose base is on the ground.
 
-    Parameters
-    ----------
-    q, dq : (T, n) arrays
-        Joint angles, rad, and their velocities, rad/s; NaN where unknown.
-    centres : (n, 2) array
-        Joint centres in the axes of the previous segment, m.
+    ``q`` and ``dq`` (T, n) are the joint angles, rad, and their velocities, rad/s; NaN where unknown. ``centres`` (n,
+    2) are the joint centres in the axes of the previous segment, m.
     """
     _, origin = planar.segment_poses(q, centres)
     heights = origin[:, 1:, 1]
@@ -202,16 +198,9 @@ def find_share_crossing(time: FloatArray, vertical: FloatArray, share: float, re
     """Return the time at which the force under the feet last rises above a share of the weight before its peak, s.
 
     The time is interpolated between samples; it is NaN if no crossing is known. Crossings after the peak are ignored,
-    because at the end of a fast rise the force is below the share for a short time.
-
-    Parameters
-    ----------
-    time : (T,) array
-        Sample times, s.
-    vertical : (T,) array
-        Vertical force under the feet divided by the standing weight; NaN where unknown.
-    share : float
-        Share of the standing weight; 0.72 in the thesis.
+    because at the end of a fast rise the force is below the share for a short time. ``time`` (T,) are the sample times,
+    s; ``vertical`` (T,) is the vertical force under the feet divided by the standing weight, NaN where unknown;
+    ``share`` is 0.72 in the thesis.
     """
     rise = np.flatnonzero((time >= repetition.start) & (time <= repetition.stand))
     if not len(rise) or not np.isfinite(vertical[rise]).any():

@@ -23,14 +23,8 @@ def find_sit_to_stand_repetitions(
 ) -> tuple[Repetition, ...]:
     """Find the repetitions of rising from a chair and sitting down, or of squatting.
 
-    Parameters
-    ----------
-    time : (T,) array
-        Sample times, s.
-    touching : (T,) bool array or None
-        Samples with chair contact; None if unknown.
-    chair : bool or None
-        Whether a chair is used; None if unknown, which counts as True.
+    ``time`` (T,) are the sample times, s; ``touching`` (T,) marks the samples with chair contact, None if unknown.
+    ``chair`` says whether a chair is used; None, if unknown, counts as True.
     """
     if not posture.moves:
         return ()

@@ -19,16 +19,7 @@ _DETAIL = 8.0  # s
 def draw(course: Trajectory, joints: Sequence[str], limits: MovementLimits, words: str) -> Figure:
     """Return the figure; call this within :func:`mocap_id.reporting.paper_figures.use_paper_style`.
 
-    Parameters
-    ----------
-    course : Trajectory
-        The movement.
-    joints : sequence of str
-        Names of the joints.
-    limits : MovementLimits
-        Limits of the angles, drawn as dotted lines.
-    words : str
-        Instruction for the person: the title of the figure.
+    ``limits`` of the angles are dotted lines. ``words``, the instruction for the person, are the title of the figure.
     """
     drawing = paper_figures.make_figure(0.9 + _PANEL * len(joints))
     panels = drawing.subplots(len(joints), 2, squeeze=False, sharey="row", width_ratios=[2, 1])

@@ -11,20 +11,10 @@ BINS = 450
 
 
 def thin_curve(time: FloatArray, values: FloatArray, bins: int = BINS) -> tuple[FloatArray, FloatArray]:
-    """Return the lowest and the highest sample of a curve in each bin, in order of time.
+    """Return the lowest and the highest sample of a curve in each bin, in order of time; K ≤ 3 bins samples.
 
-    Parameters
-    ----------
-    time : (T,) array
-    values : (T,) array
-        NaN interrupts the curve; of a bin with NaN values, one NaN is also returned.
-    bins : int
-        Number of bins. A curve with at most ``3 * bins`` samples is returned unchanged.
-
-    Returns
-    -------
-    time, values : (K,) arrays
-        Subset of the input samples; K ≤ 3 bins.
+    NaN in ``values`` (T,) interrupts the curve; of a bin with NaN values, one NaN is also returned. A curve with at
+    most ``3 * bins`` samples is returned unchanged.
     """
     if len(time) <= 3 * bins:
         return time, values
@@ -42,19 +32,10 @@ def thin_curve(time: FloatArray, values: FloatArray, bins: int = BINS) -> tuple[
 def thin_band(
     time: FloatArray, low: FloatArray, high: FloatArray, bins: int = BINS
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return a band with the minimum of its lower edge and the maximum of its upper edge in each bin.
+    """Return a band with the minimum of its lower edge and the maximum of its upper edge in each bin; K ≤ bins samples.
 
-    Parameters
-    ----------
-    time, low, high : (T,) arrays
-        NaN where unknown.
-    bins : int
-        Number of bins. A band with at most ``bins`` samples is returned unchanged.
-
-    Returns
-    -------
-    time, low, high : (K,) arrays
-        Mean time of each bin, and the two edges; K ≤ bins. Edges are NaN if a whole bin is unknown.
+    The result has the mean time of each bin and the two edges, NaN if a whole bin is unknown. A band with at most
+    ``bins`` samples is returned unchanged. ``time``, ``low`` and ``high`` are (T,) arrays, NaN where unknown.
     """
     if len(time) <= bins:
         return time, low, high

@@ -176,14 +176,9 @@ def show_ends(ends: Sequence[float] | None, decimals: int) -> str:
 def to_grid(caption: str, rows: Iterable[Any], columns: Sequence[GridColumn], index: str = "") -> Grid:
     """Return the table of these rows as texts, with unprintable characters replaced.
 
-    Parameters
-    ----------
-    caption : str
-    rows : iterable, mapping or DataFrame
-        Mappings or objects from which the columns take their values.
-    columns : sequence of GridColumn
-    index : str, optional
-        Heading of an additional first column: the keys if ``rows`` is a mapping, else the numbers of the rows, from 1.
+    ``rows`` are mappings or objects from which the columns take their values, a mapping of them, or a DataFrame.
+    ``index`` is the heading of an additional first column: the keys if ``rows`` is a mapping, else the numbers of the
+    rows, from 1.
     """
     keys: Iterable[Any] = itertools.count(1)
     if isinstance(rows, Mapping):

@@ -24,12 +24,7 @@ _PLAYER_HEIGHT = 860  # pixels, in a notebook 60rem wide
 def render_notebook_view(document: Mapping[str, Any], player: Player | None = None) -> str:
     """Return the verdict, the main numbers with 95 % intervals, and the player as an HTML fragment.
 
-    Parameters
-    ----------
-    document : mapping
-        Content of ``summary.json``.
-    player : Player, optional
-        Player of the trial; without it, the HTML fragment has no script.
+    ``document`` is the content of ``summary.json``. Without a ``player``, the HTML fragment has no script.
     """
     summary = Summary.model_validate(document)
     headline, lead = LEVELS[summary.verdict.level]

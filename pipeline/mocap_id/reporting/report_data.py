@@ -186,23 +186,10 @@ class ReportData(ArtefactSet):
 
 
 def read_positions(planar: LongTable, time: FloatArray, labels: Sequence[str], axes: str = "xy") -> FloatArray:
-    """Return the measured marker positions at some instants, in the plane of motion or in space.
+    """Return the measured marker positions at some instants, (K, M, 2) in the plane of motion or (K, M, 3) in space, m.
 
-    Parameters
-    ----------
-    planar : LongTable
-        ``planar.parquet``.
-    time : (K,) array
-        Instants, s; the positions at an instant are NaN if no frame has exactly this time.
-    labels : sequence of str
-        Distinct labels of M markers.
-    axes : str
-        ``xy`` in the plane or ``xyz`` in space.
-
-    Returns
-    -------
-    (K, M, 2) or (K, M, 3) array
-        Positions, m; NaN where a marker was not visible.
+    ``planar`` is ``planar.parquet``; ``time`` (K,) are the instants, s; ``labels`` are the M markers, and ``axes`` is
+    ``xy`` or ``xyz``. A position is NaN if no frame has exactly this time, or if the marker was not visible.
     """
     found = np.full((len(time), len(labels), len(axes)), np.nan)
     row = np.searchsorted(planar.time, time).clip(0, len(planar.time) - 1)

@@ -64,12 +64,8 @@ class VisitedRegion:
 def find_visited_region(postures: FloatArray, limits: FloatArray) -> VisitedRegion | None:
     """Return the region of the visited postures; None if the postures are too few or if the hull has no volume.
 
-    Parameters
-    ----------
-    postures : (T, 4) array
-        Plane, elevation, axial rotation and flexion, rad.
-    limits : (4, 2) array
-        Robust ranges of these angles, rad; postures outside are moved to the limit.
+    ``postures`` (T, 4) are plane, elevation, axial rotation and flexion, rad. ``limits`` (4, 2) are the robust ranges
+    of these angles, rad; postures outside are moved to the limit.
     """
     from scipy.spatial import ConvexHull, QhullError  # noqa: PLC0415  only a reach needs it
 
@@ -171,12 +167,8 @@ def compute_reachable_set(
 ) -> ReachableSet:
     """Return the set of positions that the wrist can reach, relative to the shoulder at the middle elevation.
 
-    Parameters
-    ----------
-    limits : (4, 2) array
-        Lowest and highest plane, elevation, axial rotation and flexion, rad.
-    planes : PlaneRange, optional
-        Range of the plane, which depends on the other angles; by default the range in ``limits``.
+    ``limits`` (4, 2) are the lowest and highest plane, elevation, axial rotation and flexion, rad. ``planes`` gives the
+    range of the plane, which depends on the other angles; by default, it is the range in ``limits``.
     """
     solver = _Solver.create(arm, limits, grid)
     solutions = [solver.solve_at_elevations(sign) for sign in (-1.0, 1.0)]

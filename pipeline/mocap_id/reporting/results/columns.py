@@ -144,11 +144,7 @@ class ResultTable:
     def of(cls, schema: TableSchema, rows: Iterable[Any]) -> ResultTable:
         """Return the table of these rows; where a row has no value for a column, the value is missing.
 
-        Parameters
-        ----------
-        schema : TableSchema
-        rows : iterable
-            Mappings of column names to values, or objects from which the columns take their values.
+        ``rows`` are mappings of column names to values, or objects from which the columns take their values.
 
         Raises
         ------
@@ -190,13 +186,8 @@ class ResultTable:
     def grid(self, caption: str, *columns: str | GridColumn, rows: pd.DataFrame | None = None) -> Grid:
         """Return a table of a page.
 
-        Parameters
-        ----------
-        caption : str
-        columns : str or GridColumn
-            Names of columns as they are declared, separated by blanks; or columns of this page alone.
-        rows : DataFrame, optional
-            Rows of the table's frame; all rows by default.
+        ``columns`` are names of columns as they are declared, separated by blanks, or columns of this page alone.
+        ``rows`` are rows of the table's frame; all rows by default.
         """
         shown = {one.name: one.shown for one in self.schema.columns if isinstance(one, ResultColumn) and one.shown}
         listed: list[GridColumn] = []
@@ -228,10 +219,7 @@ class ResultTable:
     def parquet(self, kind: str) -> bytes:
         """Return the content of a Parquet file with the table; units and meanings are in the field metadata.
 
-        Parameters
-        ----------
-        kind : str
-            Kind of the result, such as ``study``. It is the first part of the schema's name in the metadata.
+        ``kind`` of the result, such as ``study``, is the first part of the schema's name in the metadata.
         """
         about = {"schema": f"{kind}/{self.schema.file}", "schema_version": str(self.schema.version)}
         metadata = {f"{PREFIX}{key}": text for key, text in {**about, "product": __version__}.items()}

@@ -56,14 +56,10 @@ class Shape:
 
 
 def render_reach_page(data: CohortData, shapes: Sequence[Shape]) -> bytes:
-    """Return the HTML page in UTF-8.
+    """Return the HTML page in UTF-8, from the tables `people`, `correlation`, `differences` and `trials`.
 
-    Parameters
-    ----------
-    data : CohortData
-        Data of the study with the tables `people`, `correlation`, `differences` and `trials`.
-    shapes : sequence of Shape
-        Surfaces of reachable volumes, at most one for each person, side and session, in the order of the sessions.
+    ``shapes`` are surfaces of reachable volumes, at most one for each person, side and session, in the order of
+    sessions.
     """
     return render_study_page(
         data, _make_key_numbers(data), _make_sections(data), draw_reach_figures(data, shapes), _FOOTER
