@@ -236,9 +236,9 @@ def find_trial_end(time: FloatArray, axis: FloatArray, curls: tuple[Curl, ...], 
                 ends.append(TrialEnd(curl.end, "stopped", why))
                 break
     # before the first complete curl that is out of the metronome's tempo
-    for curl in done if period is not None else ():
+    for curl in done:
         duration = curl.end - curl.start
-        if abs(duration - period) > rules.tempo * period:
+        if period is not None and abs(duration - period) > rules.tempo * period:
             why = f"the next curl takes {duration:.2f} s, expected {period:.2f} s ± {100 * rules.tempo:.0f} %"
             ends.append(TrialEnd(curl.start, "tempo", why))
             break

@@ -133,7 +133,7 @@ def quantities(kind: type[Result], names: str = "") -> list[GridColumn]:
         if one.sd:
             columns.append(with_sd(head, name, one.sd, factor))
         elif name.startswith("interval"):
-            columns.append(GridColumn(head, partial(_show_field_ends, name=name, decimals=decimals)))
+            columns.append(GridColumn(head, partial(_show_field_ends, name=name, decimals=decimals or 0)))
         else:
             columns.append(numbers(head, name, decimals, factor))
     return columns

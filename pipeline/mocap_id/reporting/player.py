@@ -101,8 +101,8 @@ class Player:
         shape = np.array([_SHAPE, 1.0])
         half = 0.56 * max(float(np.max((high - low) / shape)), 1e-3) * shape
         (left, below), (right, above) = (0.5 * (low + high) - half).tolist(), (0.5 * (low + high) + half).tolist()
-        items = (Rule("y", 0.0, style.FAINT), *items)
-        return Panel(items, x=ALONG, y=UP, x_range=(left, right), y_range=(below, above), equal=True, height=TALL)
+        drawn = (Rule("y", 0.0, style.FAINT), *items)
+        return Panel(drawn, x=ALONG, y=UP, x_range=(left, right), y_range=(below, above), equal=True, height=TALL)
 
 
 def make_player(data: ReportData) -> Player | None:

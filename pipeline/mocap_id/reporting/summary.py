@@ -175,7 +175,7 @@ def _summarise_noise(data: ReportData) -> schema.NoiseEntry:
 
 def _summarise_dynamics(data: ReportData) -> schema.DynamicsEntry:
     facts, measured = data.facts("dynamics.h5"), data.facts("wrench.parquet")
-    identified = {
+    identified: dict[str, Any] = {
         "base": _summarise_parameters(data),
         "wrench": _summarise_channels(facts.get("wrench")) or None,
         "motion": _summarise_motion(data),
@@ -496,7 +496,7 @@ def summarise_curls(data: ReportData) -> schema.CurlsEntry:
     if facts is None:
         return schema.CurlsEntry(why="only `protocol: curl` counts curls")
     torque = [one for one in facts.get("torque") or () if one is not None]
-    peak = max(torque, key=lambda one: one["peak_Nm"], default={})
+    peak: Mapping[str, Any] = max(torque, key=lambda one: one["peak_Nm"], default={})
     end, in_step = facts.get("end") or {}, facts.get("in_step") or {}
     return schema.CurlsEntry.of(
         facts

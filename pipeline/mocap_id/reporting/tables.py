@@ -76,7 +76,8 @@ def list_chain(summary: Summary) -> tuple[Grid, ...]:
     def centre(joint: JointEntry, k: int) -> str:
         if not joint.known:
             return "not determined by the motion"
-        return show_with_sd(*(None if values is None else values[k] for values in (joint.centre_m, joint.sd_m)))
+        middle, sd = (None if values is None else values[k] for values in (joint.centre_m, joint.sd_m))
+        return show_with_sd(middle, sd)
 
     zeros = (texts("angle is zero in", "zero"), with_sd("theta there (deg)", "zero_deg", "zero_sd_deg"))
     notes = (
@@ -315,7 +316,7 @@ def list_wrench_errors(data: ReportData, summary: Summary) -> tuple[Grid, ...]:
         (*components, GridColumn("centre of pressure (mm)", partial(error, part="cop_x", factor=1e3))),
         "predicted by",
     )
-    bodies = {"identified model": dynamics, **dynamics.rivals} if dynamics.rivals else {}
+    bodies: dict[str, Any] = {"identified model": dynamics, **dynamics.rivals} if dynamics.rivals else {}
     references = to_grid(
         f"Errors of the model and of allometric bodies, {band}: bias ± standard deviation",
         {name: {**(body.wrench or {}), "cop_rms_m": body.cop_rms_m} for name, body in bodies.items()},

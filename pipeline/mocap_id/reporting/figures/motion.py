@@ -221,9 +221,9 @@ def collect_joint_curves(data: ReportData) -> list[JointCurves]:
             stems = (f"{_ANATOMICAL.get(skeleton.segments[j + 1], joint)}_", f"joint_{j + 1}_")
             own = [name for name in left if name.startswith(stems)]
             left = [name for name in left if name not in own]
-            observed = seen
+            observed: BoolArray = seen
             if poses is not None and len(poses.time) == len(angles.time):
-                observed = poses.observed[:, [skeleton.chain.parents[j], j + 1]].all(axis=1)
+                observed = np.asarray(poses.observed[:, [skeleton.chain.parents[j], j + 1]].all(axis=1))
             members.append((joint, own, observed))
     found = []
     for joint, own, observed in (*members, ("other angles", left, seen)):

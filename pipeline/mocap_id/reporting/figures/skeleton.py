@@ -57,7 +57,10 @@ def draw_skeleton(data: ReportData) -> Figure | str:
         low, high = style.find_extent([getattr(item, axis) for item in drawn]) or (-1.0, 1.0)
         margin = 0.1 * max(high - low, 1e-3)
         ranges.append((low - margin, high + margin))
-    return Figure((tuple(Panel(items, title, ALONG, UP, *ranges, equal=True, height=4.6) for title, items in found),))
+    across, up = ranges
+    return Figure(
+        (tuple(Panel(items, title, ALONG, UP, across, up, equal=True, height=4.6) for title, items in found),)
+    )
 
 
 def choose_moments(motion: JointStates, events: Table | None) -> tuple[tuple[str, int], ...]:
@@ -264,13 +267,16 @@ def draw_spatial_skeleton(data: ReportData) -> Figure | str:
             for number in np.unique(segment).tolist():
                 known = (segment == number) & np.isfinite(markers[k]).all(axis=1)
                 look: Any = {"symbol": "x" if number < 0 else "dot", "size": 3.2, "names": tuple(names[known].tolist())}
-                items.append(Points(*project(markers[k, known], turn, tilt).T, style.pick_colour(number), **look))
+                x_seen, y_seen = project(markers[k, known], turn, tilt).T
+                items.append(Points(x_seen, y_seen, style.pick_colour(number), **look))
             if sticks is not None:
                 for number, ends in zip(sticks.segments, sticks.sticks, strict=True):
                     name, colour = style.clean(data.segment_names[number], 20), style.pick_colour(number)
-                    items.append(Line(*project(ends[k], turn, tilt).T, colour, name, width=3.5, opacity=0.55))
+                    x_seen, y_seen = project(ends[k], turn, tilt).T
+                    items.append(Line(x_seen, y_seen, colour, name, width=3.5, opacity=0.55))
                 look = {"symbol": "ring", "size": 9.0, "names": tuple(style.clean(name, 24) for name in sticks.names)}
-                items.append(Points(*project(sticks.joints[k], turn, tilt).T, style.INK, **look))
+                x_seen, y_seen = project(sticks.joints[k], turn, tilt).T
+                items.append(Points(x_seen, y_seen, style.INK, **look))
             title = view if panels else f"{moment:.2f} s, {view}"
             across, up = ((float(at - half), float(at + half)) for at in project(middle, turn, tilt))
             panels.append(Panel(tuple(items), title, x, y, across, up, equal=True, height=2.9))
