@@ -207,9 +207,29 @@ def find_contact(
     ``weight_share`` is the share of the standing weight under the feet at which the chair is released (rule
     ``weight``), ``knee_bend`` the angle of the knee below which the person is off the chair (rule ``knee``), rad.
     """
-    if prepared.recorded.seat is not None:
-        return find_contact_by_seat_plate(prepared, posture)
     vertical = prepared.recorded.surroundings[:, 1]
+    if prepared.recorded.seat is not None:  # the chair has its own plate
+        everything = np.ones(len(vertical), dtype=bool)  # all forces are measured
+        offset = fit(prepared, everything).offset if determines_parameters(prepared, everything) else 0.0
+        seat = prepared.external(offset)[[each.name for each in prepared.recorded.external].index(SEAT)][:, 1]
+        weight = measure_standing_weight(posture, prepared.measured(offset)[:, 1])
+        if np.isnan(weight):  # the person never stands, so feet and chair together carry the weight
+            weight = float(np.nanmedian(vertical))
+        threshold = compute_contact_threshold(float(np.nanstd(seat[posture.upright])), weight)
+        with np.errstate(invalid="ignore"):
+            above_noise = find_contact_in_low_phases(posture, seat > threshold)
+            touching = extend_contact_to_release(prepared.recorded.time, above_noise, seat)
+        unmeasured = ~np.isfinite(prepared.recorded.seat.wrench[:, 1]) & ~find_samples_off_chair(posture)
+        return Contact(
+            bool(touching.any()),
+            touching,
+            everything,
+            unmeasured,
+            weight,
+            threshold,
+            "seat-plate",
+            above_noise=above_noise,
+        )
     weight = measure_standing_weight(posture, vertical)
     chair = uses_chair(posture, vertical, weight)
     if chair is False:
@@ -231,32 +251,6 @@ def find_contact(
     if rule == "weight" or 1 not in prepared.settings.components or not determines_parameters(prepared, first):
         return Contact(True, by_weight, ~by_weight, ~first, weight, None, "weight")
     return _find_contact_by_seat_force(prepared, posture, first, weight)
-
-
-def find_contact_by_seat_plate(prepared: PreparedTrial, posture: Posture) -> Contact:
-    """Find the chair contact by the chair's own plate; all samples are usable because all forces are measured."""
-    assert prepared.recorded.seat is not None
-    everything = np.ones(len(prepared.recorded.time), dtype=bool)
-    offset = fit(prepared, everything).offset if determines_parameters(prepared, everything) else 0.0
-    seat = prepared.external(offset)[[each.name for each in prepared.recorded.external].index(SEAT)][:, 1]
-    weight = measure_standing_weight(posture, prepared.measured(offset)[:, 1])
-    if np.isnan(weight):  # the person never stands, so feet and chair together carry the weight
-        weight = float(np.nanmedian(prepared.recorded.surroundings[:, 1]))
-    threshold = compute_contact_threshold(float(np.nanstd(seat[posture.upright])), weight)
-    with np.errstate(invalid="ignore"):
-        above_noise = find_contact_in_low_phases(posture, seat > threshold)
-        touching = extend_contact_to_release(prepared.recorded.time, above_noise, seat)
-    unmeasured = ~np.isfinite(prepared.recorded.seat.wrench[:, 1]) & ~find_samples_off_chair(posture)
-    return Contact(
-        bool(touching.any()),
-        touching,
-        everything,
-        unmeasured,
-        weight,
-        threshold,
-        "seat-plate",
-        above_noise=above_noise,
-    )
 
 
 def _find_contact_by_seat_force(prepared: PreparedTrial, posture: Posture, first: BoolArray, weight: float) -> Contact:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -89,7 +88,7 @@ def recognise_movement(labels: Sequence[str], positions: FloatArray, rate: float
         seen = np.isfinite(part).all(axis=2).sum(axis=0) > _SEEN * len(part)
         if seen.sum() < 2 or len(part) < 4:
             return RecognisedMovement("unknown", "too few markers are visible")
-        tracks = _Tracks([label for label, kept in zip(labels, seen, strict=True) if kept], part[:, seen], rate)
+        tracks = _Tracks.of([label for label, kept in zip(labels, seen, strict=True) if kept], part[:, seen], rate)
         if np.percentile(tracks.way, 90) < _STILL * tracks.height:
             return RecognisedMovement("still", f"no marker moves farther than {100 * tracks.way.max():.0f} cm")
         found = _find_steps(tracks) or _find_flight(tracks)
@@ -98,7 +97,7 @@ def recognise_movement(labels: Sequence[str], positions: FloatArray, rate: float
         time = np.arange(len(part)) / rate
         base = find_base_motion(part, time, rate)
         if base is not None:  # feet that stand, step and stand again
-            tracks = _Tracks(tracks.labels, base.undo_positions(part, time)[:, seen], rate)
+            tracks = _Tracks.of(tracks.labels, base.undo_positions(part, time)[:, seen], rate)
         return _find_one_body(tracks) or _find_rise(tracks) or _recognise_arm(tracks)
 
 
@@ -109,38 +108,21 @@ class _Tracks:
     labels: Sequence[str]
     points: FloatArray  # (F, M, 3) lab axes with Z up, m
     rate: float  # frames per second
+    range: FloatArray  # (M, 3) range of every marker along the axes, m
+    way: FloatArray  # (M,) range of every marker, m
+    across: FloatArray  # (M,) horizontal range of every marker, m
+    middle: FloatArray  # (M, 3) median position of every marker, m
+    height: float  # height of the set of markers, m
+    above: FloatArray  # (M,) height of every marker above the lowest one, as share of the height
 
-    @cached_property
-    def range(self) -> FloatArray:
-        """Range of every marker along the axes (M, 3), m."""
-        low, high = np.nanpercentile(self.points, [2, 98], axis=0)
-        return np.asarray(high - low)
-
-    @cached_property
-    def way(self) -> FloatArray:
-        """Range of every marker (M,), m."""
-        return np.asarray(np.linalg.norm(self.range, axis=1))
-
-    @cached_property
-    def across(self) -> FloatArray:
-        """Horizontal range of every marker (M,), m."""
-        return np.asarray(np.hypot(self.range[:, 0], self.range[:, 1]))
-
-    @cached_property
-    def middle(self) -> FloatArray:
-        """Median position of every marker (M, 3), m."""
-        return np.asarray(np.nanmedian(self.points, axis=0))
-
-    @cached_property
-    def height(self) -> float:
-        """Height of the set of markers, m."""
-        low, high = np.nanpercentile(self.points[..., 2], [2, 98], axis=0)
-        return float(high.max() - low.min())
-
-    @cached_property
-    def above(self) -> FloatArray:
-        """Height of every marker above the lowest one (M,), as share of the height."""
-        return np.asarray((self.middle[:, 2] - self.middle[:, 2].min()) / self.height)
+    @classmethod
+    def of(cls, labels: Sequence[str], points: FloatArray, rate: float) -> _Tracks:
+        low, high = np.nanpercentile(points, [2, 98], axis=0)
+        extent, middle = high - low, np.nanmedian(points, axis=0)
+        height = float(high[:, 2].max() - low[:, 2].min())
+        way, across = np.linalg.norm(extent, axis=1), np.hypot(extent[:, 0], extent[:, 1])
+        above = (middle[:, 2] - middle[:, 2].min()) / height
+        return cls(labels, points, rate, extent, way, across, middle, height, above)
 
 
 def _find_steps(tracks: _Tracks) -> RecognisedMovement | None:

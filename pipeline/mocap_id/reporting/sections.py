@@ -131,7 +131,7 @@ def _make_spatial_sections(data: ReportData, summary: Summary, filtering: Grid) 
         grids = tables.list_reach(data, summary)
         protocol = [Section("reach", "Reach", grids, ("reach",), text=meaning, needs=needs)]
     elif "curl" in facts:
-        protocol = [Section("curls", "Curls", tables.list_curls(data), ("phase_portraits",), needs=needs)]
+        protocol = [Section("curls", "Curls", tables.list_curls(data, summary), ("phase_portraits",), needs=needs)]
     frames = "The frames of the segments are the ISB frames (Wu et al. 2005), computed from these landmarks."
     if data.facts("chain.h5").get("frames") != "isb":
         missing = "no landmarks were found" if not summary.landmarks else "the landmarks do not suffice for them"

@@ -39,6 +39,12 @@ def summarise(data: ReportData) -> schema.Summary:
         why_unknown("attempts: only a sit-to-stand has them", failed) if data.in_space else None,
         why_unknown("time_s: the run times of the stages were not recorded", seconds),
     )
+    residual = data.facts("states.parquet").get("reprojection_rms_m")
+    missing = data.facts("planar.parquet").get("missing_fraction")
+    why_markers = (
+        why_unknown(data.why_missing("states.parquet"), residual),
+        why_unknown(data.why_missing("planar.parquet"), missing),
+    )
     reasons = [schema.ReasonEntry(**reason.as_dict()) for reason in data.reasons]
     angles, skeleton, landmarks = data.angles, data.spatial_skeleton, {}
     if skeleton is not None:
@@ -65,7 +71,9 @@ def summarise(data: ReportData) -> schema.Summary:
         lengths_m=lengths,
         angles={} if angles is None else {name: _summarise_angle(data, k) for k, name in enumerate(angles.names)},
         landmarks=landmarks,
-        markers=_summarise_markers(data),
+        markers=schema.MarkersEntry(
+            reprojection_rms_mm=scale(residual, 1e3), missing_fraction=missing, why=join_sentences(why_markers)
+        ),
         noise=_summarise_noise(data),
         dynamics=_summarise_dynamics(data),
         repetitions=rises,
@@ -75,7 +83,7 @@ def summarise(data: ReportData) -> schema.Summary:
         encoder=_summarise_encoder(data),
         imus={name: schema.ImuEntry(**entry) for name, entry in data.facts("states.parquet").get("imus", {}).items()},
         workspace=_summarise_workspace(data),
-        curls=summarise_curls(data),
+        curls=_summarise_curls(data),
         time_s=seconds,
         why=join_sentences(why),
     )
@@ -149,16 +157,6 @@ def _summarise_chain(data: ReportData) -> tuple[list[schema.JointEntry] | None, 
         along = skeleton.centres[0] / value if value > 0 else np.zeros(2)
         lengths.insert(0, ("base", value, np.sqrt(along @ skeleton.covariance[0] @ along)))
     return joints, {name: schema.LengthEntry.explain(_NOT_FINITE, value=m, sd=sd) for name, m, sd in lengths}
-
-
-def _summarise_markers(data: ReportData) -> schema.MarkersEntry:
-    rms = data.facts("states.parquet").get("reprojection_rms_m")
-    missing = data.facts("planar.parquet").get("missing_fraction")
-    why = (
-        why_unknown(data.why_missing("states.parquet"), rms),
-        why_unknown(data.why_missing("planar.parquet"), missing),
-    )
-    return schema.MarkersEntry(reprojection_rms_mm=scale(rms, 1e3), missing_fraction=missing, why=join_sentences(why))
 
 
 def _summarise_noise(data: ReportData) -> schema.NoiseEntry:
@@ -490,7 +488,7 @@ def _summarise_angle(data: ReportData, k: int) -> schema.AngleEntry:
     )
 
 
-def summarise_curls(data: ReportData) -> schema.CurlsEntry:
+def _summarise_curls(data: ReportData) -> schema.CurlsEntry:
     """Return counts, end of the trial, compensation, torque and fatigue; null with a ``why`` for other protocols."""
     facts = data.facts(_EVENTS).get("curl")
     if facts is None:

@@ -37,7 +37,6 @@ from mocap_id.reporting.numbers import (
     show_with_sd,
 )
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.summary import summarise_curls
 from mocap_id.reporting.summary_schema import (
     AngleEntry,
     BaseEntry,
@@ -517,7 +516,7 @@ def list_landmarks(data: ReportData, summary: Summary) -> Grid:
     return to_grid(caption, list(summary.landmarks.items()), columns)
 
 
-def list_curls(data: ReportData) -> tuple[Grid, Grid]:
+def list_curls(data: ReportData, summary: Summary) -> tuple[Grid, Grid]:
     """Return tables of every curl and failed attempt, and of the angles that should not change in curls."""
     facts, rows = data.facts(_EVENTS)["curl"], data.rows(_EVENTS)
 
@@ -544,12 +543,12 @@ def list_curls(data: ReportData) -> tuple[Grid, Grid]:
             GridColumn("of the person (N·m)", partial(peak, who="person_")),
         ),
     )
-    entry, compared = summarise_curls(data), {}
-    for name, found in entry.compensation.items():
+    compared = {}
+    for name, found in summary.curls.compensation.items():
         ranges = [value for value in found.range_deg if value is not None]
         if not ranges:
             continue
-        trend, change, in_step = entry.fatigue.get(f"{name}_range_rad"), UNKNOWN, UNKNOWN
+        trend, change, in_step = summary.curls.fatigue.get(f"{name}_range_rad"), UNKNOWN, UNKNOWN
         if trend is not None:
             slope, low, high = np.degrees([trend.slope, *trend.interval])
             change = f"{slope:+.2f} ({low:+.2f} … {high:+.2f})"
