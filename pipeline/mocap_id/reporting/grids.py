@@ -122,7 +122,7 @@ def with_sd(head: str, value: Source, sd: Source, factor: float = 1.0) -> GridCo
     )
 
 
-def quantities(kind: type[Result], names: str = "") -> list[GridColumn]:
+def columns_of(kind: type[Result], names: str = "") -> list[GridColumn]:
     """Return the columns of the described fields of a result: of all fields, or of these, separated by blanks."""
     described, columns = dict(list_quantities(kind)), []
     for name in names.split() or described:

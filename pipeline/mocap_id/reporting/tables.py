@@ -15,11 +15,11 @@ from mocap_id.reporting import style
 from mocap_id.reporting.grids import (
     Grid,
     GridColumn,
+    columns_of,
     get_element,
     millimetres,
     numbers,
     percent,
-    quantities,
     show_ends,
     texts,
     to_grid,
@@ -172,12 +172,12 @@ def list_imus(summary: Summary) -> Grid:
 
     columns = (
         texts("used", lambda entry: "yes" if entry.used else f"no: {entry.why}"),
-        *quantities(ImuEntry, "clock_offset_s"),
+        *columns_of(ImuEntry, "clock_offset_s"),
         texts("determined by the motion", lambda entry: "yes" if entry.observable else "no"),
-        *quantities(ImuEntry, "ppm"),
+        *columns_of(ImuEntry, "ppm"),
         numbers("gyroscope bias (deg/s)", bias, 2),
         GridColumn("position (mm)", lambda entry: ", ".join(map(show_millimetres, entry.position_m or [None] * 3))),
-        *quantities(ImuEntry, "mounting_sd_deg skin_share gyro_residual_rad_s acc_residual_m_s2"),
+        *columns_of(ImuEntry, "mounting_sd_deg skin_share gyro_residual_rad_s acc_residual_m_s2"),
     )
     caption = "Inertial sensors: clock relative to the cameras, and other quantities estimated from the motion"
     return to_grid(caption, to_words(summary.imus), columns, "segment")
@@ -190,7 +190,7 @@ def list_repetitions(data: ReportData, summary: Summary) -> tuple[Grid, ...]:
         "Events of each repetition, on the clock of the recording",
         entries,
         (
-            *quantities(RepetitionEntry, "start_s seat_off_s stand_s seat_on_s end_s"),
+            *columns_of(RepetitionEntry, "start_s seat_off_s stand_s seat_on_s end_s"),
             texts("complete", lambda entry: "yes" if entry.complete else "no"),
             texts("remark", lambda entry: entry.remark or ("" if entry.complete else entry.why)),
         ),
@@ -210,7 +210,7 @@ def list_repetitions(data: ReportData, summary: Summary) -> tuple[Grid, ...]:
             numbers("seat-off (s)", "seat_off_s", 3),
             GridColumn("model agreement (s)", partial(delay, name="seat_off_model_s")),
             GridColumn("72 % of weight (s)", partial(delay, name="seat_off_72_s")),
-            *quantities(RepetitionEntry, "reached held_s attempts support"),
+            *columns_of(RepetitionEntry, "reached held_s attempts support"),
         ),
         "repetition",
     )
@@ -239,7 +239,7 @@ def list_repetitions(data: ReportData, summary: Summary) -> tuple[Grid, ...]:
             texts("remark", "why"),
         ),
     )
-    attempts = to_grid("Failed attempts to rise", summary.attempts or (), quantities(Attempt))
+    attempts = to_grid("Failed attempts to rise", summary.attempts or (), columns_of(Attempt))
     return events, rises, attempts, *_list_test_times(summary), shares, agreement
 
 
@@ -391,7 +391,7 @@ def list_parameters(data: ReportData, summary: Summary) -> tuple[Grid, Grid]:
         (
             texts("parameter", "name"),
             texts("verdict", "verdict", UNKNOWN),
-            *quantities(BaseEntry),
+            *columns_of(BaseEntry),
             texts("movement that would help", "helps", UNKNOWN),
             GridColumn(
                 "factor on the sd", lambda entry: UNKNOWN if entry.sd_ratio is None else f"× {show(entry.sd_ratio, 2)}"
@@ -498,7 +498,7 @@ def list_angles(summary: Summary) -> Grid:
         "Angles. Plane and axial rotation of the shoulder are evaluated only where the elevation is more than 15° from "
         "0 and 180°. The interval of the range contains both standard deviations"
     )
-    return to_grid(caption, to_words(summary.angles), quantities(AngleEntry), "angle")
+    return to_grid(caption, to_words(summary.angles), columns_of(AngleEntry), "angle")
 
 
 def list_landmarks(data: ReportData, summary: Summary) -> Grid:
@@ -609,7 +609,7 @@ def list_reach(data: ReportData, summary: Summary) -> tuple[Grid, ...]:
     of_angles = to_grid(
         "Ranges, robust against single samples: the angle is beyond each end for 0.05 s in total",
         to_words(ranges),
-        (*quantities(RangeEntry), percent("contribution to the variance of the volume (%)", "contribution")),
+        (*columns_of(RangeEntry), percent("contribution to the variance of the volume (%)", "contribution")),
         "angle",
     )
     quadrants = ("total", "upper_medial", "upper_lateral", "lower_medial", "lower_lateral", "behind")
@@ -641,7 +641,7 @@ def list_reach(data: ReportData, summary: Summary) -> tuple[Grid, ...]:
     targets = to_grid(
         "Targets: part of the body nearest to the resting hand; positions from tables of proportions, ± 3 cm",
         to_words(found.tasks or {}),
-        quantities(TargetEntry),
+        columns_of(TargetEntry),
         "target",
     )
     reaches = to_grid(
