@@ -32,7 +32,7 @@ def summarise(data: ReportData) -> schema.Summary:
     """Return the summary of a trial; values of artefacts that are missing are null, with a ``why``."""
     joints, lengths = _summarise_spatial_chain(data) if data.in_space else _summarise_chain(data)
     rises, failed = _summarise_repetitions(data), data.facts(_EVENTS).get("attempts")
-    seconds = None if data.seconds is None else {stage: s for stage, s in data.seconds.items() if np.isfinite(s)}
+    seconds = None if data.seconds is None else {k: s for k, s in data.seconds.items() if to_number(s) is not None}
     why = (
         why_unknown(f"joints and lengths_m: {data.why_missing('chain.h5')}", joints, lengths),
         why_unknown(f"repetitions: {data.why_missing(_EVENTS)}", rises),
