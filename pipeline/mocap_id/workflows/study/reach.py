@@ -151,53 +151,44 @@ def correlation_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
         yield {"measure": name, "people": people, "p": p} | estimate.columns("spearman")
 
 
-@dataclass(frozen=True)
-class _Pair:
-    """Two groups of trials of one person that differ only in side or in session."""
+def _pair_trials(
+    trials: Sequence[ReachResult],
+) -> Iterator[tuple[str, str, str, Sequence[ReachResult], Sequence[ReachResult]]]:
+    """Yield the pairs of groups of trials of one person that differ only in side or in session.
 
-    comparison: str  # both sides or sessions: second minus first, such as ``left - right``
-    subject: str
-    label: str  # the session in which two sides, or the side in which two sessions are compared
-    first: Sequence[ReachResult]
-    second: Sequence[ReachResult]
-
-    def difference(self, measure: ReachMeasure) -> Estimate:
-        """Return the second group's mean of a measure minus the first group's mean."""
-        first, second = (_average_side(own, own[0].side, measure) for own in (self.first, self.second))
-        return second.minus(first)
-
-
-def _pair_trials(trials: Sequence[ReachResult]) -> Iterator[_Pair]:
-    """Yield the pairs of each person: right and left of each session, then successive sessions of each side."""
+    They are right and left of each session, then successive sessions of each side. Each has the comparison, second
+    minus first, such as ``left - right``; the person; the session in which two sides, or the side in which two sessions
+    are compared; the first and the second group.
+    """
     sessions = list(dict.fromkeys(trial.session for trial in trials if trial.session))
     for subject, own in group_by(trials, lambda trial: trial.subject).items():
         groups = group_by(own, lambda trial: (trial.session, trial.side))
         for session in dict.fromkeys(trial.session for trial in own):
             right, left = (groups.get((session, side), []) for side in SIDES)
             if right and left:
-                yield _Pair("left - right", subject, session, right, left)
+                yield "left - right", subject, session, right, left
         for side in SIDES:
             recorded = [session for session in sessions if (session, side) in groups]
             for before, after in pairwise(recorded):
-                yield _Pair(f"{after} - {before}", subject, side, groups[before, side], groups[after, side])
+                yield f"{after} - {before}", subject, side, groups[before, side], groups[after, side]
 
 
 def difference_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
     """Yield, for each comparison and measure, the row of the cohort and then the rows of the people."""
-    for comparison, pairs in group_by(_pair_trials(trials), lambda pair: pair.comparison).items():
+    for comparison, pairs in group_by(_pair_trials(trials), lambda pair: pair[0]).items():
         for name, measure in MEASURES.items():
-            differences = [(pair, pair.difference(measure)) for pair in pairs]
-            known = [(pair, difference) for pair, difference in differences if np.isfinite(difference.value)]
+            known, people = [], dict[str, list[float]]()
+            for _, subject, label, *groups in pairs:
+                first, second = (_average_side(own, own[0].side, measure) for own in groups)
+                difference = second.minus(first)
+                if math.isfinite(difference.value):
+                    known.append({"subject": subject, "label": label, "people": 1} | difference.columns("difference"))
+                    people.setdefault(subject, []).append(difference.value)
             if not known:
                 continue
             labels = {"comparison": comparison, "measure": name}
-            people: dict[str, list[float]] = {}
-            for pair, difference in known:
-                people.setdefault(pair.subject, []).append(difference.value)
             yield labels | {"subject": COHORT} | pool_differences(people, "sd")
-            for pair, difference in known:
-                person = {"subject": pair.subject, "label": pair.label, "people": 1}
-                yield labels | person | difference.columns("difference")
+            yield from (labels | row for row in known)
 
 
 def make_page(data: CohortData, trials: Sequence[ReachResult]) -> bytes:
@@ -252,21 +243,16 @@ TABLES = declare_tables(
             for name, one in MEASURES.items()
             for column in estimate_columns(name, one.unit, one.meaning, None, one.label)
         ),
-        number(
-            "volume_right",
-            "m^3",
-            "reachable volume of the right arm, mean over its trials",
-            head="right (m³)",
-            decimals=3,
-            optional=True,
-        ),
-        number(
-            "volume_left",
-            "m^3",
-            "reachable volume of the left arm, mean over its trials",
-            head="left (m³)",
-            decimals=3,
-            optional=True,
+        *(
+            number(
+                f"volume_{side}",
+                "m^3",
+                f"reachable volume of the {side} arm, mean over its trials",
+                head=f"{side} (m³)",
+                decimals=3,
+                optional=True,
+            )
+            for side in SIDES
         ),
     ),
     correlation=(
