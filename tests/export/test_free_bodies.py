@@ -15,7 +15,8 @@ from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.runner import run_to
 from mocap_id.workflows.export import FORMATS, Export, export
-from mocap_id.workflows.export.opensim_tables import format_motion
+from mocap_id.workflows.export.files import ExportFiles
+from mocap_id.workflows.export.opensim_tables import add_motion
 from mocap_id_simulation import Options, PersonOptions, simulate
 
 NAMES = ("foot", "shank", "thigh", "torso")
@@ -130,7 +131,8 @@ def test_a_trial_on_the_chain_has_no_free_bodies(exported) -> None:
 def test_a_column_of_which_nothing_is_known_does_not_empty_the_table() -> None:
     """The unknown column is the torque between two segments that form one body."""
     values = np.array([[1.0, np.nan, 2.0], [3.0, np.nan, np.nan], [4.0, np.nan, 5.0]])
-    parts = format_motion("a.sto", "t", ["hip", "lumbar", "knee"], values, time=np.arange(3.0))
+    parts = ExportFiles()
+    add_motion(parts, "a.sto", "t", ["hip", "lumbar", "knee"], values, time=np.arange(3.0))
     text = parts.files["a.sto"].decode()
     assert "time\thip\tknee" in text
     assert len(text.partition("endheader\n")[2].splitlines()) == 3
