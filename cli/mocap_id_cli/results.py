@@ -46,16 +46,17 @@ def compare(
     If A or B is a YAML file, missing or outdated results are computed first; a run folder is read unchanged.
     """
     if out is not None:
-        workflows.compare.check_format(out)
-    comparison = workflows.compare.compare(a, b, output.report_stage)
+        workflows.run_folder.check_ending(out, ".csv")
+    comparison = workflows.compare.compare_runs(a, b, output.report_stage)
     rows = comparison.rows if everything else comparison.changed
     if out is not None:
-        workflows.compare.write(rows, out, workflows.run_folder.find_owner_of_files(a, b))
-    output.print_result(workflows.compare.as_json(comparison, rows), _describe_comparison(comparison, rows))
+        owner, content = workflows.run_folder.find_owner_of_files(a, b), workflows.compare.format_rows(rows)
+        workflows.run_folder.write_owned(out.parent, {out.name: content}, owner, out.name)
+    output.print_result(comparison.as_json(rows), _describe_comparison(comparison, rows))
 
 
 def _describe_comparison(
-    comparison: workflows.compare.Comparison, rows: tuple[workflows.compare.Difference, ...]
+    comparison: workflows.compare.RunComparison, rows: tuple[workflows.compare.Difference, ...]
 ) -> Iterator[str]:
     for letter, run in (("A", comparison.a), ("B", comparison.b)):
         yield f"{letter}: {run.name} ({run.source})"

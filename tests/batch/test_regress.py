@@ -14,7 +14,7 @@ from batch_cases import trials
 from mocap_id.arrays import NORMAL_95
 from mocap_id.errors import RecordingError
 from mocap_id.workflows.parallel import LocalBackend
-from mocap_id.workflows.regress import Baseline, Quantity, quantities, regress, update
+from mocap_id.workflows.regress import Baseline, Expected, list_expected, regress, update
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def test_the_command(cli: Callable[..., Any], made: tuple[Path, Baseline], tmp_p
     again = Baseline.read(file)
     assert again.tolerances == baseline.tolerances
     assert again.trials.keys() == {"well", "broken"}
-    assert again.trials["broken"] == {"exit_code": Quantity("3")}
+    assert again.trials["broken"] == {"exit_code": Expected("3")}
 
 
 @pytest.mark.parametrize(
@@ -86,8 +86,8 @@ def test_a_file_that_is_no_baseline(tmp_path: Path, text: str | None) -> None:
 
 def test_a_tolerance_is_the_stated_interval() -> None:
     length = {"lengths_m": {"shank": {"value": 0.4, "sd": 0.001}, "thigh": {"value": 0.4, "sd": None}}}
-    found = quantities({"verdict": {"level": "ok", "reasons": []}, **length})
-    assert found["lengths_m.shank"] == Quantity(0.4, NORMAL_95 * 0.001, "m")
+    found = dict(list_expected({"verdict": {"level": "ok", "reasons": []}, **length}))
+    assert found["lengths_m.shank"] == Expected(0.4, NORMAL_95 * 0.001, "m")
     assert found["lengths_m.thigh"].tolerance == pytest.approx(0.02)
 
 

@@ -13,7 +13,8 @@ from mocap_id import plain_files, runner
 from mocap_id.config import Trial, load
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.store import ArtefactSet, Folder, Provenance, hash_file
-from mocap_id.store.ownership import Owner, hash_path, hash_texts, read_owner
+from mocap_id.store.atomic import write_files
+from mocap_id.store.ownership import Owner, check_owner, hash_path, hash_texts, read_owner, store_owner
 from mocap_id.store.schemas import SCHEMAS
 
 if TYPE_CHECKING:
@@ -204,6 +205,22 @@ def find_owner_of_files(*sources: Path) -> Owner:
         names.append(folder.stem if stored is None else stored.name)
         contents += [hash_file(folder)] if folder.is_file() else [] if stored is None else stored.contents
     return Owner(", ".join(names), folders[0], (hash_texts([*names, *contents]),) if contents else ())
+
+
+def check_ending(file: Path, *endings: str) -> None:
+    """Raise ConfigError if a file name that the user gave with ``--out`` has none of these endings."""
+    if file.suffix.lower() not in endings:
+        raise ConfigError(f"--out {file}: expected a file name that ends in {' or '.join(endings)}")
+
+
+def write_owned(folder: Path, files: Mapping[str, bytes], owner: Owner, output: str) -> None:
+    """Write files and store their owner; raise StoreError if they cannot be written, or belong to another owner.
+
+    ``output`` identifies the files among the outputs in the folder.
+    """
+    check_owner(folder, owner, output)
+    write_files(folder, files)
+    store_owner(folder, owner, output)
 
 
 def describe_sources(out: Path, *sources: Path) -> dict[str, list[str]]:
