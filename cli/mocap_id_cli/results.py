@@ -105,11 +105,15 @@ def transfer(
     first; a run folder is read unchanged.
     """
     if out is not None:
-        workflows.transfer.check_format(out)
-    result = workflows.transfer.transfer(model, trials, output.report_stage)
+        workflows.run_folder.check_ending(out, ".csv", ".parquet")
+    result = workflows.transfer.transfer_model(model, trials, output.report_stage)
     if out is not None:
-        workflows.transfer.write(result, out, workflows.run_folder.find_owner_of_files(model, *trials))
-    output.print_result(workflows.transfer.as_json(result), _describe_transfer(result))
+        owner, content = (
+            workflows.run_folder.find_owner_of_files(model, *trials),
+            result.format_table(out.suffix.lower()),
+        )
+        workflows.run_folder.write_owned(out.parent, {out.name: content}, owner, out.name)
+    output.print_result(result.as_json(), _describe_transfer(result))
 
 
 def _describe_transfer(result: workflows.transfer.Transfer) -> Iterator[str]:
