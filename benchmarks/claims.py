@@ -29,9 +29,9 @@ from mocap_id.workflows.sensitivity.perturbations import (
     JOINTS,
     KINDS,
     Perturbation,
-    TrialInputs,
+    RerunInputs,
     locate_trial,
-    read_inputs,
+    read_rerun_inputs,
 )
 from mocap_id.workflows.sensitivity.runs import (
     Estimates,
@@ -65,7 +65,7 @@ class Outcome:
 class Case:
     """A trial without perturbation."""
 
-    trial: TrialInputs
+    trial: RerunInputs
     _swept: dict[float | None, dict[tuple[float, str], SeriesChanges]] = field(default_factory=dict)
 
     @cached_property
@@ -256,7 +256,7 @@ CLAIMS = (
 
 def open_case(configuration: Path) -> Case:
     """Return a trial with its results."""
-    return Case(read_inputs(locate_trial(configuration)))
+    return Case(read_rerun_inputs(locate_trial(configuration)))
 
 
 def judge(claim: Claim, cases: Sequence[Case]) -> tuple[bool, Outcome]:
