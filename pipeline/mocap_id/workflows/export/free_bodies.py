@@ -35,7 +35,7 @@ from mocap_id.workflows.export.opensim_model import (
 )
 from mocap_id.workflows.export.opensim_parts import body_element, convert_planar_inertia, coordinate_element
 from mocap_id.workflows.export.opensim_tables import add_motion
-from mocap_id.workflows.moving_bodies import MovingBodies, read_measured_bodies
+from mocap_id.workflows.identified_trial import MovingBodies, read_measured_bodies
 from mocap_id.workflows.run_folder import RunFolder
 
 _COORDINATES = ("rz", "tx", "ty")  # OpenSim's order in a planar joint
