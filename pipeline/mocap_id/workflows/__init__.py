@@ -5,7 +5,6 @@ After ``from mocap_id import workflows``, a workflow is imported when it is firs
 """
 
 from importlib import import_module
-from importlib.util import find_spec
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -17,15 +16,33 @@ if TYPE_CHECKING:
         doctor,
         export,
         figures,
+        parallel,
         payload,
+        recording_summary,
         regress,
         run_folder,
         study,
         transfer,
     )
 
+__all__ = [
+    "batch",
+    "code_lookup",
+    "compare",
+    "doctor",
+    "export",
+    "figures",
+    "parallel",
+    "payload",
+    "recording_summary",
+    "regress",
+    "run_folder",
+    "study",
+    "transfer",
+]
+
 
 def __getattr__(name: str) -> ModuleType:
-    if name.startswith("_") or find_spec(f"{__name__}.{name}") is None:
+    if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return import_module(f"{__name__}.{name}")
