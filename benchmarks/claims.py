@@ -40,7 +40,7 @@ from mocap_id.workflows.sensitivity.runs import (
     read_estimates,
     run_from,
 )
-from mocap_id.workflows.sensitivity.study import sensitivity
+from mocap_id.workflows.sensitivity.study import study_sensitivity
 from mocap_id_simulation import simulate
 from mocap_id_simulation.options import JointName, Options, Speed
 
@@ -316,7 +316,7 @@ def main() -> None:
             answers = [_format_outcome(claim.letter, *judge(claim, cases)) for cases in groups.values()]
             rows.append((claim.letter, claim.text, claim.limit, *answers))
             report_progress(f"{claim.letter} {claim.text}")
-        studies = {name: sensitivity(file, jobs=2) for name, file in files.items()}
+        studies = {name: study_sensitivity(file, jobs=2) for name, file in files.items()}
     tolerances = []
     for name, study in studies.items():
         sentences = [row["sentence"] for row in study.document["tolerates"]]

@@ -209,7 +209,7 @@ def export(
     log_to_stderr(quiet, verbose)
     output = Output(quiet=quiet)
     formats = [name.strip() for each in to for name in each.split(",")]
-    result = workflows.export.export(trial, formats, out, force=force, progress=output.report_stage)
+    result = workflows.export.export_run(trial, formats, out, force=force, progress=output.report_stage)
     for file in result.files:
         typer.echo(shorten(file))
     for note in result.notes:

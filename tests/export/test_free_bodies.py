@@ -14,7 +14,7 @@ from resultants import JointPlaces, Needs, Poses
 from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.runner import run_to
-from mocap_id.workflows.export import FORMATS, Export, export
+from mocap_id.workflows.export import FORMATS, Export, export_run
 from mocap_id.workflows.export.files import ExportFiles
 from mocap_id.workflows.export.opensim_tables import add_motion
 from mocap_id_simulation import Options, PersonOptions, simulate
@@ -32,7 +32,7 @@ def loose(tmp_path_factory: pytest.TempPathFactory) -> Loose:
     options = Options(seed=4, repetitions=2, rate=100.0, analog_rate=500.0, people=PersonOptions(hip_gap_mm=10))
     trial = Path(simulate("sit-to-stand", out / "recording", options))
     folder = run_to(load(trial), "identify-dim").folder
-    return folder, export(folder, tuple(FORMATS), out / "files")
+    return folder, export_run(folder, tuple(FORMATS), out / "files")
 
 
 def file(loose: Loose, ending: str) -> Path:

@@ -26,7 +26,7 @@ from mocap_id.workflows.sensitivity.study import (
     KindSelection,
     SensitivityOptions,
     _select_possible,
-    sensitivity,
+    study_sensitivity,
 )
 from worn_sensors import worn_sensors
 
@@ -96,4 +96,4 @@ def test_without_a_plate_no_tolerance_of_sensors_is_claimed(trial: RerunInputs) 
 
 def test_a_trial_without_sensors_says_so(robot_file: Path) -> None:
     with pytest.raises(ConfigError, match="no inertial sensors"):
-        sensitivity(robot_file, SensitivityOptions(selections=(KindSelection("imu-clock"),)))
+        study_sensitivity(robot_file, SensitivityOptions(selections=(KindSelection("imu-clock"),)))

@@ -74,7 +74,9 @@ class Advice:
     sensor_sd: FloatArray | None
 
 
-def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Progress = lambda step: None) -> Advice:
+def advise_movement(
+    path: Path, options: AdviceOptions | None = None, progress: runner.Progress = lambda step: None
+) -> Advice:
     """Return the movement that most reduces the standard deviations of the trial's parameters.
 
     ``path`` and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.

@@ -76,7 +76,7 @@ class Regression:
         return not self.moved and not self.unknown
 
 
-def regress(
+def check_trials(
     named: Sequence[str], baseline: Baseline, backend: Backend, tell: TrialCallback = lambda done: None
 ) -> Regression:
     """Recompute trials in temporary folders, and return their comparison with a baseline.

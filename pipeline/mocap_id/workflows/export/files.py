@@ -66,16 +66,16 @@ def make_legal(names: Iterable[str], taken: Iterable[str] = ()) -> dict[str, str
     return legal
 
 
-def list_bodies(segments: Iterable[str]) -> tuple[str, ...]:
+def opensim_bodies(segments: Iterable[str]) -> tuple[str, ...]:
     """Return the names of the segments in OpenSim, base first."""
     return tuple(make_legal(segments, taken=("ground",)).values())
 
 
-def list_joints(skeleton: Skeleton | SpatialSkeleton) -> tuple[str, ...]:
+def opensim_joints(skeleton: Skeleton | SpatialSkeleton) -> tuple[str, ...]:
     """Return the names of the joints in OpenSim."""
     return tuple(make_legal(skeleton.joints, taken=(BASE,)).values())
 
 
 def name_coordinates(skeleton: Skeleton) -> tuple[str, ...]:
     """Return the names of the joint angles in OpenSim, such as ``ankle_angle``."""
-    return tuple(f"{joint}_angle" for joint in list_joints(skeleton))
+    return tuple(f"{joint}_angle" for joint in opensim_joints(skeleton))

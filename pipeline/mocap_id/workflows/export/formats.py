@@ -59,7 +59,7 @@ class Export:
     notes: tuple[str, ...]
 
 
-def export(
+def export_run(
     trial: Path,
     formats: Sequence[str],
     out: Path | None = None,

@@ -22,8 +22,8 @@ from mocap_id.workflows.export.files import (
     MODEL,
     TORQUES,
     ExportFiles,
-    list_bodies,
-    list_joints,
+    opensim_bodies,
+    opensim_joints,
 )
 from mocap_id.workflows.export.opensim_model import (
     LEAST_RANGE,
@@ -68,8 +68,8 @@ def _read_free_bodies(run: RunFolder) -> _FreeBodies | None:
     bands = (float(cutoffs["x"]), float(cutoffs["y"]), float(cutoffs["angle"]))
     moving = read_measured_bodies(poses, skeleton, chosen, bands, read_gravity(run))
     return _FreeBodies(
-        names=list_bodies(moving.skeleton.segments),
-        joints=list_joints(skeleton),
+        names=opensim_bodies(moving.skeleton.segments),
+        joints=opensim_joints(skeleton),
         parted=np.flatnonzero(np.isfinite(moving.motion.joint).any(axis=(0, 2))).tolist(),
         time=poses["time"],
         moving=moving,

@@ -23,9 +23,9 @@ from mocap_id.workflows.export.files import (
     MEASURED_MARKERS,
     MODEL,
     ExportFiles,
-    list_bodies,
-    list_joints,
     name_coordinates,
+    opensim_bodies,
+    opensim_joints,
 )
 from mocap_id.workflows.export.markers import measure_depths, rename_markers
 from mocap_id.workflows.export.opensim_parts import (
@@ -61,7 +61,7 @@ def export_model(run: RunFolder, out: ExportFiles) -> None:
         out.note(f"osim: no model: {run.why_missing('chain.h5')}")
         return
     skeleton = Skeleton.from_tree(tree)
-    segments, inertia = list_bodies(skeleton.segments), read_planar_inertia(run, len(skeleton.segments))
+    segments, inertia = opensim_bodies(skeleton.segments), read_planar_inertia(run, len(skeleton.segments))
     # Bodies; a cylinder along the y axis of each, from its joint to the next joint or to the tip, shows where it is.
     lengths = np.linalg.norm(np.vstack([skeleton.centres, skeleton.tip]), axis=1)
     bodies = [body_element(segments[0], inertia.bodies[0])]
@@ -78,7 +78,7 @@ def export_model(run: RunFolder, out: ExportFiles) -> None:
     joints = [planar_joint(BASE, segments[0], base)]
     coordinates = name_coordinates(skeleton)
     angles = np.zeros((0, len(coordinates))) if states is None else JointStates.from_table(states).angles
-    for j, (joint, coordinate) in enumerate(zip(list_joints(skeleton), coordinates, strict=True)):
+    for j, (joint, coordinate) in enumerate(zip(opensim_joints(skeleton), coordinates, strict=True)):
         parent, frame = segments[int(skeleton.parents[j])], f"{joint}_centre"
         known = angles[np.isfinite(angles[:, j]), j]
         pin = element(
@@ -216,17 +216,17 @@ class ModelJoint:
 def name_girdles(skeleton: SpatialSkeleton) -> tuple[str, ...]:
     """Return the name of the girdle of each joint, n in all; an empty text for a joint without a glide."""
     glides = [bool(np.any(joint.glide)) for joint in skeleton.chain.joints]
-    return tuple(f"{name}_girdle" if has else "" for name, has in zip(list_joints(skeleton), glides, strict=True))
+    return tuple(f"{name}_girdle" if has else "" for name, has in zip(opensim_joints(skeleton), glides, strict=True))
 
 
 def model_joints(skeleton: SpatialSkeleton, poses: SegmentPoses) -> list[ModelJoint]:
     """Return the joints of the model, parents first."""
-    segments, girdles, still = list_bodies(skeleton.segments), name_girdles(skeleton), np.eye(3)
+    segments, girdles, still = opensim_bodies(skeleton.segments), name_girdles(skeleton), np.eye(3)
     mean = _mean_rotation(poses.rotation[:, 0])
     values = np.column_stack([euler_angles(mean.T @ poses.rotation[:, 0]), poses.origin[:, 0] @ mean])
     names = tuple(f"{BASE}_{each}" for each in ("rx", "ry", "rz", "tx", "ty", "tz"))
     joints = [ModelJoint(BASE, "FreeJoint", "/ground", segments[0], np.zeros(3), mean, still, names, values)]
-    for k, (name, joint) in enumerate(zip(list_joints(skeleton), skeleton.chain.joints, strict=True)):
+    for k, (name, joint) in enumerate(zip(opensim_joints(skeleton), skeleton.chain.joints, strict=True)):
         rotation = poses.compute_rotation(joint.parent, k + 1)
         parent, child = segments[joint.parent], segments[k + 1]
         if girdles[k]:
@@ -324,7 +324,7 @@ def export_spatial_model(run: RunFolder, out: ExportFiles) -> None:
         out.note(f"osim: no model: {parts}")
         return
     skeleton, chain = parts[0], parts[0].chain
-    segments, girdles = list_bodies(skeleton.segments), [name for name in name_girdles(skeleton) if name]
+    segments, girdles = opensim_bodies(skeleton.segments), [name for name in name_girdles(skeleton) if name]
     inertia = read_spatial_inertia(run, len(segments))
     light = BodyInertia(LEAST_MASS, (0.0,) * 3, (0.0,) * 6)
     bodies = [*zip(segments, inertia.bodies, strict=True), *((name, light) for name in girdles)]

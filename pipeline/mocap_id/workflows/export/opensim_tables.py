@@ -17,11 +17,11 @@ from mocap_id.workflows.export.files import (
     LOADS,
     TORQUES,
     ExportFiles,
-    list_bodies,
-    list_joints,
     make_legal,
     name_coordinates,
     note_contact,
+    opensim_bodies,
+    opensim_joints,
 )
 from mocap_id.workflows.export.opensim_model import model_joints, read_model_parts
 from mocap_id.workflows.export.opensim_parts import element, format_document
@@ -55,7 +55,7 @@ def export_states(run: RunFolder, out: ExportFiles) -> None:
     if parts is not None:
         skeleton, motion = parts
         names, time, mean = name_coordinates(skeleton), motion.time, motion.mean
-        paths = [f"/jointset/{joint}/{name}" for joint, name in zip(list_joints(skeleton), names, strict=True)]
+        paths = [f"/jointset/{joint}/{name}" for joint, name in zip(opensim_joints(skeleton), names, strict=True)]
         columns = [*(f"{path}/value" for path in paths), *(f"{path}/speed" for path in paths)]
         values = np.column_stack([mean[..., 0], mean[..., 1]])
         add_motion(out, f"{run.name}_states.sto", "joint states", columns, values, time=time)
@@ -201,7 +201,7 @@ def export_forces(run: RunFolder, out: ExportFiles) -> None:
     tree = run.tree("chain.h5")
     if tree is None:
         return
-    bodies = list_bodies(tree.texts("segments/name"))
+    bodies = opensim_bodies(tree.texts("segments/name"))
     # The file of external loads refers to the columns of the table.
     objects = [
         element(

@@ -583,7 +583,7 @@ class SensitivityResult:
         return find_tolerances(self.own, self.runs, self.judged_parameters, self.options.tolerance)
 
 
-def sensitivity(
+def study_sensitivity(
     path: Path,
     options: SensitivityOptions | None = None,
     *,

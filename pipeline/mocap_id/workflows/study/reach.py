@@ -32,7 +32,13 @@ from mocap_id.reporting.results.columns import (
 from mocap_id.reporting.study.cohort import CohortData
 from mocap_id.reporting.study.reach import Shape, render_reach_page, show_score
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.study.pooling import Estimate, average_estimates, correlate_ranks, group_by, pool_differences
+from mocap_id.workflows.study.pooling import (
+    IntervalEstimate,
+    average_estimates,
+    correlate_ranks,
+    group_by,
+    pool_differences,
+)
 from mocap_id.workflows.study.study import StudyKind
 from mocap_id.workflows.trial_outcome import (
     TRIAL_COLUMNS,
@@ -71,26 +77,26 @@ class ReachResult(StudyOutcome):
         return "" if math.isfinite(MEASURES["volume"].of(self).value) else self.value("workspace", "why") or ""
 
 
-ReachMeasure: TypeAlias = Measure[ReachResult, Estimate]
+ReachMeasure: TypeAlias = Measure[ReachResult, IntervalEstimate]
 
 
 def _read_number(trial: ReachResult, *keys: str) -> float:
     return number_or_nan(trial.value("workspace", *keys))
 
 
-def _volume(*keys: str) -> Callable[[ReachResult], Estimate]:
+def _volume(*keys: str) -> Callable[[ReachResult], IntervalEstimate]:
     """Return a function of a trial that returns the volume at ``keys`` of the workspace, with its interval."""
 
-    def estimate(trial: ReachResult) -> Estimate:
+    def estimate(trial: ReachResult) -> IntervalEstimate:
         interval = to_numbers(trial.value("workspace", *keys, "interval_m3")) or [math.nan] * 2
-        return Estimate(_read_number(trial, *keys, "volume_m3"), *interval)
+        return IntervalEstimate(_read_number(trial, *keys, "volume_m3"), *interval)
 
     return estimate
 
 
-def _read_elevation(trial: ReachResult) -> Estimate:
+def _read_elevation(trial: ReachResult) -> IntervalEstimate:
     value, sd = (_read_number(trial, "ranges", "shoulder_elevation", key) for key in ("high_deg", "high_sd_deg"))
-    return Estimate(value, value - NORMAL_95 * sd, value + NORMAL_95 * sd)
+    return IntervalEstimate(value, value - NORMAL_95 * sd, value + NORMAL_95 * sd)
 
 
 MEASURES: Mapping[str, ReachMeasure] = {
@@ -102,14 +108,14 @@ MEASURES: Mapping[str, ReachMeasure] = {
         "surface",
         "1",
         "reached fraction of the hemisphere in front of the shoulder",
-        lambda trial: Estimate(_read_number(trial, "surface", "box", "total")),
+        lambda trial: IntervalEstimate(_read_number(trial, "surface", "box", "total")),
     ),
     "elevation": Measure("elevation (°)", "deg", "highest elevation of the upper arm", _read_elevation),
     "height": Measure(
         "height (m)",
         "m",
         "highest wrist above the shoulder",
-        lambda trial: Estimate(_read_number(trial, "heights", "highest_m")),
+        lambda trial: IntervalEstimate(_read_number(trial, "heights", "highest_m")),
     ),
 }
 """Measures that are compared between people, sides and sessions; the thesis uses `volume`."""
@@ -138,7 +144,7 @@ def person_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
         yield row | {f"volume_{side}": _average_side(own, side, volume).value for side in SIDES}
 
 
-def _average_side(trials: Sequence[ReachResult], side: str, measure: ReachMeasure) -> Estimate:
+def _average_side(trials: Sequence[ReachResult], side: str, measure: ReachMeasure) -> IntervalEstimate:
     return average_estimates(measure.of(trial) for trial in trials if trial.side == side)
 
 

@@ -39,7 +39,7 @@ from mocap_id.results import list_quantities
 from mocap_id.store import Folder
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.study.pooling import group_by, mean_sd, named_mean_sd, pool_errors, pool_people
+from mocap_id.workflows.study.pooling import find_mean_sd, group_by, named_mean_sd, pool_errors, pool_people
 from mocap_id.workflows.study.study import StudyKind
 from mocap_id.workflows.transfer import (
     HELD_OUT,
@@ -398,7 +398,7 @@ def _vary(subject: str, trials: Sequence[TrialResult]) -> Iterator[dict[str, Any
             }
             columns = {"": [one.value for one in same], "reference_": [one.reference for one in same]}
             for prefix, values in columns.items():
-                mean, sd = mean_sd(values)
+                mean, sd = find_mean_sd(values)
                 cv = sd / abs(mean) if abs(mean) > _ROUNDING else math.nan
                 row |= {f"{prefix}mean": mean, f"{prefix}sd": sd, f"{prefix}cv": cv}
             yield row
