@@ -226,9 +226,9 @@ def compare_results(a: Summary, b: Summary) -> Iterator[Difference]:
     yield from compare_entries("markers", dict(before["assignment"] or {}), dict(after["assignment"] or {}))
 
     for name, one, other in _pair(_by_name(a["joints"]), _by_name(b["joints"])):
-        centres = [_list_components(entry) for entry in (one, other)]
-        for axis in "xyz"[: max(*map(len, centres), 2)]:
-            ends = [centre.get(axis, {}) for centre in centres]
+        centre, moved = _list_components(one), _list_components(other)
+        for axis in "xyz"[: max(len(centre), len(moved), 2)]:
+            ends = centre.get(axis, {}), moved.get(axis, {})
             yield _compare_key("joints", f"{name} {axis}", *ends, "value", unit="m", sd="sd")
         yield _compare_key("joints", f"{name} arc", one, other, "arc_deg", unit="deg")
         if one.get("kind") != other.get("kind"):
@@ -252,9 +252,9 @@ def compare_results(a: Summary, b: Summary) -> Iterator[Difference]:
         for key, unit in (("bias", _UNITS[name]), ("sd", _UNITS[name]), ("r2", "")):
             yield _compare_key("fit", f"{name} {key}", one, other, key, unit=unit)
 
-    repetitions = a["repetitions"] or (), b["repetitions"] or ()
-    yield compare_numbers("events", "repetitions", *map(len, repetitions))
-    for k, (one, other) in enumerate(zip(*repetitions, strict=False), start=1):
+    repetitions, others = a["repetitions"] or (), b["repetitions"] or ()
+    yield compare_numbers("events", "repetitions", len(repetitions), len(others))
+    for k, (one, other) in enumerate(zip(repetitions, others, strict=False), start=1):
         for key in ("start_s", "seat_off_s", "stand_s", "seat_on_s", "end_s"):
             yield _compare_key("events", f"repetition {k} {key.removesuffix('_s')}", one, other, key, unit="s")
 

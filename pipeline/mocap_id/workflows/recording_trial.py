@@ -228,8 +228,8 @@ def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tu
         content = skeleton
         if content is None:  # read as the stage planarise will read it
             settings = given.get("planarise") or {}
-            names = ("units", "vertical", "force_unit", "moment_unit")
-            known = {name: settings[name] for name in names if settings.get(name) is not None}
+            options = ("units", "vertical", "force_unit", "moment_unit")
+            known = {name: settings[name] for name in options if settings.get(name) is not None}
             content = read(recording, forces, **known)
         seen = ThinnedFrames.of(content.positions, content.time, content.rate)
         inside = slice(None)

@@ -91,8 +91,8 @@ def check_trials(
     results, messages = _recompute(named, backend, tell)
     changes, missing = [], Expected(None)
     for trial, now in results.items():
-        before = baseline.trials.get(trial)
-        for name in () if before is None else {**before, **now}:
+        before = baseline.trials.get(trial, {})
+        for name in {**before, **now} if trial in baseline.trials else ():
             expected, actual = before.get(name, missing), now.get(name, missing)
             tolerance = baseline.find_tolerance(trial, name, expected.tolerance)
             unit = expected.unit or actual.unit

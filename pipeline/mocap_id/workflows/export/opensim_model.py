@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -366,7 +367,7 @@ def _joint_element(joint: ModelJoint) -> Element:
         low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
         span = (min(low - 1.0, -LEAST_RANGE), max(high + 1.0, LEAST_RANGE))
         coordinates.append(coordinate_element(name, float(known[0]) if len(known) else 0.0, span))
-    content: dict[str, str | list[Element]] = {
+    content: dict[str, Any] = {
         "socket_parent_frame": f"{joint.name}_on_parent",
         "socket_child_frame": f"{joint.name}_on_child",
         "coordinates": coordinates,

@@ -19,9 +19,7 @@ Element: TypeAlias = "ElementTree.Element[Any]"
 _VERSION = "40500"  # version of the documents, readable by OpenSim 4.5 and later
 
 
-def element(
-    tag: str, *children: Element, name: str | None = None, text: str | None = None, **content: str | Sequence[Any]
-) -> Element:
+def element(tag: str, *children: Element, name: str | None = None, text: str | None = None, **content: Any) -> Element:
     """Return an element, with a ``name`` attribute if given.
 
     It has these ``children``, and then one for each keyword: with a text, with numbers, or with children of its own.
@@ -52,9 +50,9 @@ def format_numbers(values: Sequence[float]) -> str:
 
 def body_element(name: str, inertia: BodyInertia, *components: Element) -> Element:
     """Return a body with its mass, centre of mass, inertia and components such as geometry."""
-    numbers = {"mass": [inertia.mass], "mass_center": inertia.centre, "inertia": inertia.inertia}
-    parts = {"components": components} if components else {}
-    return element("Body", name=name, **parts, **numbers)
+    content: dict[str, Any] = {"components": components} if components else {}
+    content |= {"mass": [inertia.mass], "mass_center": inertia.centre, "inertia": inertia.inertia}
+    return element("Body", name=name, **content)
 
 
 def marker_element(name: str, body: str, position: Sequence[float]) -> Element:
@@ -82,7 +80,7 @@ def offset_frame(
     )
 
 
-def format_document(tag: str, trial: str, *children: Element, **content: str | Sequence[Any]) -> bytes:
+def format_document(tag: str, trial: str, *children: Element, **content: Any) -> bytes:
     """Return the content of a file with one object; its name is the trial's, changed if OpenSim does not accept it."""
     file = ElementTree.Element("OpenSimDocument", {"Version": _VERSION})
     file.append(element(tag, *children, name=make_legal([trial])[trial], **content))

@@ -234,7 +234,7 @@ class MethodResult:
     frame: RobotFrame
     time: FloatArray  # (T,) times of the samples, s
     states: FloatArray  # (T, 3) angle, velocity and acceleration in the plane, rad, rad/s and rad/s²
-    row: Mapping[str, Any]  # its columns of the table `trials`
+    row: dict[str, Any]  # its columns of the table `trials`
 
     @property
     def folder(self) -> Folder:

@@ -236,7 +236,7 @@ def strategy_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
     for subject, strategy in product(subjects, strategies):
         own = groups.get((subject, strategy), [])
         if own:
-            labels = {"subject": subject, "strategy": strategy, "reference": own[0].reference.kind}
+            labels: dict[str, Any] = {"subject": subject, "strategy": strategy, "reference": own[0].reference.kind}
             rows.append(
                 labels
                 | {"subjects": 1, "trials": len(own)}
