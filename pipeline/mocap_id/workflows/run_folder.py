@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -199,7 +200,13 @@ def find_owner_of_files(*sources: Path) -> Owner:
     """Return the owner of results that are made from run folders, folders of studies, trials' files, or other files."""
     names: list[str] = []
     contents: list[str] = []
-    folders = [source if source.is_dir() else _find_run_folder(source) for source in sources]
+    folders: list[Path] = []
+    for source in sources:
+        folder = source
+        if not source.is_dir():  # a trial's file, or another file
+            with contextlib.suppress(ConfigError):
+                folder = load(source).out
+        folders.append(folder)
     for folder in folders:
         stored = read_owner(folder) or read_owner(folder, "study.json")
         names.append(folder.stem if stored is None else stored.name)
@@ -230,11 +237,3 @@ def describe_sources(out: Path, *sources: Path) -> dict[str, list[str]]:
     """
     owner = find_owner_of_files(*sources)
     return {"names": owner.name.split(", "), "hashes": [*owner.contents, hash_path(owner.file, out)]}
-
-
-def _find_run_folder(file: Path) -> Path:
-    """Return the run folder of a trial's file; for any other file, the file itself."""
-    try:
-        return load(file).out
-    except ConfigError:
-        return file
