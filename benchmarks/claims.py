@@ -29,9 +29,9 @@ from mocap_id.workflows.sensitivity.perturbations import (
     JOINTS,
     KINDS,
     Perturbation,
-    TrialInputs,
+    RerunInputs,
     locate_trial,
-    read_inputs,
+    read_rerun_inputs,
 )
 from mocap_id.workflows.sensitivity.runs import (
     Estimates,
@@ -40,7 +40,7 @@ from mocap_id.workflows.sensitivity.runs import (
     read_estimates,
     run_from,
 )
-from mocap_id.workflows.sensitivity.study import sensitivity
+from mocap_id.workflows.sensitivity.study import study_sensitivity
 from mocap_id_simulation import simulate
 from mocap_id_simulation.options import JointName, Options, Speed
 
@@ -65,7 +65,7 @@ class Outcome:
 class Case:
     """A trial without perturbation."""
 
-    trial: TrialInputs
+    trial: RerunInputs
     _swept: dict[float | None, dict[tuple[float, str], SeriesChanges]] = field(default_factory=dict)
 
     @cached_property
@@ -256,7 +256,7 @@ CLAIMS = (
 
 def open_case(configuration: Path) -> Case:
     """Return a trial with its results."""
-    return Case(read_inputs(locate_trial(configuration)))
+    return Case(read_rerun_inputs(locate_trial(configuration)))
 
 
 def judge(claim: Claim, cases: Sequence[Case]) -> tuple[bool, Outcome]:
@@ -316,7 +316,7 @@ def main() -> None:
             answers = [_format_outcome(claim.letter, *judge(claim, cases)) for cases in groups.values()]
             rows.append((claim.letter, claim.text, claim.limit, *answers))
             report_progress(f"{claim.letter} {claim.text}")
-        studies = {name: sensitivity(file, jobs=2) for name, file in files.items()}
+        studies = {name: study_sensitivity(file, jobs=2) for name, file in files.items()}
     tolerances = []
     for name, study in studies.items():
         sentences = [row["sentence"] for row in study.document["tolerates"]]

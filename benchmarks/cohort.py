@@ -45,9 +45,7 @@ from mocap_id.config import load
 from mocap_id.dynamics.parameter_transfer import transfer_parameters
 from mocap_id.dynamics.prediction import centre_of_pressure
 from mocap_id.runner import run_stage
-from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
-from mocap_id.workflows.matched_bodies import match_bodies
-from mocap_id.workflows.moving_bodies import MovingBodies
+from mocap_id.workflows.identified_trial import IdentifiedTrial, MovingBodies, match_bodies, open_identified_trial
 from mocap_id.workflows.transfer import HELD_OUT, OWN, TRANSFERRED, apply_model
 from mocap_id_simulation.options import Options
 from mocap_id_simulation.studies import Cohort, simulate_cohort

@@ -21,7 +21,7 @@ from mocap_id.design.proposal import Proposal
 from mocap_id.dynamics.cautions import classify
 from mocap_id.errors import MocapIdError
 from mocap_id.runner import run_to
-from mocap_id.workflows.advice import AdviceOptions, advise
+from mocap_id.workflows.advice import AdviceOptions, advise_movement
 from mocap_id_simulation import JointMotion, Options, motion_through, simulate
 from mocap_id_simulation.motion import smoothstep
 from mocap_id_simulation.options import draw_subject
@@ -145,7 +145,7 @@ def measure(case: Case) -> Result | str:
             wishes = AdviceOptions(case.objective)
             if case.kind == "stand":  # a person may bend knees and hips further than before
                 wishes = AdviceOptions(case.objective, angles={"joint 2": (-90.0, 0.0)}, widen=20.0)
-            advised = advise(place / "before" / "trial.yaml", wishes)
+            advised = advise_movement(place / "before" / "trial.yaml", wishes)
         except MocapIdError as error:
             return f"{case.kind} {case.seed}: {error}"
         simple = next((each for each in advised.design.simple if not each.own), None)

@@ -13,7 +13,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.geometry import planar
 from mocap_id.geometry.planar import PlaneFrame
-from mocap_id.workflows.advice import AdviceOptions, advise
+from mocap_id.workflows.advice import AdviceOptions, advise_movement
 from mocap_id_simulation.bodies import Link, SimulatedBody, add_plate_markers
 from mocap_id_simulation.forces import TrueState
 from mocap_id_simulation.instruments import draw_plate
@@ -110,7 +110,9 @@ def measure(task: tuple[int, str]) -> FloatArray:
         )
         done = harness.run_trial(configuration)
         value, sd = done.base("value"), done.base("sd")
-        foreseen = advise(configuration, AdviceOptions(seconds=_SECONDS)).sensor_sd if known == KNOWN[2] else None
+        foreseen = (
+            advise_movement(configuration, AdviceOptions(seconds=_SECONDS)).sensor_sd if known == KNOWN[2] else None
+        )
     fore = scene.body.links[2].inertial_parameters
     true = np.array([np.hypot(fore["mx"], fore["my"]), fore["Izz"]])
     away = np.abs(_describe_forearm(value, value) - true)

@@ -61,7 +61,7 @@ def advise(
         support=None if support is None else advice.parse_support(support),
         seed=seed,
     )
-    found = advice.advise(trial, options, output.report_stage)
+    found = advice.advise_movement(trial, options, output.report_stage)
     files = advice.make_output(found)
     if out is not None:
         files = replace(files, made_from=describe_sources(out, trial))

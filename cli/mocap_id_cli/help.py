@@ -45,18 +45,18 @@ def explain(
         entries = list(workflows.code_lookup.list_entries().values())
         Output(as_json).print_result([asdict(entry) for entry in entries], _list_codes(entries))
     else:
-        entry = workflows.code_lookup.explain(code)
+        entry = workflows.code_lookup.explain_code(code)
         Output(as_json).print_result(asdict(entry), _describe(entry))
 
 
-def _list_codes(entries: list[workflows.code_lookup.Entry]) -> Iterator[str]:
+def _list_codes(entries: list[workflows.code_lookup.CodeEntry]) -> Iterator[str]:
     width = max(len(entry.code) for entry in entries)
     for entry in entries:
         levels = " or ".join(entry.levels) or "exit code"
         yield f"{entry.code:<{width}}  {levels:<15}  {entry.title}"
 
 
-def _describe(entry: workflows.code_lookup.Entry) -> Iterator[str]:
+def _describe(entry: workflows.code_lookup.CodeEntry) -> Iterator[str]:
     levels = f" ({' or '.join(entry.levels)})" if entry.levels else ""
     yield f"{entry.code}{levels}: {entry.title}"
     for name, text in (("means", entry.meaning), ("judged", entry.judged), ("to do", entry.action)):

@@ -46,16 +46,17 @@ def compare(
     If A or B is a YAML file, missing or outdated results are computed first; a run folder is read unchanged.
     """
     if out is not None:
-        workflows.compare.check_format(out)
-    comparison = workflows.compare.compare(a, b, output.report_stage)
+        workflows.run_folder.check_ending(out, ".csv")
+    comparison = workflows.compare.compare_runs(a, b, output.report_stage)
     rows = comparison.rows if everything else comparison.changed
     if out is not None:
-        workflows.compare.write(rows, out, workflows.run_folder.find_owner_of_files(a, b))
-    output.print_result(workflows.compare.as_json(comparison, rows), _describe_comparison(comparison, rows))
+        owner, content = workflows.run_folder.find_owner_of_files(a, b), workflows.compare.format_rows(rows)
+        workflows.run_folder.write_owned(out.parent, {out.name: content}, owner, out.name)
+    output.print_result(comparison.as_json(rows), _describe_comparison(comparison, rows))
 
 
 def _describe_comparison(
-    comparison: workflows.compare.Comparison, rows: tuple[workflows.compare.Difference, ...]
+    comparison: workflows.compare.RunComparison, rows: tuple[workflows.compare.Difference, ...]
 ) -> Iterator[str]:
     for letter, run in (("A", comparison.a), ("B", comparison.b)):
         yield f"{letter}: {run.name} ({run.source})"
@@ -104,11 +105,15 @@ def transfer(
     first; a run folder is read unchanged.
     """
     if out is not None:
-        workflows.transfer.check_format(out)
-    result = workflows.transfer.transfer(model, trials, output.report_stage)
+        workflows.run_folder.check_ending(out, ".csv", ".parquet")
+    result = workflows.transfer.transfer_model(model, trials, output.report_stage)
     if out is not None:
-        workflows.transfer.write(result, out, workflows.run_folder.find_owner_of_files(model, *trials))
-    output.print_result(workflows.transfer.as_json(result), _describe_transfer(result))
+        owner, content = (
+            workflows.run_folder.find_owner_of_files(model, *trials),
+            result.format_table(out.suffix.lower()),
+        )
+        workflows.run_folder.write_owned(out.parent, {out.name: content}, owner, out.name)
+    output.print_result(result.as_json(), _describe_transfer(result))
 
 
 def _describe_transfer(result: workflows.transfer.Transfer) -> Iterator[str]:
@@ -204,7 +209,7 @@ def export(
     log_to_stderr(quiet, verbose)
     output = Output(quiet=quiet)
     formats = [name.strip() for each in to for name in each.split(",")]
-    result = workflows.export.export(trial, formats, out, force=force, progress=output.report_stage)
+    result = workflows.export.export_run(trial, formats, out, force=force, progress=output.report_stage)
     for file in result.files:
         typer.echo(shorten(file))
     for note in result.notes:

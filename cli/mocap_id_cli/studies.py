@@ -152,7 +152,7 @@ def sensitivity(
     options = study.SensitivityOptions() if settings is None else study.read_options(settings)
     options = options.only(only or ())
     start = time.perf_counter()
-    result = study.sensitivity(trial, options, jobs=jobs, out=out, progress=output.report_stage, tell=report)
+    result = study.study_sensitivity(trial, options, jobs=jobs, out=out, progress=output.report_stage, tell=report)
     runs, wall = result.runs, time.perf_counter() - start
     spent = sum(run.seconds for run in runs)
     output.say(f"perturbations: {len(runs)}, {spent:.1f} s of processor time, {wall:.1f} s in all")

@@ -130,7 +130,7 @@ def regress(
                 typer.echo(f"{trial}: failed, exit code {code}; the baseline contains only this code")
         typer.echo(f"baseline: {shorten(baseline.absolute())}, {count_trials(len(made.trials))}")
         return
-    result = workflow.regress(named, workflow.Baseline.read(baseline), LocalBackend(jobs), output.report_trial)
+    result = workflow.check_trials(named, workflow.Baseline.read(baseline), LocalBackend(jobs), output.report_trial)
     document = {"passed": result.passed, "compared": result.compared, "unknown": result.unknown}
     document |= {"moved": [asdict(one) for one in result.moved]}
     output.print_result(document, _describe_regression(result, baseline))

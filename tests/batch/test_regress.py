@@ -14,7 +14,7 @@ from batch_cases import trials
 from mocap_id.arrays import NORMAL_95
 from mocap_id.errors import RecordingError
 from mocap_id.workflows.parallel import LocalBackend
-from mocap_id.workflows.regress import Baseline, Quantity, quantities, regress, update
+from mocap_id.workflows.regress import Baseline, Expected, check_trials, list_expected, update
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Baseline]:
 
 def test_nothing_moves_by_itself(made: tuple[Path, Baseline]) -> None:
     folder, _ = made
-    found = regress([str(folder)], Baseline.read(folder / "baseline.json"), LocalBackend())
+    found = check_trials([str(folder)], Baseline.read(folder / "baseline.json"), LocalBackend())
     assert found.passed
     assert found.compared > 15
     assert not (folder / "runs").exists(), "the trials' own folders are not touched"
@@ -42,7 +42,7 @@ def test_a_number_that_moves_is_found(made: tuple[Path, Baseline]) -> None:
     name = next(name for name in before if name.startswith("joints."))
     shifted = replace(before[name], value=before[name].value + 1.5 * before[name].tolerance)
     other = replace(baseline, trials={"well": {**before, name: shifted}})
-    found = regress([str(folder / "well.yaml")], other, LocalBackend())
+    found = check_trials([str(folder / "well.yaml")], other, LocalBackend())
     assert [(one.trial, one.name) for one in found.moved] == [("well", name)]
     assert found.moved[0].tolerance_used == pytest.approx(1.5, rel=1e-6)
     assert replace(found.moved[0], tolerance=2.0 * found.moved[0].tolerance).tolerance_used == pytest.approx(
@@ -70,7 +70,7 @@ def test_the_command(cli: Callable[..., Any], made: tuple[Path, Baseline], tmp_p
     again = Baseline.read(file)
     assert again.tolerances == baseline.tolerances
     assert again.trials.keys() == {"well", "broken"}
-    assert again.trials["broken"] == {"exit_code": Quantity("3")}
+    assert again.trials["broken"] == {"exit_code": Expected("3")}
 
 
 @pytest.mark.parametrize(
@@ -86,8 +86,8 @@ def test_a_file_that_is_no_baseline(tmp_path: Path, text: str | None) -> None:
 
 def test_a_tolerance_is_the_stated_interval() -> None:
     length = {"lengths_m": {"shank": {"value": 0.4, "sd": 0.001}, "thigh": {"value": 0.4, "sd": None}}}
-    found = quantities({"verdict": {"level": "ok", "reasons": []}, **length})
-    assert found["lengths_m.shank"] == Quantity(0.4, NORMAL_95 * 0.001, "m")
+    found = dict(list_expected({"verdict": {"level": "ok", "reasons": []}, **length}))
+    assert found["lengths_m.shank"] == Expected(0.4, NORMAL_95 * 0.001, "m")
     assert found["lengths_m.thigh"].tolerance == pytest.approx(0.02)
 
 

@@ -13,9 +13,9 @@ from mocap_id.reporting.summary import encode_summary, summarise
 from mocap_id.stages.report.function import report_data
 from mocap_id.store.views import Skeleton
 from mocap_id.workflows.batch import BatchTrial, make_row
-from mocap_id.workflows.compare import compare_results, compare_series
+from mocap_id.workflows.compare import compare_results, compare_tables
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.regress import quantities
+from mocap_id.workflows.regress import list_expected
 from mocap_id.workflows.run_folder import RunFolder
 from spatial_trial import SpatialTrial, context
 
@@ -26,7 +26,7 @@ def summary_of(**options: Any) -> dict[str, Any]:
 
 
 def test_a_baseline_holds_joints_and_ranges() -> None:
-    found = quantities(summary_of())
+    found = dict(list_expected(summary_of()))
     assert found["joints.shoulder.z"].value == pytest.approx(0.17)
     assert found["joints.shoulder.z"].tolerance == pytest.approx(1.96 * 3e-3)
     assert (found["joints.elbow.kind"].value, found["joints.elbow.known"].value) == ("two-axis", "True")
@@ -36,7 +36,7 @@ def test_a_baseline_holds_joints_and_ranges() -> None:
 
 
 def test_a_centre_that_is_unknown_has_no_number_in_a_baseline() -> None:
-    found = quantities(summary_of(known=False))
+    found = dict(list_expected(summary_of(known=False)))
     assert "joints.shoulder.x" not in found and found["joints.shoulder.known"].value == "False"
 
 
@@ -53,7 +53,7 @@ def test_two_runs_are_compared(tmp_path: Path) -> None:
     changed = [difference.name for difference in compare_results(one, other) if difference.differs]
     assert {"shoulder x", "shoulder y", "shoulder z"} <= set(changed)
     run = RunFolder(tmp_path, tmp_path, SpatialTrial(frames=120).artefacts(plates=True), {})
-    found = {difference.name: difference for difference in compare_series(run, run)}
+    found = {difference.name: difference for difference in compare_tables(run, run)}
     assert found["dshoulder_plane"].unit == "rad/s" and not any(one.differs for one in found.values())
     assert {"Fz", "tauy", "isb_condition"} <= set(found)
 

@@ -25,7 +25,7 @@ from mocap_id.recording.writer import write_c3d
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Key, Line, Panel, Points, Text
 from mocap_id.reporting.page import embed, make_environment, read_figures
 from mocap_id.runner import run
-from mocap_id.workflows.sensitivity.study import SensitivityOptions, sensitivity
+from mocap_id.workflows.sensitivity.study import SensitivityOptions, study_sensitivity
 from mocap_id.workflows.study import run_study
 from mocap_id.workflows.study.robots import validate_robot
 from mocap_id_simulation import Options, RobotSet, generate, simulate_robot_set
@@ -91,7 +91,7 @@ def made(folder: Path) -> dict[str, Path]:
     summaries = {name: json.loads((where / "summary.json").read_text("utf-8")) for name, where in folders.items()}
     assert {name: one["verdict"]["level"] for name, one in summaries.items()} == LEVELS
     options = SensitivityOptions().only(["wrench-bias"])
-    sensitivity_study = sensitivity(folder / "trial.yaml", options, jobs=1, out=folder / "sensitivity").folder
+    sensitivity_study = study_sensitivity(folder / "trial.yaml", options, jobs=1, out=folder / "sensitivity").folder
     robot_options = Options(seed=31, repetitions=2, rate=120.0, analog_rate=600.0)
     simulated = simulate_robot_set(folder / "robots", RobotSet(1, ("elbow",), ("fast",), (45.0,), robot_options))
     validation = validate_robot([simulated], folder / "validation").page

@@ -92,7 +92,7 @@ def test_versions_are_ordered(newer: str, older: str) -> None:
 
 
 def test_a_failure_is_told_with_exit_code_1(cli, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "check_machine", lambda folder: iter([Finding("disk", "fail", "full", "make room")]))
+    monkeypatch.setattr(doctor, "check_space", lambda folder: Finding("disk", "fail", "full", "make room"))
     said = cli("doctor")
     assert said.code == 1
     assert "these checks failed: disk" in said.out

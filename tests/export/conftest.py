@@ -19,7 +19,7 @@ from mocap_id.config import load
 from mocap_id.recording import write_c3d
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.runner import run
-from mocap_id.workflows.export import FORMATS, Export, export
+from mocap_id.workflows.export import FORMATS, Export, export_run
 
 ROOT = Path(__file__).resolve().parents[2]
 ORACLE = Path(__file__).with_name("opensim_oracle.py")
@@ -108,7 +108,9 @@ def exported(links: Callable[..., Path], tmp_path_factory: pytest.TempPathFactor
     def made(with_plate: bool = True) -> Done:
         if with_plate not in done:
             out = tmp_path_factory.mktemp("exported")
-            done[with_plate] = Done(links(with_plate), out, export(links(with_plate), tuple(FORMATS), out), "two-links")
+            done[with_plate] = Done(
+                links(with_plate), out, export_run(links(with_plate), tuple(FORMATS), out), "two-links"
+            )
         return done[with_plate]
 
     return made

@@ -30,7 +30,11 @@ X, Y, Z = np.eye(3)
 
 def exported(trial: SpatialTrial, folder: Path, **changed: Any) -> ExportFiles:
     run = RunFolder(folder, folder / "s07", trial.artefacts(plates=True) | changed, {})
-    return sum((make(run) for makers in IN_SPACE.values() for make in makers), ExportFiles())
+    made = ExportFiles()
+    for exporters in IN_SPACE.values():
+        for add_files in exporters:
+            add_files(run, made)
+    return made
 
 
 def joints_of(trial: SpatialTrial) -> list[ModelJoint]:

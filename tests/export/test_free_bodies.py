@@ -14,8 +14,9 @@ from resultants import JointPlaces, Needs, Poses
 from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.runner import run_to
-from mocap_id.workflows.export import FORMATS, Export, export
-from mocap_id.workflows.export.opensim_tables import format_motion
+from mocap_id.workflows.export import FORMATS, Export, export_run
+from mocap_id.workflows.export.files import ExportFiles
+from mocap_id.workflows.export.opensim_tables import add_motion
 from mocap_id_simulation import Options, PersonOptions, simulate
 
 NAMES = ("foot", "shank", "thigh", "torso")
@@ -31,7 +32,7 @@ def loose(tmp_path_factory: pytest.TempPathFactory) -> Loose:
     options = Options(seed=4, repetitions=2, rate=100.0, analog_rate=500.0, people=PersonOptions(hip_gap_mm=10))
     trial = Path(simulate("sit-to-stand", out / "recording", options))
     folder = run_to(load(trial), "identify-dim").folder
-    return folder, export(folder, tuple(FORMATS), out / "files")
+    return folder, export_run(folder, tuple(FORMATS), out / "files")
 
 
 def file(loose: Loose, ending: str) -> Path:
@@ -130,7 +131,8 @@ def test_a_trial_on_the_chain_has_no_free_bodies(exported) -> None:
 def test_a_column_of_which_nothing_is_known_does_not_empty_the_table() -> None:
     """The unknown column is the torque between two segments that form one body."""
     values = np.array([[1.0, np.nan, 2.0], [3.0, np.nan, np.nan], [4.0, np.nan, 5.0]])
-    parts = format_motion("a.sto", "t", ["hip", "lumbar", "knee"], values, time=np.arange(3.0))
+    parts = ExportFiles()
+    add_motion(parts, "a.sto", "t", ["hip", "lumbar", "knee"], values, time=np.arange(3.0))
     text = parts.files["a.sto"].decode()
     assert "time\thip\tknee" in text
     assert len(text.partition("endheader\n")[2].splitlines()) == 3

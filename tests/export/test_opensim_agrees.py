@@ -18,7 +18,7 @@ from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.runner import run_to
 from mocap_id.store import Folder
-from mocap_id.workflows.export import export
+from mocap_id.workflows.export import export_run
 from mocap_id_simulation import Options, PersonOptions, simulate
 
 FORMATS = ("trc", "mot", "sto", "osim")
@@ -79,7 +79,7 @@ def chair(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., tuple[Path,
         if name == "chain":
             yaml.write_text(yaml.read_text() + "identify-dim: {motion: chain}\n")
         folder = run_to(load(yaml), "identify-dim").folder
-        export(folder, FORMATS, out / f"{name}-files")
+        export_run(folder, FORMATS, out / f"{name}-files")
         return folder, out / f"{name}-files"
 
     return made
@@ -132,7 +132,7 @@ def test_a_robots_joint_within_a_fifth_of_a_degree_throughout(
     out = tmp_path_factory.mktemp("robot")
     yaml = simulate("robot", out / "recording", Options(seed=5, repetitions=2, rate=100.0, analog_rate=500.0))
     folder = run_to(load(Path(yaml)), "identify-dim").folder
-    export(folder, FORMATS, out / "files")
+    export_run(folder, FORMATS, out / "files")
     answer = opensim(out / "files", folder.name)
     assert np.abs(angle_errors(answer, pd.read_parquet(folder / "states.parquet"))).max() < 0.2
     forces = force_errors(answer, pd.read_parquet(folder / "dynamics.parquet"))

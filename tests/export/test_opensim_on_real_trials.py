@@ -22,7 +22,7 @@ from resultants import COMPONENTS, JointPlaces, Needs, Poses
 from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.runner import run_to
-from mocap_id.workflows.export import export
+from mocap_id.workflows.export import export_run
 
 pytestmark = [pytest.mark.external, pytest.mark.recordings]
 BODIES = ("foot", "shank", "thigh", "torso", "others")
@@ -73,7 +73,7 @@ def asked(
         f"recording: {{markers: {folder / name}.trc, forces: {folder / name}_grf.mot}}\n"
     )
     run = run_to(load(trial), "identify-dim").folder
-    export(run, ("mot", "sto", "osim"), out / "files")
+    export_run(run, ("mot", "sto", "osim"), out / "files")
     return Asked(run, out / "files", opensim(out / "files", name))
 
 

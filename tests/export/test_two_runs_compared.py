@@ -13,7 +13,7 @@ import pytest
 from mocap_id.errors import StoreError
 from mocap_id.store.artefacts import Table
 from mocap_id.store.schemas import STATES
-from mocap_id.workflows.compare import Comparison, compare, compare_numbers, compare_series, flatten
+from mocap_id.workflows.compare import RunComparison, compare_numbers, compare_runs, compare_tables, flatten
 from mocap_id.workflows.run_folder import RunFolder, open_run
 
 
@@ -23,19 +23,19 @@ def other(links) -> Path:
     return Path(links(True, **{"identify-dim": {"cutoff_hz": 2.5}}))
 
 
-def by_name(found: Comparison) -> dict[tuple[str, str], object]:
+def by_name(found: RunComparison) -> dict[tuple[str, str], object]:
     return {(row.section, row.name): row for row in found.changed}
 
 
 def test_a_run_is_identical_to_itself(links) -> None:
-    found = compare(links(), links())
+    found = compare_runs(links(), links())
     assert found.identical
     assert found.changed == ()
     assert len(found.rows) > 100
 
 
 def test_the_other_way_round_every_difference_changes_its_sign(links, other: Path) -> None:
-    there, back = compare(links(), other), compare(other, links())
+    there, back = compare_runs(links(), other), compare_runs(other, links())
     assert not there.identical
     forth = {(row.section, row.name): row for row in back.rows}
     told = 0
@@ -56,7 +56,7 @@ def test_the_other_way_round_every_difference_changes_its_sign(links, other: Pat
 
 
 def test_a_setting_is_found_with_what_follows_from_it_alone(links, other: Path) -> None:
-    changed = compare(links(), other).changed
+    changed = compare_runs(links(), other).changed
     settings = {row.name: (row.a, row.b) for row in changed if row.section == "settings"}
     assert settings == {"identify-dim.cutoff_hz": (None, 2.5)}
     sections = {row.section for row in changed}
@@ -73,7 +73,7 @@ def test_a_setting_is_found_with_what_follows_from_it_alone(links, other: Path) 
 
 
 def test_without_its_plate_a_run_loses_its_parameters_and_gains_a_reason(links) -> None:
-    changed = compare(links(), links(False)).changed
+    changed = compare_runs(links(), links(False)).changed
     told = {row.name for row in changed if row.section == "verdict"}
     assert "no-plate gained" in told
     lost = [row for row in changed if row.section == "base parameters" and not row.name.endswith("verdict")]
@@ -99,9 +99,9 @@ def test_series_are_compared_on_common_times(links) -> None:
     middles = {name: (shifted[name].to_numpy()[1:] + shifted[name].to_numpy()[:-1]) / 2 for name in ("time", "theta_1")}
     frame = shifted.iloc[1:].assign(time=middles["time"], theta_1=middles["theta_1"] + 0.01)
     moved = replace(run, artefacts={**run.artefacts, "states.parquet": Table.from_frame(STATES, frame)})
-    found = {row.name: row.difference for row in compare_series(run, moved)}
+    found = {row.name: row.difference for row in compare_tables(run, moved)}
     assert found["theta_1"] == pytest.approx(0.01, rel=0.02)
-    assert {row.name: row.difference for row in compare_series(run, run)}["theta_1"] == 0.0
+    assert {row.name: row.difference for row in compare_tables(run, run)}["theta_1"] == 0.0
 
 
 def test_no_common_time_is_no_difference(links) -> None:
@@ -110,7 +110,7 @@ def test_no_common_time_is_no_difference(links) -> None:
     assert isinstance(table, Table)
     later = table.with_columns(time=table["time"] + 1e3)
     moved = replace(run, artefacts={"states.parquet": later})
-    assert list(compare_series(run, moved)) == []
+    assert list(compare_tables(run, moved)) == []
 
 
 def test_nested_settings_become_keys() -> None:
@@ -120,7 +120,7 @@ def test_nested_settings_become_keys() -> None:
 
 def test_a_folder_that_is_no_run(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="no artefacts of a run"):
-        compare(tmp_path, tmp_path)
+        compare_runs(tmp_path, tmp_path)
 
 
 def test_a_run_that_was_put_together_from_two_is_told(links, other: Path, tmp_path: Path) -> None:

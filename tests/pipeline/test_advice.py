@@ -16,7 +16,7 @@ from mocap_id.dynamics.cautions import classify
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.writer import write_c3d
 from mocap_id.runner import run_to
-from mocap_id.workflows.advice import AdviceOptions, advise, make_output, parse_angle_range, parse_support
+from mocap_id.workflows.advice import AdviceOptions, advise_movement, make_output, parse_angle_range, parse_support
 from mocap_id_cli.commands import build
 from mocap_id_simulation import Options, generate, simulate
 from mocap_id_simulation.options import draw_subject
@@ -45,7 +45,7 @@ def weak(bodies, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def advised(weak):
-    return advise(weak[2] / "trial.yaml")
+    return advise_movement(weak[2] / "trial.yaml")
 
 
 def test_the_present_movement_is_what_was_identified(weak, advised) -> None:
@@ -73,7 +73,7 @@ def test_an_advised_movement_makes_weak_parameters_known(bodies, weak, advised, 
 
 
 def test_a_run_folder_is_advised_on_as_its_yaml(weak, advised) -> None:
-    again = advise(load(weak[2] / "trial.yaml").out)
+    again = advise_movement(load(weak[2] / "trial.yaml").out)
     assert make_output(again).document == make_output(advised).document
 
 
@@ -105,7 +105,7 @@ def test_the_command_says_what_to_record(weak) -> None:
 
 def test_limits_are_asked_for(weak) -> None:
     options = AdviceOptions(angles={"joint": (-10.0, 10.0)}, speed=20.0, acceleration=100.0)
-    found = advise(weak[2] / "trial.yaml", options)
+    found = advise_movement(weak[2] / "trial.yaml", options)
     np.testing.assert_allclose(np.degrees([found.limits.low[0], found.limits.high[0]]), [-10, 10])
     assert found.design.best_standalone is not None
     assert np.degrees(np.abs(found.design.best_standalone.trajectory.dq)).max() <= 20.0 + 1e-6
@@ -113,7 +113,7 @@ def test_limits_are_asked_for(weak) -> None:
 
 def test_a_joint_that_is_not_there(weak) -> None:
     with pytest.raises(ConfigError, match="no joint 'knee'; expected one of joint"):
-        advise(weak[2] / "trial.yaml", AdviceOptions(angles={"knee": (0.0, 10.0)}))
+        advise_movement(weak[2] / "trial.yaml", AdviceOptions(angles={"knee": (0.0, 10.0)}))
 
 
 def test_without_a_plate_there_is_nothing_to_foresee(tmp_path: Path) -> None:
@@ -124,7 +124,7 @@ def test_without_a_plate_there_is_nothing_to_foresee(tmp_path: Path) -> None:
     write_c3d(tmp_path / "trial" / "trial.c3d", made.scene.markers.labels, made.points, 100.0)
     run_to(load(configuration), "identify-dim")
     with pytest.raises(RecordingError, match=r"no parameters were identified on trial trial.*the ground's wrench"):
-        advise(configuration)
+        advise_movement(configuration)
     said = CliRunner().invoke(build(), ["advise", "-q", str(configuration)])
     assert said.exit_code != 0
 

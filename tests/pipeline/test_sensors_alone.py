@@ -23,7 +23,7 @@ from mocap_id.stages.base import Context
 from mocap_id.stages.ukf_smooth.inertial import _calibrate_chain
 from mocap_id.store import Folder
 from mocap_id.store.views import Skeleton
-from mocap_id.workflows.sensitivity.study import sensitivity
+from mocap_id.workflows.sensitivity.study import study_sensitivity
 from worn_sensors import without_recording, worn_sensors
 
 
@@ -156,7 +156,7 @@ def test_what_a_configuration_without_markers_needs(place: Path) -> None:
 
 def test_perturbations_need_markers(place: Path) -> None:
     with pytest.raises(ConfigError, match="choose a trial with markers"):
-        sensitivity(without_recording(place / "trial/trial.yaml", out="runs/alone"), out=place / "perturbed")
+        study_sensitivity(without_recording(place / "trial/trial.yaml", out="runs/alone"), out=place / "perturbed")
 
 
 def test_forces_need_markers(place: Path) -> None:

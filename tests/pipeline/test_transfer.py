@@ -21,18 +21,15 @@ from mocap_id.dynamics.prediction import centre_of_pressure
 from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.runner import Step
-from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
-from mocap_id.workflows.matched_bodies import match_bodies
+from mocap_id.store.atomic import write_files
+from mocap_id.workflows.identified_trial import IdentifiedTrial, match_bodies, open_identified_trial
 from mocap_id.workflows.transfer import (
     SERIES,
     Transfer,
     TrialTransfer,
     apply_model,
-    as_frame,
-    as_json,
     rms_error,
-    transfer,
-    write,
+    transfer_model,
 )
 from mocap_id_cli.__main__ import main
 from mocap_id_simulation import Options, Strategy, simulate
@@ -242,16 +239,16 @@ def test_a_trial_without_an_identified_body_is_no_model(subject, tmp_path) -> No
     keys = {"trial": "blind", "recording": str(source / "trial.c3d"), "protocol": "sit-to-stand"}
     blind.write_text(json.dumps(keys | {"identify-dim": {"still_arc_deg": 200.0}}))
     with pytest.raises(RecordingError, match="no body to transfer from trial blind") as raised:
-        transfer(blind, [source / "trial.yaml"])
+        transfer_model(blind, [source / "trial.yaml"])
     assert raised.value.exit_code == 3
-    (found,) = transfer(source / "trial.yaml", [blind]).trials
+    (found,) = transfer_model(source / "trial.yaml", [blind]).trials
     assert [reason.code for reason in found.reasons] == ["transfer-nothing"]
     assert found.samples == 0
     assert all(error is None for each in found.bodies for error in each.errors.values())
     applied = Transfer("m", ("foot", "shank", "thigh", "torso"), (found,))
-    json.dumps(as_json(applied), allow_nan=False)
+    json.dumps(applied.as_json(), allow_nan=False)
     assert found.supported is None
-    write(applied, tmp_path / "t.parquet")
+    (tmp_path / "t.parquet").write_bytes(applied.format_table(".parquet"))
     assert pd.read_parquet(tmp_path / "t.parquet")["supported"].isna().all()
 
 
@@ -359,8 +356,8 @@ def test_the_table_is_written_whole_or_not_at_all(normal, dynamic, tmp_path) -> 
     found = Transfer("m", normal.skeleton.segments, (apply_model(normal, dynamic),))
     (tmp_path / "in-the-way").write_text("a file")
     with pytest.raises(StoreError, match="cannot be written"):
-        write(found, tmp_path / "in-the-way" / "t.csv")
-    assert list(as_frame(found)["body"]) == ["own", "own, held out", "transferred", "winter"]
+        write_files(tmp_path / "in-the-way", {"t.csv": found.format_table(".csv")})
+    assert list(found.as_frame()["body"]) == ["own", "own, held out", "transferred", "winter"]
 
 
 def test_mistakes_on_the_command_line(cli, subject, tmp_path) -> None:

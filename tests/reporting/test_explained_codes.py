@@ -12,7 +12,7 @@ from mocap_id.errors import ConfigError, MocapIdError
 from mocap_id.reporting.explanations import EXIT_CODES, EXPLANATIONS
 from mocap_id.stages import STAGES
 from mocap_id.stages.trial_keys import TrialKeys
-from mocap_id.workflows.code_lookup import explain, list_entries
+from mocap_id.workflows.code_lookup import explain_code, list_entries
 
 README = Path(__file__).resolve().parents[2] / "README.md"
 ERRORS = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, MocapIdError)]
@@ -45,7 +45,7 @@ def test_every_answer_is_complete(answer) -> None:
     for text in (answer.title, answer.meaning, answer.action):
         assert text.strip()
     assert answer.levels or answer.kind == "exit"
-    assert explain(answer.code) == answer
+    assert explain_code(answer.code) == answer
 
 
 @pytest.mark.parametrize(
@@ -60,11 +60,11 @@ def test_every_answer_is_complete(answer) -> None:
     ],
 )
 def test_other_spellings_are_accepted(asked: str, code: str) -> None:
-    assert explain(asked).code == code
+    assert explain_code(asked).code == code
 
 
 def test_an_unknown_code_names_the_nearest() -> None:
     with pytest.raises(ConfigError, match="segments-unsure"):
-        explain("segment-unsure")
+        explain_code("segment-unsure")
     with pytest.raises(ConfigError, match="lists all"):
-        explain("xyzzy")
+        explain_code("xyzzy")

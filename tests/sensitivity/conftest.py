@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mocap_id.workflows.sensitivity.perturbations import TrialInputs, locate_trial, read_inputs
+from mocap_id.workflows.sensitivity.perturbations import RerunInputs, locate_trial, read_rerun_inputs
 from mocap_id.workflows.sensitivity.runs import Estimates, read_estimates
 from mocap_id_simulation import Options, simulate
 
@@ -19,12 +19,12 @@ def robot_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def robot(robot_file: Path) -> TrialInputs:
+def robot(robot_file: Path) -> RerunInputs:
     """The trial, unperturbed."""
-    return read_inputs(locate_trial(robot_file))
+    return read_rerun_inputs(locate_trial(robot_file))
 
 
 @pytest.fixture(scope="session")
-def own(robot: TrialInputs) -> Estimates:
+def own(robot: RerunInputs) -> Estimates:
     """Its result."""
     return read_estimates(robot)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mocap_id.workflows.sensitivity.perturbations import TrialInputs
+from mocap_id.workflows.sensitivity.perturbations import RerunInputs
 
 ROOT = Path(__file__).resolve().parents[2]
 EXACT = ("turn the other way", "nothing else moves", "mean up to 10 N rejected", "total mass alone", "mx1 + … alone")
@@ -21,14 +21,14 @@ def claims(monkeypatch: pytest.MonkeyPatch):
 
 
 @pytest.mark.parametrize("words", EXACT)
-def test_claims_that_are_laws_are_confirmed(claims, robot: TrialInputs, words: str) -> None:
+def test_claims_that_are_laws_are_confirmed(claims, robot: RerunInputs, words: str) -> None:
     (claim,) = [claim for claim in claims.CLAIMS if words in claim.text]
     holds, said = claims.judge(claim, [claims.Case(robot)])
     assert holds
     assert said.value < 0.01
 
 
-def test_a_filter_that_is_tuned_to_the_noise_of_the_angles_is_tried(claims, robot: TrialInputs) -> None:
+def test_a_filter_that_is_tuned_to_the_noise_of_the_angles_is_tried(claims, robot: RerunInputs) -> None:
     assert 0 < claims.measure_tuned_angles(claims.Case(robot)).value < 5
 
 

@@ -16,9 +16,9 @@ from mocap_id.workflows.sensitivity.perturbations import (
     COMPONENTS,
     KINDS,
     Perturbation,
-    TrialInputs,
+    RerunInputs,
     locate_trial,
-    read_inputs,
+    read_rerun_inputs,
 )
 from mocap_id.workflows.sensitivity.runs import perturb
 from mocap_id.workflows.sensitivity.study import (
@@ -26,7 +26,7 @@ from mocap_id.workflows.sensitivity.study import (
     KindSelection,
     SensitivityOptions,
     _select_possible,
-    sensitivity,
+    study_sensitivity,
 )
 from worn_sensors import worn_sensors
 
@@ -34,9 +34,9 @@ TIME = np.arange(2000) / 100.0
 
 
 @pytest.fixture(scope="module")
-def trial(once: Callable[[str, Callable[[Path], Any]], Any]) -> TrialInputs:
+def trial(once: Callable[[str, Callable[[Path], Any]], Any]) -> RerunInputs:
     place: Path = once("sensors-alone", worn_sensors)
-    return read_inputs(locate_trial(place / "calibration/trial.yaml"))
+    return read_rerun_inputs(locate_trial(place / "calibration/trial.yaml"))
 
 
 def _changed(kind: str, level: float) -> tuple[ImuLog, ImuLog]:
@@ -69,7 +69,7 @@ def test_a_sensor_turns_by_its_level_and_measures_this_turn() -> None:
     assert turned < 10.0
 
 
-def test_no_perturbation_changes_nothing_and_a_turn_is_seen(trial: TrialInputs) -> None:
+def test_no_perturbation_changes_nothing_and_a_turn_is_seen(trial: RerunInputs) -> None:
     same = perturb(trial, Perturbation("imu-bias", "", 0.0)).table("states.parquet")
     own = trial.table("states.parquet")
     assert all(np.array_equal(same[name], own[name], equal_nan=True) for name in own.names)
@@ -78,7 +78,7 @@ def test_no_perturbation_changes_nothing_and_a_turn_is_seen(trial: TrialInputs) 
     assert 1e-3 < off < 0.5
 
 
-def test_without_a_plate_no_tolerance_of_sensors_is_claimed(trial: TrialInputs) -> None:
+def test_without_a_plate_no_tolerance_of_sensors_is_claimed(trial: RerunInputs) -> None:
     wrench = trial.table("wrench.parquet")
     unknown = {name: np.full_like(wrench[name], np.nan) for name in COMPONENTS}
     bare = trial.with_artefacts(replace(wrench, columns={**wrench.columns, **unknown}))
@@ -96,4 +96,4 @@ def test_without_a_plate_no_tolerance_of_sensors_is_claimed(trial: TrialInputs) 
 
 def test_a_trial_without_sensors_says_so(robot_file: Path) -> None:
     with pytest.raises(ConfigError, match="no inertial sensors"):
-        sensitivity(robot_file, SensitivityOptions(selections=(KindSelection("imu-clock"),)))
+        study_sensitivity(robot_file, SensitivityOptions(selections=(KindSelection("imu-clock"),)))

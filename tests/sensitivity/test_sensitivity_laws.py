@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mocap_id.workflows.sensitivity import perturbations
-from mocap_id.workflows.sensitivity.perturbations import KINDS, Perturbation, TrialInputs
+from mocap_id.workflows.sensitivity.perturbations import KINDS, Perturbation, RerunInputs
 from mocap_id.workflows.sensitivity.runs import (
     Estimates,
     compare_series,
@@ -43,7 +43,7 @@ def others(own: Estimates, now: Estimates, but: str) -> float:
     return max(abs(change(own, now, one.name)) / one.size for one in left)
 
 
-def tracks(trial: TrialInputs) -> np.ndarray:
+def tracks(trial: RerunInputs) -> np.ndarray:
     values = trial.long("planar.parquet").values
     return np.stack([values["x"], values["y"]], axis=-1)
 
@@ -53,7 +53,7 @@ def test_every_kind_has_its_change_and_no_other_has() -> None:
 
 
 @pytest.mark.parametrize(("kind", "target", "level"), NOTHING)
-def test_no_perturbation_changes_nothing_to_the_bit(robot: TrialInputs, own: Estimates, kind, target, level) -> None:
+def test_no_perturbation_changes_nothing_to_the_bit(robot: RerunInputs, own: Estimates, kind, target, level) -> None:
     now = perturb(robot, Perturbation(kind, target, level))
     assert read_estimates(now) == own
     for file in ("states.parquet", "dynamics.parquet"):
@@ -65,7 +65,7 @@ def test_no_perturbation_changes_nothing_to_the_bit(robot: TrialInputs, own: Est
 
 
 @pytest.mark.parametrize("bias", [0.01, -0.05])
-def test_an_angle_bias_turns_the_first_moments_the_other_way(robot: TrialInputs, own: Estimates, bias: float) -> None:
+def test_an_angle_bias_turns_the_first_moments_the_other_way(robot: RerunInputs, own: Estimates, bias: float) -> None:
     now = read_estimates(perturb(robot, Perturbation("angle-bias", JOINT, bias)))
     before = complex(own.parameters["mx2"].value, own.parameters["my2"].value)
     after = complex(now.parameters["mx2"].value, now.parameters["my2"].value)
@@ -75,21 +75,21 @@ def test_an_angle_bias_turns_the_first_moments_the_other_way(robot: TrialInputs,
 
 
 @pytest.mark.parametrize(("component", "into"), [("Fy", "m1+m2"), ("tauz", "mx1+p2x*m2")])
-def test_a_constant_of_the_plate_goes_into_one_parameter(robot: TrialInputs, own: Estimates, component, into) -> None:
+def test_a_constant_of_the_plate_goes_into_one_parameter(robot: RerunInputs, own: Estimates, component, into) -> None:
     now = read_estimates(perturb(robot, Perturbation("wrench-bias", component, 4.0)))
     assert change(own, now, into) == pytest.approx(4.0 / GRAVITY, rel=1e-6)
     assert others(own, now, but=into) < 1e-6
     assert now.codes == own.codes
 
 
-def test_a_constant_of_fx_goes_nowhere(robot: TrialInputs, own: Estimates) -> None:
+def test_a_constant_of_fx_goes_nowhere(robot: RerunInputs, own: Estimates) -> None:
     now = read_estimates(perturb(robot, Perturbation("wrench-bias", "Fx", 10.0)))
     assert others(own, now, but="") < 1e-9
 
 
 @pytest.mark.parametrize("delay", [0.02, -0.0437])
 def test_an_offset_of_the_clock_is_found_where_it_is_looked_for(
-    robot: TrialInputs, own: Estimates, delay: float
+    robot: RerunInputs, own: Estimates, delay: float
 ) -> None:
     estimated = read_estimates(perturb(robot, Perturbation("clock-offset", "", delay)))
     assert estimated.offset - own.offset == pytest.approx(delay, abs=1e-4)
@@ -99,12 +99,12 @@ def test_an_offset_of_the_clock_is_found_where_it_is_looked_for(
     assert others(own, ignored, but="") > 10 * others(own, estimated, but="")
 
 
-def test_an_offset_that_is_ignored_counts_from_the_true_one(robot: TrialInputs, own: Estimates) -> None:
+def test_an_offset_that_is_ignored_counts_from_the_true_one(robot: RerunInputs, own: Estimates) -> None:
     now = read_estimates(perturb(robot, Perturbation("clock-offset-ignored", "", 0.0)))
     assert others(own, now, but="") < 1e-3
 
 
-def test_a_higher_level_is_the_same_draw_larger(robot: TrialInputs) -> None:
+def test_a_higher_level_is_the_same_draw_larger(robot: RerunInputs) -> None:
     before = tracks(robot)
     for kind in ("camera-noise", "soft-tissue"):
         once, twice = (
@@ -115,7 +115,7 @@ def test_a_higher_level_is_the_same_draw_larger(robot: TrialInputs) -> None:
         assert not np.allclose(once[known], 0)
 
 
-def test_angle_noise_turns_a_frames_markers_by_that_noise(robot: TrialInputs) -> None:
+def test_angle_noise_turns_a_frames_markers_by_that_noise(robot: RerunInputs) -> None:
     chain = robot.tree("chain.h5").data
     centre = np.asarray(chain["joints"]["centre"])[0]
     moving = perturbations._find_moving(robot)
@@ -129,7 +129,7 @@ def test_angle_noise_turns_a_frames_markers_by_that_noise(robot: TrialInputs) ->
     assert np.array_equal(before[:, still], after[:, still], equal_nan=True)
 
 
-def test_drop_outs_take_their_share_and_more_takes_the_same_too(robot: TrialInputs) -> None:
+def test_drop_outs_take_their_share_and_more_takes_the_same_too(robot: RerunInputs) -> None:
     moving = perturbations._find_moving(robot)
     before = np.isfinite(tracks(robot)[:, moving, 0])
     few, many = (
@@ -141,7 +141,7 @@ def test_drop_outs_take_their_share_and_more_takes_the_same_too(robot: TrialInpu
     assert not np.any(many & ~few)
 
 
-def test_so_many_markers_are_left_on_every_moving_segment(robot: TrialInputs) -> None:
+def test_so_many_markers_are_left_on_every_moving_segment(robot: RerunInputs) -> None:
     now = KINDS["marker-count"].change(robot, Perturbation("marker-count", "", 3))
     left = now.table("segments.parquet").frame["segment"].value_counts()
     own = robot.table("segments.parquet").frame["segment"].value_counts()
@@ -149,14 +149,14 @@ def test_so_many_markers_are_left_on_every_moving_segment(robot: TrialInputs) ->
     assert left[0] == own[0]
 
 
-def test_a_frame_of_the_last_segment_that_lies_otherwise_counts_for_nothing(robot: TrialInputs, own: Estimates) -> None:
+def test_a_frame_of_the_last_segment_that_lies_otherwise_counts_for_nothing(robot: RerunInputs, own: Estimates) -> None:
     """Fewer markers move its centroid, so the gauge; the mass and its moments are where they were."""
     now = read_estimates(perturb(robot, Perturbation("marker-count", "", 3)))
     size = own.parameters["my2"].size
     assert math.hypot(change(own, now, "mx2"), change(own, now, "my2")) < 0.02 * size
 
 
-def test_a_frame_rate_divided_averages_as_reading_would(robot: TrialInputs) -> None:
+def test_a_frame_rate_divided_averages_as_reading_would(robot: RerunInputs) -> None:
     """A straight line stays; a sine of period P loses sinc(W / P), W the longer interval."""
     now = KINDS["frame-rate"].change(robot, Perturbation("frame-rate", "", 4))
     rate = robot.long("planar.parquet").facts["rate_hz"]
@@ -172,20 +172,20 @@ def test_a_frame_rate_divided_averages_as_reading_would(robot: TrialInputs) -> N
         assert averaged.names == wrench.names
 
 
-def test_a_perturbation_knows_nothing_of_those_before_it(robot: TrialInputs) -> None:
+def test_a_perturbation_knows_nothing_of_those_before_it(robot: RerunInputs) -> None:
     first, second = Perturbation("camera-noise", "", 0.002), Perturbation("wrench-noise", "Fx", 1.0)
     alone = run_perturbation(robot, first).estimates
     run_perturbation(robot, second)
     assert run_perturbation(robot, first).estimates == alone
 
 
-def test_other_seeds_draw_other_noise(robot: TrialInputs) -> None:
+def test_other_seeds_draw_other_noise(robot: RerunInputs) -> None:
     changes = (Perturbation("camera-noise", "", 0.001, seed) for seed in (1, 2))
     one, two = (tracks(KINDS["camera-noise"].change(robot, change)) for change in changes)
     assert not np.array_equal(one, two, equal_nan=True)
 
 
-def test_what_cannot_be_computed_is_an_answer(robot: TrialInputs) -> None:
+def test_what_cannot_be_computed_is_an_answer(robot: RerunInputs) -> None:
     """Three frames of a whole recording are no movement."""
     every = len(robot.table("wrench.parquet").frame) // 3
     tried = run_perturbation(robot, Perturbation("frame-rate", "", every))

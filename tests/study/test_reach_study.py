@@ -15,7 +15,7 @@ from mocap_id.reporting.figure import Figure, Line, Panel
 from mocap_id.reporting.study.cohort import CohortData
 from mocap_id.reporting.study.reach import draw_reach_figures
 from mocap_id.workflows.study import reach as reach_study
-from mocap_id.workflows.study.pooling import Estimate, correlate_ranks
+from mocap_id.workflows.study.pooling import IntervalEstimate, correlate_ranks
 from mocap_id.workflows.study.reach import make_shape
 
 
@@ -165,5 +165,5 @@ def test_too_few_people_or_equal_scores_have_no_correlation() -> None:
 
 
 def test_a_difference_combines_the_intervals_on_their_sides() -> None:
-    found = Estimate(5.0, 4.0, 7.0).minus(Estimate(3.0, 0.0, 3.5))
+    found = IntervalEstimate(5.0, 4.0, 7.0).minus(IntervalEstimate(3.0, 0.0, 3.5))
     assert (found.value, found.low, found.high) == pytest.approx((2.0, 2 - 1.25**0.5, 2 + 13**0.5))

@@ -14,7 +14,7 @@ from mocap_id.dynamics.prediction import Agreement
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.results.columns import ResultTable
 from mocap_id.workflows.study import sit_to_stand
-from mocap_id.workflows.study.pooling import mean_sd, pool_errors
+from mocap_id.workflows.study.pooling import find_mean_sd, pool_errors
 from mocap_id.workflows.study.sit_to_stand import (
     STUDY,
     TABLES,
@@ -158,8 +158,8 @@ def test_pool_errors_errors_are_those_of_the_samples_put_together() -> None:
 
 
 def test_mean_and_spread_leave_out_what_is_missing() -> None:
-    assert mean_sd([1.0, None, math.nan, 5.0]) == (3.0, pytest.approx(math.sqrt(8)))
-    assert all(map(math.isnan, mean_sd([])))
+    assert find_mean_sd([1.0, None, math.nan, 5.0]) == (3.0, pytest.approx(math.sqrt(8)))
+    assert all(map(math.isnan, find_mean_sd([])))
 
 
 def test_modified_parameters_do_not_feel_a_turned_frame() -> None:

@@ -187,9 +187,9 @@ class Run:
         StoreError
             A file exists already, the folder cannot be written, or the run has no content for these formats.
         """
-        from mocap_id.workflows.export import export  # noqa: PLC0415  only an export needs it
+        from mocap_id.workflows.export import export_run  # noqa: PLC0415  only an export needs it
 
-        return export(self.folder, formats, None if out is None else Path(out), force=force).files
+        return export_run(self.folder, formats, None if out is None else Path(out), force=force).files
 
     def _read_frame(self, file: str) -> pd.DataFrame:
         """Return an artefact, such as ``states.parquet``, as a data frame; raise StoreError if it is missing."""

@@ -1,7 +1,7 @@
 """Commands on many trials, on the results of finished trials, on recordings or on the installation.
 
 After ``from mocap_id import workflows``, a workflow is imported when it is first used, for example in
-``workflows.compare.compare(…)``, so that no command has to wait for the workflow of another one.
+``workflows.compare.compare_runs(…)``, so that no command has to wait for the workflow of another one.
 """
 
 from importlib import import_module

@@ -12,14 +12,13 @@ from typing import Any, Literal
 import numpy as np
 
 from mocap_id import runner
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import FloatArray
 from mocap_id.design.experiment import SMALLER, ExperimentDesign, design_experiment
 from mocap_id.design.movements import static_centre_of_pressure
 from mocap_id.design.predicted_covariance import (
     CovariancePredictor,
     IdentifiedBody,
     PredictedUncertainty,
-    Trajectory,
     get_recorded_trajectory,
 )
 from mocap_id.design.proposal import (
@@ -33,9 +32,7 @@ from mocap_id.design.proposal import (
 from mocap_id.dynamics.base_parameters import base_names, list_base_units
 from mocap_id.dynamics.built_in_sensors import SensorNoise, predict_with_sensor
 from mocap_id.dynamics.cautions import classify
-from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.instrument_errors import KinematicError
-from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.kinematics.skin_slides import predict_skin
 from mocap_id.reporting.advised_movement import draw
@@ -52,9 +49,6 @@ from mocap_id.stages.trial_keys import TrialKeys
 from mocap_id.store import Artefact, Folder
 from mocap_id.store.views import Skeleton
 from mocap_id.workflows.identified_trial import open_identified_trial
-
-__all__ = ["Advice", "AdviceOptions", "advise", "format_text", "make_output", "parse_angle_range", "parse_support"]
-
 
 _WIDEN_ROBOT, _WIDEN = 20.0, 5.0  # degrees beyond the observed range, for a robot and for a person
 _SPEED = (float(np.radians(90.0)), float(np.radians(200.0)))  # rad/s: lowest limit, and highest limit of a person
@@ -80,7 +74,9 @@ class Advice:
     sensor_sd: FloatArray | None
 
 
-def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Progress = lambda step: None) -> Advice:
+def advise_movement(
+    path: Path, options: AdviceOptions | None = None, progress: runner.Progress = lambda step: None
+) -> Advice:
     """Return the movement that most reduces the standard deviations of the trial's parameters.
 
     ``path`` and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.
@@ -101,16 +97,37 @@ def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Pr
             f"{path}: no parameters were identified on trial {identified.name}, so the benefit of another movement "
             f"cannot be predicted: {identified.facts.get('why')}"
         )
-    context = _read_context(identified.folder)
+    # The inputs and settings from which identify-dim computed the artefacts in the run folder.
+    folder = Folder(identified.folder)
+    parameters = folder.provenance("dynamics.h5").origin.parameters
+    stage = next(stage for stage in STAGES if stage.name == STAGE.name)
+    inputs: dict[str, Artefact] = {file: folder.read(file) for file in stage.inputs}
+    keys = {name: parameters[name] for name in ("trial", "protocol", "subject")}
+    trial = TrialKeys.model_validate(keys | {"recording": {"markers": "."}})
+    context = Context(trial, stage.settings.model_validate(parameters[stage.name]), inputs)
     outcome = identify_trial(context)
     assert not isinstance(outcome, NotIdentifiable)  # it was identified before, from the same artefacts
     prepared, movement, model = outcome
     joints = Skeleton.from_tree(context.tree("chain.h5")).joint_names
     own, centres = get_recorded_trajectory(prepared.recorded, model.fit.in_fit), prepared.recorded.centres
     predictor = CovariancePredictor(IdentifiedBody(prepared, model), own, _make_error_predictor(context))
-    bolted = options.support == "bolted" or (options.support is None and context.trial.protocol == "robot-joint")
+
+    # The limits, from the recorded movement and the options.
+    is_robot = trial.protocol == "robot-joint"
+    bolted = options.support == "bolted" or (options.support is None and is_robot)
     rest = find_resting_posture(own, centres, upright=not bolted)
-    limits = options.replace_limits(_observe_limits(predictor, rest, _find_widening(options, context), bolted), joints)
+    widen = options.widen if options.widen is not None else _WIDEN_ROBOT if is_robot else _WIDEN
+    observed = derive_limits(
+        own,
+        predictor.body.wrench(own),
+        rest,
+        widened=float(np.radians(widen)),
+        speed=(_SPEED[0], np.inf if bolted else _SPEED[1]),
+        acceleration=(_ACCELERATION[0], np.inf if bolted else _ACCELERATION[1]),
+        slack=None if bolted else _SLACK,
+        at_rest=float(static_centre_of_pressure(predictor.body, rest[None])[0]),
+    )
+    limits = options.replace_limits(observed, joints)
     rest = limits.clip(rest)  # the options may exclude the observed posture
     chosen = design_experiment(
         predictor,
@@ -122,6 +139,11 @@ def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Pr
         mixed=movement.contact is None or not movement.contact.chair,
         seed=options.seed,
     )
+
+    # The same movement with a typical wrench sensor before the last segment, unless the trial has it, or a prior.
+    covariance = None
+    if prepared.prior is None and not any(each.segment == len(centres) for each in prepared.recorded.built_in):
+        covariance = predict_with_sensor(model, prepared, movement.free, len(centres), SensorNoise())
     return Advice(
         trial=identified.name,
         joints=joints,
@@ -131,31 +153,8 @@ def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Pr
         design=chosen,
         limits=limits,
         weak=choose_weak_share(context),
-        sensor_sd=_predict_with_sensor(model, prepared, movement.free),
+        sensor_sd=None if covariance is None else np.asarray(np.sqrt(np.diag(covariance))),
     )
-
-
-def _predict_with_sensor(model: Identification, prepared: PreparedTrial, gate: BoolArray) -> FloatArray | None:
-    """Return the standard deviations (b,) of the base parameters with a typical wrench sensor before the last segment.
-
-    ``gate`` marks the samples of the fit. None if the trial already has this sensor, has a prior, or is too short.
-    """
-    segment = len(prepared.recorded.centres)
-    if any(each.segment == segment for each in prepared.recorded.built_in) or prepared.prior is not None:
-        return None
-    covariance = predict_with_sensor(model, prepared, gate, segment, SensorNoise())
-    return None if covariance is None else np.asarray(np.sqrt(np.diag(covariance)))
-
-
-def _read_context(path: Path) -> Context:
-    """Return the inputs and settings from which identify-dim computed the artefacts in a run folder."""
-    folder = Folder(path)
-    parameters = folder.provenance("dynamics.h5").origin.parameters
-    stage = next(stage for stage in STAGES if stage.name == STAGE.name)
-    inputs: dict[str, Artefact] = {file: folder.read(file) for file in stage.inputs}
-    keys = {name: parameters[name] for name in ("trial", "protocol", "subject")}
-    trial = TrialKeys.model_validate(keys | {"recording": {"markers": "."}})
-    return Context(trial, stage.settings.model_validate(parameters[stage.name]), inputs)
 
 
 def _make_error_predictor(context: Context) -> Callable[[FloatArray], KinematicError]:
@@ -170,25 +169,6 @@ def _make_error_predictor(context: Context) -> Callable[[FloatArray], KinematicE
         return KinematicError(lambda angles: predicted.errors(angles)[0] + turned, centres)
 
     return predict
-
-
-def _find_widening(options: AdviceOptions, context: Context) -> float:
-    """Return how far every joint may go beyond its observed range, rad."""
-    usual = _WIDEN_ROBOT if context.trial.protocol == "robot-joint" else _WIDEN
-    return float(np.radians(usual if options.widen is None else options.widen))
-
-
-def _observe_limits(predictor: CovariancePredictor, rest: FloatArray, widened: float, bolted: bool) -> MovementLimits:
-    return derive_limits(
-        predictor.own,
-        predictor.body.wrench(predictor.own),
-        rest,
-        widened=widened,
-        speed=(_SPEED[0], np.inf if bolted else _SPEED[1]),
-        acceleration=(_ACCELERATION[0], np.inf if bolted else _ACCELERATION[1]),
-        slack=None if bolted else _SLACK,
-        at_rest=float(static_centre_of_pressure(predictor.body, rest[None])[0]),
-    )
 
 
 Support = tuple[float, float] | Literal["bolted"] | None
@@ -212,12 +192,15 @@ class AdviceOptions:
     seed: int = 0  # seed of the search
 
     def __post_init__(self) -> None:
+        def is_within(value: float | None, low: float, high: float) -> bool:
+            return value is None or low <= value <= high
+
         checks = (
             ("objective", self.objective, self.objective in OBJECTIVES, "one of " + ", ".join(OBJECTIVES)),
-            ("seconds", self.seconds, _is_within(self.seconds, 8, 600), "8 … 600 s"),
-            ("widen", self.widen, _is_within(self.widen, 0, 180), "0 … 180 degrees"),
-            ("speed", self.speed, _is_within(self.speed, 1, 2000), "1 … 2000 degrees/s"),
-            ("acceleration", self.acceleration, _is_within(self.acceleration, 1, 1e5), "1 … 100000 degrees/s²"),
+            ("seconds", self.seconds, is_within(self.seconds, 8, 600), "8 … 600 s"),
+            ("widen", self.widen, is_within(self.widen, 0, 180), "0 … 180 degrees"),
+            ("speed", self.speed, is_within(self.speed, 1, 2000), "1 … 2000 degrees/s"),
+            ("acceleration", self.acceleration, is_within(self.acceleration, 1, 1e5), "1 … 100000 degrees/s²"),
             ("seed", self.seed, self.seed >= 0, "a whole number, 0 or more"),
         )
         for name, value, valid, expected in checks:
@@ -244,10 +227,6 @@ class AdviceOptions:
             acceleration=limits.acceleration if self.acceleration is None else one * np.radians(self.acceleration),
             support=self.support if isinstance(self.support, tuple) else limits.support,
         )
-
-
-def _is_within(value: float | None, low: float, high: float) -> bool:
-    return value is None or low <= value <= high
 
 
 def parse_angle_range(text: str) -> tuple[str, tuple[float, float]]:
@@ -297,7 +276,17 @@ def format_text(advised: Advice) -> Iterator[str]:
     """Yield the lines of the text for the terminal."""
     design = advised.design
     yield f"{advised.trial}: {len(advised.names)} parameters, condition number {design.now.condition:.0f}"
-    yield _format_limits(advised)
+    limits = advised.limits
+    parts = [
+        f"{name} {np.degrees(low):.0f}° to {np.degrees(high):.0f}°, up to {np.degrees(speed):.0f}°/s"
+        for name, low, high, speed in zip(advised.joints, limits.low, limits.high, limits.speed, strict=True)
+    ]
+    if limits.support is None:
+        parts.append("the base is bolted down")
+    else:
+        low, high = (100 * end for end in limits.support)
+        parts.append(f"centre of pressure {low:.1f} to {high:.1f} cm")
+    yield "limits: " + "; ".join(parts)
     yield ""
     if design.best is None or not design.helps:
         yield (
@@ -322,36 +311,7 @@ def format_text(advised: Advice) -> Iterator[str]:
     else:
         yield "designed: no movement of all joints together is within these limits"
     yield ""
-    yield from _format_table(advised)
-
-
-def _format_limits(advised: Advice) -> str:
-    limits = advised.limits
-    parts = [
-        f"{name} {np.degrees(low):.0f}° to {np.degrees(high):.0f}°, up to {np.degrees(speed):.0f}°/s"
-        for name, low, high, speed in zip(advised.joints, limits.low, limits.high, limits.speed, strict=True)
-    ]
-    if limits.support is None:
-        return "limits: " + "; ".join(parts) + "; the base is bolted down"
-    low, high = (100 * end for end in limits.support)
-    return "limits: " + "; ".join(parts) + f"; centre of pressure {low:.1f} to {high:.1f} cm"
-
-
-def _describe_benefit(advised: Advice, proposal: Proposal) -> str:
-    """Return the benefit of a movement as text: the standard deviations that decrease, and the condition number."""
-    design = advised.design
-    before, after = design.now.sd / design.size, proposal.predicted.sd / design.size
-    gains = [i for i in np.argsort(-before) if after[i] < SMALLER * before[i]]
-    named = [
-        f"sd of {advised.names[i]} from {show(100 * before[i], 2, '%')} to {show(100 * after[i], 2, '%')}"
-        for i in gains[:_NAMED]
-    ]
-    condition = f"condition number {design.now.condition:.0f} -> {proposal.predicted.condition:.0f}"
-    return ", ".join([*(named or ["no smaller sd"]), condition])
-
-
-def _format_table(advised: Advice) -> Iterator[str]:
-    design = advised.design
+    # The standard deviations of every parameter, relative to its size.
     columns = [("now", design.now)]
     if design.simple:
         columns.append(("simple 1", design.simple[0].predicted))
@@ -372,9 +332,29 @@ def _format_table(advised: Advice) -> Iterator[str]:
     yield "condition number".ljust(width) + "".join(f"{f.condition:10.1f}" for _, f in columns)
 
 
+def _describe_benefit(advised: Advice, proposal: Proposal) -> str:
+    """Return the benefit of a movement as text: the standard deviations that decrease, and the condition number."""
+    design = advised.design
+    before, after = design.now.sd / design.size, proposal.predicted.sd / design.size
+    gains = [i for i in np.argsort(-before) if after[i] < SMALLER * before[i]]
+    named = [
+        f"sd of {advised.names[i]} from {show(100 * before[i], 2, '%')} to {show(100 * after[i], 2, '%')}"
+        for i in gains[:_NAMED]
+    ]
+    condition = f"condition number {design.now.condition:.0f} -> {proposal.predicted.condition:.0f}"
+    return ", ".join([*(named or ["no smaller sd"]), condition])
+
+
 def make_output(advised: Advice) -> Result:
     """Return the files to write: ``advice.json``, and the best new movement as CSV and as a figure."""
     design, limits = advised.design, advised.limits
+    sensor = None
+    if advised.sensor_sd is not None:
+        rows = zip(advised.names, advised.sensor_sd, design.size, strict=True)
+        parameters = [
+            {"name": name, "sd": to_finite(sd), "relative_sd": to_finite(sd / size)} for name, sd, size in rows
+        ]
+        sensor = {"joint": advised.joints[-1], "parameters": parameters}
     content = {
         "trial": advised.trial,
         "objective": {"name": design.objective, "text": OBJECTIVES[design.objective], "now": to_finite(design.value)},
@@ -396,21 +376,9 @@ def make_output(advised: Advice) -> Result:
         "now": _describe_prediction(advised, design.now),
         "simple": [_describe_proposal(advised, each) for each in design.simple],
         "designed": None if design.designed is None else _describe_proposal(advised, design.designed),
-        "sensor": _describe_sensor(advised),
+        "sensor": sensor,
     }
     return Result("advice", "advice.json", content, other_files=lambda: _draw_movement(advised), indent=2)
-
-
-def _describe_sensor(advised: Advice) -> dict[str, Any] | None:
-    """Return the standard deviations with a wrench sensor before the last segment, as JSON; None if unknown."""
-    if advised.sensor_sd is None:
-        return None
-    size = advised.design.size
-    rows = [
-        {"name": name, "sd": to_finite(sd), "relative_sd": to_finite(sd / one)}
-        for name, sd, one in zip(advised.names, advised.sensor_sd, size, strict=True)
-    ]
-    return {"joint": advised.joints[-1], "parameters": rows}
 
 
 def _describe_proposal(advised: Advice, proposal: Proposal) -> dict[str, Any]:
@@ -438,21 +406,18 @@ def _describe_prediction(advised: Advice, predicted: PredictedUncertainty) -> di
     }
 
 
-def _format_csv(advised: Advice, trajectory: Trajectory) -> str:
-    """Return a movement as CSV: time_s, and angle, velocity and acceleration of every joint (rad, rad/s, rad/s²)."""
-    heads = [f"{joint.replace(' ', '_')}_{unit}" for unit in ("rad", "rad_s", "rad_s2") for joint in advised.joints]
-    rows = np.column_stack([trajectory.time - trajectory.time[0], trajectory.q, trajectory.dq, trajectory.ddq])
-    stream = io.StringIO()
-    np.savetxt(stream, rows, fmt="%.6f", delimiter=",", header=",".join(["time_s", *heads]), comments="")
-    return stream.getvalue()
-
-
 def _draw_movement(advised: Advice) -> dict[str, bytes]:
+    """Return the best new movement as figure, and as CSV: time_s, and angle, velocity and acceleration of every joint.
+
+    The units are s, rad, rad/s and rad/s².
+    """
     movement = advised.design.best_standalone
     if movement is None:
         return {}
+    path = movement.trajectory
+    heads = [f"{joint.replace(' ', '_')}_{unit}" for unit in ("rad", "rad_s", "rad_s2") for joint in advised.joints]
+    rows, stream = np.column_stack([path.time - path.time[0], path.q, path.dq, path.ddq]), io.StringIO()
+    np.savetxt(stream, rows, fmt="%.6f", delimiter=",", header=",".join(["time_s", *heads]), comments="")
     title = f"A movement to record after {advised.trial}"
-    figure = render(
-        "movement", title, lambda: draw(movement.trajectory, advised.joints, advised.limits, movement.words)
-    )
-    return {"movement.csv": _format_csv(advised, movement.trajectory).encode(), **figure}
+    figure = render("movement", title, lambda: draw(path, advised.joints, advised.limits, movement.words))
+    return {"movement.csv": stream.getvalue().encode(), **figure}

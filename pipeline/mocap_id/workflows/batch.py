@@ -8,7 +8,7 @@ from __future__ import annotations
 import glob
 import logging
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -250,7 +250,11 @@ def run_batch(
     begin(len(trials))
     runs = run_trials(trials, backend or LocalBackend(), tell, on_error)
     entries = [read_trial(trial, run, table.parent) for trial, run in zip(trials, runs, strict=True)]
-    entries += [_make_unreadable(one, table.parent) for one in unreadable]
+    for one in unreadable:  # the error takes the place of a result
+        message = str(one.error)
+        published = message.replace(str(one.file), one.file.name)
+        run = TrialRun(one.file.stem, one.error.exit_code, message, published, None, computed=False, seconds=0.0)
+        entries.append(BatchTrial(run=run, summary=None, file=one.file, out=None, folder=table.parent))
     messages = {k: entry.run.message for k, entry in enumerate(entries) if entry.run.message is not None}
     rows = [make_row(entry) for entry in entries]
     write_files(table.parent, {table.name: ResultTable.of(BATCH, rows).parquet("batch")})
@@ -270,30 +274,20 @@ def _check_table(table: Path, trials: Sequence[Trial]) -> None:
         ) from error
     now = {path.resolve() for trial in trials for path in (trial.file, trial.out)}
     if trials and before and not before & now:
-        files = (dict.fromkeys(names) for names in ((row["file"] for row in rows), (trial.file for trial in trials)))
-        others, own = (_list_some(os.path.relpath(table.parent / name, table.parent) for name in one) for one in files)
+        named = []
+        for files in ((row["file"] for row in rows), (trial.file for trial in trials)):
+            names = [os.path.relpath(table.parent / file, table.parent) for file in dict.fromkeys(files)]
+            named.append(", ".join(names[:3]) + (" …" if names[3:] else ""))
+        others, own = named
         raise StoreError(
             f"{table} is the table of other trials ({others}), and the table of this batch ({own}) would replace it: "
             "choose another file with `--out`"
         )
 
 
-def _list_some(names: Iterable[str]) -> str:
-    first, rest = [*names][:3], [*names][3:]
-    return ", ".join(first) + (" …" if rest else "")
-
-
 def read_trial(trial: Trial, run: TrialRun, folder: Path) -> BatchTrial:
     """Read the result of a trial from its run folder; ``folder`` is the folder of the batch's table."""
     return BatchTrial(run=run, summary=read_summary(trial.out, run), file=trial.file, out=trial.out, folder=folder)
-
-
-def _make_unreadable(one: UnreadableFile, folder: Path) -> BatchTrial:
-    """Return the entry of a file that could not be read as a trial; the error takes the place of a result."""
-    message = str(one.error)
-    published = message.replace(str(one.file), one.file.name)
-    run = TrialRun(one.file.stem, one.error.exit_code, message, published, None, computed=False, seconds=0.0)
-    return BatchTrial(run=run, summary=None, file=one.file, out=None, folder=folder)
 
 
 def make_row(trial: BatchTrial) -> dict[str, Any]:

@@ -10,11 +10,9 @@ from dataclasses import dataclass
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.explanations import EXIT_CODES, EXPLANATIONS
 
-_LEVELS = {"ok": "note"}
-
 
 @dataclass(frozen=True)
-class Entry:
+class CodeEntry:
     """The explanation of one code."""
 
     kind: str  # ``verdict`` or ``exit``
@@ -26,13 +24,20 @@ class Entry:
     action: str  # what to do
 
 
-def list_entries() -> Mapping[str, Entry]:
+def list_entries() -> Mapping[str, CodeEntry]:
     """Return the explanations of all codes by code, verdicts first."""
-    verdicts = (_make_verdict(code) for code in sorted(EXPLANATIONS))
-    return {entry.code: entry for entry in (*verdicts, *map(_make_exit, EXIT_CODES))}
+    found = {}
+    for code, one in sorted(EXPLANATIONS.items()):
+        levels = tuple("note" if level == "ok" else level for level in one.levels)
+        judged = f"by `{one.stage}`. {one.criterion}"
+        found[code] = CodeEntry("verdict", code, levels, one.title, one.meaning, judged, one.action)
+    for number, entry in EXIT_CODES.items():
+        code, judged = f"exit-{number}", "" if entry.name is None else f"{entry.name} of mocap_id.errors"
+        found[code] = CodeEntry("exit", code, (), entry.title, entry.meaning, judged, entry.action)
+    return found
 
 
-def explain(code: str) -> Entry:
+def explain_code(code: str) -> CodeEntry:
     """Return the explanation of a code.
 
     Parameters
@@ -48,32 +53,14 @@ def explain(code: str) -> Entry:
     """
     known = list_entries()
     name = code.strip().lower().replace("_", "-").replace(" ", "-")
-    aliases = _find_aliases()
+    # An exit code is also known by the name of its error, with or without hyphens, and by its number.
+    named = {entry.name: f"exit-{number}" for number, entry in EXIT_CODES.items() if entry.name}
+    hyphened = {re.sub(r"(?<=[a-z])(?=[A-Z])", "-", error).lower(): exit_code for error, exit_code in named.items()}
+    plain = {error.lower(): exit_code for error, exit_code in named.items()}
+    aliases = {**hyphened, **plain, **{str(number): f"exit-{number}" for number in EXIT_CODES}}
     entry = known.get(aliases.get(name, name), known.get(name))
     if entry is None:
         close = difflib.get_close_matches(name, [*known, *aliases], n=3, cutoff=0.5)
         near = f"the nearest are {', '.join(close)}" if close else "`mocap-id explain` lists all codes"
         raise ConfigError(f"there is no code `{code}`: {near}")
     return entry
-
-
-def _find_aliases() -> dict[str, str]:
-    """Return exit codes such as ``exit-4`` by alias: the number, or the name of the error with or without hyphens."""
-    named = {entry.name: number for number, entry in EXIT_CODES.items() if entry.name}
-    hyphened = {re.sub(r"(?<=[a-z])(?=[A-Z])", "-", name).lower(): number for name, number in named.items()}
-    plain = {name.lower(): number for name, number in named.items()}
-    numbers = {str(number): number for number in EXIT_CODES}
-    return {alias: f"exit-{number}" for alias, number in {**hyphened, **plain, **numbers}.items()}
-
-
-def _make_verdict(code: str) -> Entry:
-    entry = EXPLANATIONS[code]
-    judged = f"by `{entry.stage}`. {entry.criterion}"
-    levels = tuple(_LEVELS.get(level, level) for level in entry.levels)
-    return Entry("verdict", code, levels, entry.title, entry.meaning, judged, entry.action)
-
-
-def _make_exit(number: int) -> Entry:
-    entry = EXIT_CODES[number]
-    judged = "" if entry.name is None else f"{entry.name} of mocap_id.errors"
-    return Entry("exit", f"exit-{number}", (), entry.title, entry.meaning, judged, entry.action)

@@ -30,9 +30,6 @@ from mocap_id.estimation.space import smooth_in_space
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 
-__all__ = ["Finding", "check_installation", "compile_everything"]
-
-
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 OPENSIM = "MOCAP_ID_OPENSIM_PYTHON"
 """Environment variable: path of a Python that has the `opensim` package."""
@@ -49,17 +46,19 @@ def check_installation(folder: Path, *, simulate: Callable[[Path], Path] | None 
         Writes a small trial to a new folder and returns the path of its YAML file. The whole pipeline is run on it.
     """
     yield from check_packages()
-    yield from check_machine(folder)
-    yield find_browser()
+
+    yield check_threads()
+    yield check_compiler()
+    yield check_cache()
+    yield check_space(folder)
+    yield from check_files(folder)
+
+    browser = next((path for path in map(shutil.which, _BROWSERS) if path), None)
+    found = browser or "no Chromium found; only the tests of the report need it"
+    yield Finding("Chromium (optional)", "ok", found)
     yield find_opensim(folder)
     if simulate is not None:
         yield run_small_trial(simulate)
-
-
-def find_browser() -> Finding:
-    """Return whether Chromium was found, which only the tests of the report need."""
-    path = next((path for path in map(shutil.which, _BROWSERS) if path), None)
-    return Finding("Chromium (optional)", "ok", path or "no Chromium found; only the tests of the report need it")
 
 
 def find_opensim(folder: Path) -> Finding:
@@ -96,15 +95,6 @@ _SPACE, _LEAST_SPACE = 2e9, 1e8  # bytes: for a long trial with its report; for 
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _WRITABLE = "set NUMBA_CACHE_DIR to a writable folder"
 _RATE = 100.0  # Hz, rate of the trial that is filtered to compile the filter
-
-
-def check_machine(folder: Path) -> Iterator[Finding]:
-    """Check the threads, the compiler, its cache, the folder's free space and permissions, and HDF5 and Parquet."""
-    yield check_threads()
-    yield check_compiler()
-    yield check_cache()
-    yield check_space(folder)
-    yield from check_files(folder)
 
 
 def check_threads() -> Finding:
@@ -159,40 +149,35 @@ def check_files(folder: Path) -> Iterator[Finding]:
     try:
         with tempfile.TemporaryDirectory(dir=folder, prefix=".mocap-id-doctor-") as place:
             yield Finding("working folder", "ok", "can be written")
-            yield _check_hdf5(Path(place) / "doctor.h5")
-            yield _check_parquet(Path(place) / "doctor.parquet")
+            for name, package, is_kept in (("HDF5", "h5py", _keeps_hdf5), ("Parquet", "pyarrow", _keeps_parquet)):
+                try:
+                    kept = is_kept(Path(place))
+                except Exception as error:  # noqa: BLE001  the user needs any message of the library
+                    yield _report_broken(name, error, package)
+                    continue
+                if kept:
+                    yield Finding(name, "ok", "a written file is read back correctly")
+                else:
+                    found = "a written file is not read back correctly"
+                    yield Finding(name, "fail", found, f"reinstall it: pip install {package}")
     except OSError as error:
         found = f"{folder} cannot be written ({error.strerror or error})"
         advice = "change its permissions, or choose another folder for every trial with `out:`"
         yield Finding("working folder", "fail", found, advice)
 
 
-def _check_hdf5(path: Path) -> Finding:
+def _keeps_hdf5(folder: Path) -> bool:
     values = np.array([0.1, np.nan, -3.0])
-    try:
-        with h5py.File(path, "w") as file:
-            file["values"] = values
-        with h5py.File(path) as file:
-            same = np.array_equal(np.asarray(file["values"]), values, equal_nan=True)
-    except Exception as error:  # noqa: BLE001  the user needs any message of the library
-        return _report_broken("HDF5", error, "h5py")
-    return _report_round_trip("HDF5", same, "h5py")
+    with h5py.File(folder / "doctor.h5", "w") as file:
+        file["values"] = values
+    with h5py.File(folder / "doctor.h5") as file:
+        return np.array_equal(np.asarray(file["values"]), values, equal_nan=True)
 
 
-def _check_parquet(path: Path) -> Finding:
+def _keeps_parquet(folder: Path) -> bool:
     table = pd.DataFrame({"value": [0.1, np.nan, -3.0], "marker": pd.Categorical(["A", "B", "A"])})
-    try:
-        table.to_parquet(path)
-        same = pd.read_parquet(path).equals(table)
-    except Exception as error:  # noqa: BLE001  the user needs any message of the library
-        return _report_broken("Parquet", error, "pyarrow")
-    return _report_round_trip("Parquet", same, "pyarrow")
-
-
-def _report_round_trip(name: str, same: bool, package: str) -> Finding:
-    if same:
-        return Finding(name, "ok", "a written file is read back correctly")
-    return Finding(name, "fail", "a written file is not read back correctly", f"reinstall it: pip install {package}")
+    table.to_parquet(folder / "doctor.parquet")
+    return pd.read_parquet(folder / "doctor.parquet").equals(table)
 
 
 def _report_broken(name: str, error: Exception, package: str) -> Finding:

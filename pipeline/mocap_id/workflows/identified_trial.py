@@ -1,9 +1,14 @@
-"""Trials with identified dynamics, for other workflows."""
+"""Trials with identified dynamics, for other workflows, and their bodies with their motion in other trials.
+
+From top to bottom: bodies with their motion, which are the segments of the pinned chain or bodies with measured poses;
+the identified trial; the bodies of one trial with their motion in another trial, matched by their markers.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -14,19 +19,73 @@ import pandas as pd
 from mocap_id import runner
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.identification import Cutoffs
-from mocap_id.dynamics.measured_motion import USUAL
+from mocap_id.dynamics.measured_motion import USUAL, BodyPoses, close_gaps, fill_gaps, filter_motion
 from mocap_id.dynamics.parameter_transfer import BodyFrames
 from mocap_id.dynamics.preparation import LowPass
 from mocap_id.dynamics.priors import ReferencePrior, compute_reference_sd
-from mocap_id.dynamics.regressor import move_chain
-from mocap_id.store import Folder, Tree
+from mocap_id.dynamics.regressor import PlanarMotion, move_chain, torque_regressor, wrench_regressor
+from mocap_id.errors import ConfigError
+from mocap_id.geometry import planar
+from mocap_id.kinematics.cluster_poses import measure_cluster
+from mocap_id.stages.identify_dim.validation import bridge_gaps, read_bodies
+from mocap_id.store import Folder, Table
 from mocap_id.store.views import Skeleton, Trajectories, joint_columns
-from mocap_id.workflows.moving_bodies import MovingBodies, read_measured_bodies
 from mocap_id.workflows.run_folder import check_provenance, open_run_to
 
 _LAST = "identify-dim"
 _TABLES = ("wrench.parquet", "states.parquet", "poses.parquet", "dynamics.parquet")
 _FILES = ("planar.parquet", *_TABLES, "chain.h5", "dynamics.h5")
+
+
+@dataclass(frozen=True)
+class MovingBodies:
+    """K bodies and their motion."""
+
+    skeleton: BodyFrames
+    motion: PlanarMotion
+    gravity: float  # m/s²
+
+    @cached_property
+    def regressor(self) -> FloatArray:
+        """Unfiltered regressor (T, 3, 4K) of the wrench that the motion requires."""
+        return wrench_regressor(self.motion, self.gravity)
+
+    @cached_property
+    def torque_regressor(self) -> FloatArray:
+        """Unfiltered regressor (T, n, 4K) of the torques of the chain's n joints."""
+        return torque_regressor(self.motion, self.regressor)
+
+
+def read_measured_bodies(
+    poses: Table, chain: Skeleton, motion: Mapping[str, Any], bands: Cutoffs, gravity: float
+) -> MovingBodies:
+    """Return bodies whose motion follows from their measured, low-pass filtered poses; short gaps are filled.
+
+    Parameters
+    ----------
+    poses : Table
+        Content of poses.parquet.
+    chain : Skeleton
+        Chain of the trial.
+    motion : mapping of str to Any
+        Fact ``motion`` of dynamics.h5, which names the bodies and the joints that are pinned.
+    bands : (x, y, angle)
+        Cut-off frequencies, Hz.
+    gravity : float
+        Gravity, m/s².
+    """
+    ready = bridge_gaps(read_bodies(poses, chain.centres, motion["used"]))
+    pinned = [chain.joint_names.index(name) for name, gap in motion["joints"].items() if gap["pinned"]]
+    joints, body = ready.poses.joints, ready.poses.body
+    frames = BodyFrames(
+        segments=ready.names,
+        centres=ready.poses.centres[joints],
+        between=np.array([(body[j], body[j + 1]) for j in joints], dtype=np.int64).reshape(-1, 2),
+        markers=tuple(label for each in ready.markers for label in each),
+        segment=np.repeat(np.arange(len(ready.names)), [len(each) for each in ready.markers]),
+        local=np.array([place for each in ready.markers for place in each.values()]),
+    )
+    return MovingBodies(frames, filter_motion(close_gaps(ready.poses, pinned), bands), gravity)
 
 
 @dataclass(frozen=True)
@@ -106,11 +165,23 @@ def open_identified_trial(path: Path, progress: runner.Progress = lambda step: N
     parameters = check_provenance(folder, _FILES)["dynamics.h5"].origin.parameters
     skeleton, tree = Skeleton.from_tree(folder.tree("chain.h5")), folder.tree("dynamics.h5")
     wrench, states, poses, dynamics = map(folder.table, _TABLES)
-    frames, gravity = _make_frames(skeleton), float(parameters[_LAST]["gravity"])
-    q, dq, ddq = (joint_columns(states, name, len(skeleton.centres)) for name in ("theta", "dtheta", "ddtheta"))
+    joints, gravity = len(skeleton.centres), float(parameters[_LAST]["gravity"])
+    between = np.column_stack([np.arange(joints), np.arange(1, joints + 1)])
+    markers = (skeleton.markers, skeleton.marker_segment, skeleton.local)
+    frames = BodyFrames(skeleton.segments, skeleton.centres, between, *markers)
+    q, dq, ddq = (joint_columns(states, name, joints) for name in ("theta", "dtheta", "ddtheta"))
     used, bands = _read_measured(tree.facts)
     reference = tree.numbers("bodies/reference")
-    prior = ReferencePrior(reference, compute_reference_sd(reference, float(parameters[_LAST]["reference_sd"])))
+    if used:
+        covariance = tree.array("bodies/covariance")
+    else:
+        prior = ReferencePrior(reference, compute_reference_sd(reference, float(parameters[_LAST]["reference_sd"])))
+        known, regrouping = tree.array("base/covariance"), tree.array("base/regrouping")
+        if (common := tree.facts.get("calibration_covariance")) is not None:
+            known = known - np.asarray(common)  # the same in all trials with these instruments
+        covariance = np.full((len(prior.mean), len(prior.mean)), np.nan)
+        if np.isfinite(known).all() and np.isfinite(prior.mean).all():
+            covariance = prior.complete(known.astype(np.float64), regrouping.astype(np.float64))
     return IdentifiedTrial(
         name=str(parameters["trial"]),
         source=path,
@@ -122,7 +193,7 @@ def open_identified_trial(path: Path, progress: runner.Progress = lambda step: N
         ddq=ddq,
         dynamics=dynamics.frame,
         parameters=tree.numbers("bodies/value"),
-        covariance=tree.array("bodies/covariance") if used else _combine_covariance(tree, prior),
+        covariance=covariance,
         reference=reference,
         facts=tree.facts,
         mass=wrench.facts.get("mass_kg"),
@@ -137,17 +208,80 @@ def _read_measured(facts: Mapping[str, Any]) -> tuple[list[int], Cutoffs]:
     return list(motion.get("used", ())), USUAL if bands is None else (bands["x"], bands["y"], bands["angle"])
 
 
-def _combine_covariance(dynamics: Tree, prior: ReferencePrior) -> FloatArray:
-    """Return the covariance (4K, 4K) of the chain's full parameters; NaN without base parameters or reference."""
-    known, regrouping = dynamics.array("base/covariance"), dynamics.array("base/regrouping")
-    if (common := dynamics.facts.get("calibration_covariance")) is not None:
-        known = known - np.asarray(common)  # the same in all trials with these instruments
-    if not (np.isfinite(known).all() and np.isfinite(prior.mean).all()):
-        return np.full((len(prior.mean), len(prior.mean)), np.nan)
-    return prior.complete(known.astype(np.float64), regrouping.astype(np.float64))
+def match_bodies(source: IdentifiedTrial, target: IdentifiedTrial) -> MovingBodies:
+    """Return the bodies of the source's model with their measured motion in the target.
+
+    Two trials of a person may have chains with different segments, and a marker may belong to the foot in one and to
+    the shank in the other. Parameters belong to the marker groups of the trial on which they were identified. The
+    target's markers are therefore grouped as in the source: each group keeps its mass and has its own measured pose.
+
+    No joint is pinned. Joint torques are about the target's joints; they are NaN for joints that the source lacks.
+
+    Raises
+    ------
+    ConfigError
+        The target's markers do not determine the pose of a body, which the message names.
+    """
+    frames, view = source.skeleton, target.planar
+    columns = {label: column for column, label in enumerate(view.labels)}
+    own, clusters = [], []
+    for k, name in enumerate(frames.segments):
+        markers = [i for i in np.flatnonzero(frames.segment == k) if frames.markers[i] in columns]
+        points = view.read_positions(np.array([columns[frames.markers[i]] for i in markers], dtype=np.int64), axes="xy")
+        local = frames.local[np.array(markers, dtype=np.int64)]
+        pose = measure_cluster(np.asarray(points @ [1.0, 1.0j]), np.asarray(local @ [1.0, 1.0j]))
+        if pose is None:
+            raise ConfigError(
+                f"{target.source}: trial {target.name} has {len(markers)} of the {int((frames.segment == k).sum())} "
+                f"markers on the {name} of trial {source.name}, too few to measure its pose; expected at least two, "
+                "visible together and a few centimetres apart. Markers are matched by label, so markers at the same "
+                "position need the same label"
+            )
+        own += markers
+        clusters.append(pose)
+    poses, _ = fill_gaps(
+        BodyPoses(
+            time=view.time,
+            position=np.stack([np.column_stack([pose.position.real, pose.position.imag]) for pose in clusters], axis=1),
+            angle=np.column_stack([pose.angle for pose in clusters]),
+            centroid=np.array([[pose.local.mean().real, pose.local.mean().imag] for pose in clusters]),
+            information=np.ones((len(clusters), 2)),
+            body=np.zeros(1, dtype=np.int64),
+            centres=np.zeros((0, 2)),
+        )
+    )
+    motion, centres = _add_joints(filter_motion(poses, target.bands), frames, target)
+    placed, every = np.concatenate([pose.local for pose in clusters]), np.array(own, dtype=np.int64)
+    skeleton = replace(
+        frames,
+        centres=centres,
+        markers=tuple(frames.markers[i] for i in every),
+        segment=frames.segment[every],
+        local=np.column_stack([placed.real, placed.imag]),
+    )
+    return MovingBodies(skeleton, motion, target.chain.gravity)
 
 
-def _make_frames(chain: Skeleton) -> BodyFrames:
+def _add_joints(motion: PlanarMotion, frames: BodyFrames, target: IdentifiedTrial) -> tuple[PlanarMotion, FloatArray]:
+    """Return the motion with the target's joints, and the centre (n, 2) of each joint in the body before it, m.
+
+    A centre is NaN if the target does not have the joint.
+    """
+    # The target's n' joints and the K bodies that are beyond each (n', K): a body is in the target's segment to which
+    # most of its markers belong.
+    chain, joint = target.chain.skeleton, target.bodies.motion.joint  # (T, n', 2)
     joints = len(chain.centres)
-    between = np.column_stack([np.arange(joints), np.arange(1, joints + 1)])
-    return BodyFrames(chain.segments, chain.centres, between, chain.markers, chain.marker_segment, chain.local)
+    segment_of = dict(zip(chain.markers, chain.segment.tolist(), strict=True))
+    segment = np.zeros(len(frames.segments), dtype=np.int64)
+    for k in range(1, len(segment)):
+        labels = [frames.markers[i] for i in np.flatnonzero(frames.segment == k)]
+        segment[k] = Counter(segment_of.get(label, joints) for label in labels).most_common(1)[0][0]
+    beyond = np.asarray(segment > np.arange(joints)[:, None])
+    shared, centres = np.zeros(joint.shape[1], dtype=bool), np.full(frames.centres.shape, np.nan)
+    for row, (below, above) in enumerate(frames.between):
+        for j in np.flatnonzero(~beyond[:, below] & beyond[:, above]):
+            centre = planar.rotate(-motion.angle[:, below], joint[:, j] - motion.origin[:, below])
+            known = centre[np.isfinite(centre).all(axis=1)]
+            if len(known):
+                shared[j], centres[row] = True, known.mean(axis=0)
+    return replace(motion, joint=np.where(shared[:, None], joint, np.nan), beyond=beyond), centres

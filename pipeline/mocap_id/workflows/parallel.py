@@ -28,7 +28,7 @@ from typing import Any, Literal, TypeAlias
 
 from mocap_id import __version__, runner
 from mocap_id.config import Trial
-from mocap_id.errors import ConfigError, MocapIdError, NumericalError
+from mocap_id.errors import ConfigError, MocapIdError, NumericalError, Refused
 from mocap_id.extras import optional
 from mocap_id.reporting.contents import FILES
 from mocap_id.runner.dependencies import find_user_files
@@ -70,65 +70,55 @@ def run_trial(trial: Trial) -> TrialRun:
         steps = outcome.steps
         if outcome.refused is not None:
             message, code = outcome.refused.message, outcome.refused.exit_code
+    published = message
+    if published is not None:
+        # Names of files and folders may contain names of people.
+        files = {path for stage in STAGES for path in find_user_files(trial, stage).values()}
+        for path in sorted(files, key=lambda path: len(str(path)), reverse=True):
+            neutral = f"the {path.suffix.lstrip('.').upper() or 'recording'} file"
+            published = published.replace(str(path), neutral).replace(path.name, neutral)
+        for folder, name in ((trial.out, trial.name), (trial.file, trial.file.name), (trial.file.parent, "")):
+            published = published.replace(str(folder), name)
+    origin = Folder(trial.out).origin("report", FILES) if code in (0, Refused.exit_code) else None
     return TrialRun(
         trial=trial.name,
         exit_code=code,
         message=message,
-        published=None if message is None else _hide_names(message, trial),
-        key=_read_key(trial) if code in (0, 4) else None,
+        published=published,
+        key=None if origin is None else origin.key,
         computed=any(step.action == "computed" for step in steps),
         seconds=time.perf_counter() - start,
     )
+
+
+def _make_ended(trial: Trial, exit_code: int, message: str) -> TrialRun:
+    """Return the result of a trial that did not run to its end."""
+    return TrialRun(trial.name, exit_code, message, message, None, computed=False, seconds=0.0)
+
+
+_KILLED = "a process was killed, perhaps by the system because memory ran out: run again with fewer --jobs"
 
 
 class _Terminated(BaseException):
     """The process received SIGTERM."""
 
 
-def make_not_run(trial: Trial) -> TrialRun:
-    """Return the result of a trial that was not started, because another trial failed."""
-    message = "not run, because another trial failed before"
-    return TrialRun(trial.name, NOT_RUN, message, message, None, computed=False, seconds=0.0)
-
-
-def make_killed(trial: Trial) -> TrialRun:
-    """Return the result of a trial whose process was killed."""
-    message = "a process was killed, perhaps by the system because memory ran out: run again with fewer --jobs"
-    return TrialRun(trial.name, NumericalError.exit_code, message, message, None, computed=False, seconds=0.0)
-
-
 def run_until_terminated(run: RunTrial, trial: Trial) -> TrialRun:
     """Run a trial in a worker process; after SIGTERM, remove incomplete files before the process ends."""
     if threading.current_thread() is not threading.main_thread():  # a cluster's worker handles signals itself
         return run(trial)
-    before = signal.signal(signal.SIGTERM, _raise_terminated)
+
+    def raise_terminated(number: int, _: object) -> None:
+        signal.signal(number, signal.SIG_IGN)  # the pool sends it again, which must not interrupt the removal of files
+        raise _Terminated
+
+    before = signal.signal(signal.SIGTERM, raise_terminated)
     try:
         return run(trial)
     except _Terminated:
         os._exit(128 + signal.SIGTERM)
     finally:
         signal.signal(signal.SIGTERM, before)
-
-
-def _raise_terminated(number: int, frame: object) -> None:
-    signal.signal(number, signal.SIG_IGN)  # the pool sends it again, which must not interrupt the removal of files
-    raise _Terminated
-
-
-def _hide_names(message: str, trial: Trial) -> str:
-    """Return a message without names of files and folders, because these may contain names of people."""
-    files = {path for stage in STAGES for path in find_user_files(trial, stage).values()}
-    for path in sorted(files, key=lambda path: len(str(path)), reverse=True):
-        neutral = f"the {path.suffix.lstrip('.').upper() or 'recording'} file"
-        message = message.replace(str(path), neutral).replace(path.name, neutral)
-    for folder, name in ((trial.out, trial.name), (trial.file, trial.file.name), (trial.file.parent, "")):
-        message = message.replace(str(folder), name)
-    return message
-
-
-def _read_key(trial: Trial) -> str | None:
-    origin = Folder(trial.out).origin("report", FILES)
-    return None if origin is None else origin.key
 
 
 _log = logging.getLogger(__name__)
@@ -183,7 +173,7 @@ class LocalBackend(Backend):
         jobs = min(self.jobs, most)
         # Spawn new interpreters: forking is unsafe because libraries of this process have threads.
         context, levels = multiprocessing.get_context("spawn"), {one: logging.getLogger(one).level for one in _LOGGERS}
-        with _set_environment(_THREADS | _MEMORY), _ignore_ctrl_c():
+        with _prepare_processes():
             pool = ProcessPoolExecutor(jobs, context, _set_up_logging, (levels,))
             for _ in range(jobs):
                 pool.submit(os.getpid)  # starts a process
@@ -272,23 +262,17 @@ def _deploy(cluster: Mapping[str, Any]) -> Iterator[Any]:
         raise ConfigError(f"Dask's {name} does not accept {', '.join(arguments)}: {error}") from error
     with deployed as running:
         if kind not in ("local", "ssh"):
-            _try_one_job(running)
+            # If the queueing system rejects the job of a worker, Dask itself would wait forever.
+            with _raise_log_level(logging.CRITICAL, "asyncio", "tornado.application"):  # Dask logs errors of its tasks
+                running.scale(1)
+                try:
+                    running.sync(_wait_for_jobs, running)
+                except (RuntimeError, ValueError, OSError) as error:
+                    gc.collect()  # the error of a task that nobody awaits is logged when the task is collected
+                    why = " ".join(str(error).split())
+                    raise ConfigError(f"the queueing system rejects the job of a worker: {why}") from error
             running.scale(count or 1)
         yield running
-
-
-def _try_one_job(running: Any) -> None:
-    """Raise ConfigError if the queueing system rejects the job of a worker, because Dask itself would wait forever."""
-    with _raise_log_level(
-        logging.CRITICAL, "asyncio", "tornado.application"
-    ):  # Dask logs the errors of its tasks there
-        running.scale(1)
-        try:
-            running.sync(_wait_for_jobs, running)
-        except (RuntimeError, ValueError, OSError) as error:
-            gc.collect()  # the error of a task that nobody awaits is logged when the task is collected
-            why = " ".join(str(error).split())
-            raise ConfigError(f"the queueing system rejects the job of a worker: {why}") from error
 
 
 async def _wait_for_jobs(running: Any) -> None:
@@ -327,8 +311,13 @@ class _WorkerCount:
 
     def _count(self, threads: Mapping[str, int]) -> None:
         new = sorted(set(threads) - self._known)
-        if new:
-            _check_versions(self._client, new)
+        versions = self._client.run(_get_version, workers=new, on_error="ignore") if new else {}
+        for worker, version in versions.items():  # without workers that have left
+            if version != __version__:
+                raise ConfigError(
+                    f"Dask worker {worker} has mocap-id {version}, but this machine has {__version__}: install the "
+                    "same version on both"
+                )
         self._known = set(threads)
         if not threads and self._again and not self._has_warned:  # at the first count, workers may still be starting
             self._has_warned = True
@@ -338,16 +327,6 @@ class _WorkerCount:
                 f"Start it with `dask worker {address} --nthreads 1`, or wait for the queueing system"
             )
         self._width = max(2 * sum(threads.values()), _LEAST_SUBMITTED)
-
-
-def _check_versions(client: Any, workers: Sequence[str]) -> None:
-    """Raise ConfigError if a worker has a different version of this program; workers that have left are ignored."""
-    for worker, version in client.run(_get_version, workers=workers, on_error="ignore").items():
-        if version != __version__:
-            raise ConfigError(
-                f"Dask worker {worker} has mocap-id {version}, but this machine has {__version__}: install the same "
-                "version on both"
-            )
 
 
 def _get_version() -> str:
@@ -373,29 +352,24 @@ def _import(module: str) -> Any:
 
 
 @contextmanager
-def _set_environment(values: Mapping[str, str]) -> Iterator[None]:
-    """Set environment variables for processes started in this context, unless they are already set."""
+def _prepare_processes() -> Iterator[None]:
+    """Set environment variables for processes started in this context, unless they are set, and let them ignore Ctrl-C.
+
+    This process ends them itself.
+    """
+    values = _THREADS | _MEMORY
     before = {name: os.environ.get(name) for name in values}
     os.environ.update({name: value for name, value in values.items() if before[name] is None})
+    handles_signals = threading.current_thread() is threading.main_thread()
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if handles_signals else None
     try:
         yield
     finally:
+        if handles_signals:
+            signal.signal(signal.SIGINT, handler)
         for name, value in before.items():
             if value is None:
                 os.environ.pop(name, None)
-
-
-@contextmanager
-def _ignore_ctrl_c() -> Iterator[None]:
-    """Let processes started in this context ignore Ctrl-C, because this process ends them itself."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _set_up_logging(levels: Mapping[str, int]) -> None:
@@ -409,8 +383,6 @@ def _set_up_logging(levels: Mapping[str, int]) -> None:
 OnError: TypeAlias = Literal["continue", "stop"]
 TrialCallback: TypeAlias = Callable[[TrialRun], None]
 _Numbered: TypeAlias = tuple[int, Trial]
-_Waiting: TypeAlias = deque[_Numbered]  # trials that have not started
-_Done: TypeAlias = tuple[int, TrialRun]
 _POLLING_INTERVAL = 5.0  # s, after which the number of workers is checked again
 
 
@@ -436,25 +408,23 @@ def run_trials(
         Runs one trial; :func:`run_trial` by default.
     """
     results: dict[int, TrialRun] = {}
-    waiting: _Waiting = deque(enumerate(trials))
-    parallel = backend.parallel and len(trials) > 1
-    for number, done in _run_in_parallel(waiting, run, backend) if parallel else _run_here(waiting, run):
+    waiting = deque(enumerate(trials))
+    for number, done in _run_waiting(waiting, run, backend if backend.parallel and len(trials) > 1 else None):
         tell(done)
         results[number] = done
         if on_error == "stop" and done.exit_code != 0:
             waiting.clear()
-    return tuple(results.get(number) or make_not_run(trial) for number, trial in enumerate(trials))
+    not_run = "not run, because another trial failed before"
+    return tuple(results.get(number) or _make_ended(one, NOT_RUN, not_run) for number, one in enumerate(trials))
 
 
-def _run_here(waiting: _Waiting, run: RunTrial) -> Iterator[_Done]:
+def _run_waiting(waiting: deque[_Numbered], run: RunTrial, backend: Backend | None) -> Iterator[tuple[int, TrialRun]]:
+    """Run all trials, without a backend in this process; start new workers whenever a process was killed."""
     while waiting:
-        number, trial = waiting.popleft()
-        yield number, run(trial)
-
-
-def _run_in_parallel(waiting: _Waiting, run: RunTrial, backend: Backend) -> Iterator[_Done]:
-    """Run all trials in parallel; start new workers whenever a process was killed."""
-    while waiting:
+        if backend is None:
+            number, trial = waiting.popleft()
+            yield number, run(trial)
+            continue
         lost: list[_Numbered] = []
         with backend.workers(len(waiting)) as workers:
             yield from _run_until_broken(waiting, run, workers, lost)
@@ -464,11 +434,13 @@ def _run_in_parallel(waiting: _Waiting, run: RunTrial, backend: Backend) -> Iter
                 try:
                     done = workers.executor.submit(run_until_terminated, run, trial).result()
                 except BrokenExecutor:
-                    done = make_killed(trial)
+                    done = _make_ended(trial, NumericalError.exit_code, _KILLED)
             yield number, done
 
 
-def _run_until_broken(waiting: _Waiting, run: RunTrial, workers: Workers, lost: list[_Numbered]) -> Iterator[_Done]:
+def _run_until_broken(
+    waiting: deque[_Numbered], run: RunTrial, workers: Workers, lost: list[_Numbered]
+) -> Iterator[tuple[int, TrialRun]]:
     """Submit trials until all trials are done or the pool breaks; append the interrupted trials to ``lost``."""
     submitted: dict[Future[TrialRun], _Numbered] = {}
     # Futures report here when they finish: polling all of them would be expensive on a large cluster.
@@ -499,5 +471,5 @@ def _run_until_broken(waiting: _Waiting, run: RunTrial, workers: Workers, lost: 
         except Exception as error:
             if type(error).__name__ != "KilledWorker":  # defined by distributed, which may not be installed
                 raise
-            done = make_killed(trial)
+            done = _make_ended(trial, NumericalError.exit_code, _KILLED)
         yield number, done

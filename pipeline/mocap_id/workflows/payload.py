@@ -79,14 +79,21 @@ def find_payload(
     carrier = segments[-1] if segment is None else segment
     if carrier not in segments:
         raise ConfigError(f"{loaded}: there is no segment {carrier!r}; the segments are {', '.join(segments)}")
-    loaded_estimate, empty_estimate = map(_read_estimate, trees)
-    found = dynamics.identify_payload(mapping, loaded_estimate, empty_estimate, segments.index(carrier))
-    return FoundPayload(runs[0].name, runs[1].name, carrier, found, {run.name: _list_cautions(run) for run in runs})
-
-
-def _list_cautions(run: RunFolder) -> tuple[str, ...]:
-    reasons = run.summary.get("verdict", {}).get("reasons", ())
-    return tuple(reason["code"] for reason in reasons if reason["level"] != "ok")
+    estimates = [
+        dynamics.BaseEstimate(
+            tree.numbers("base/value"),
+            np.asarray(tree.facts["unit_covariance"], dtype=np.float64),
+            np.asarray(tree.facts["residual_covariance"], dtype=np.float64),
+            np.array([parameters for _, parameters in tree.facts["error_modes"]], dtype=np.float64),
+        )
+        for tree in trees
+    ]
+    found = dynamics.identify_payload(mapping, estimates[0], estimates[1], segments.index(carrier))
+    cautions = {}
+    for run in runs:
+        reasons = run.summary.get("verdict", {}).get("reasons", ())
+        cautions[run.name] = tuple(reason["code"] for reason in reasons if reason["level"] != "ok")
+    return FoundPayload(runs[0].name, runs[1].name, carrier, found, cautions)
 
 
 def _read_dynamics(run: RunFolder) -> Tree:
@@ -115,13 +122,3 @@ def _read_mapping(runs: list[RunFolder], trees: list[Tree]) -> FloatArray:
             f"write `calibration:` with the YAML file of {runs[1].name} into the file of the trial with the payload"
         )
     return one
-
-
-def _read_estimate(tree: Tree) -> dynamics.BaseEstimate:
-    facts = tree.facts
-    return dynamics.BaseEstimate(
-        tree.numbers("base/value"),
-        np.asarray(facts["unit_covariance"], dtype=np.float64),
-        np.asarray(facts["residual_covariance"], dtype=np.float64),
-        np.array([parameters for _, parameters in facts["error_modes"]], dtype=np.float64),
-    )

@@ -11,7 +11,7 @@ import numpy as np
 from mocap_id.errors import RecordingError
 from mocap_id.plates import GRAVITY
 from mocap_id.recording import read
-from mocap_id.recording.model import Plate, Recording
+from mocap_id.recording.model import Recording
 from mocap_id.recording.skeleton_log import read_skeleton
 from mocap_id.workflows.study.discovery import find_forces
 
@@ -46,8 +46,19 @@ def describe_recording(recording: Recording) -> dict[str, Any]:
 
     ``mass_kg`` is the mean upward force divided by gravity: for one plate, or for all plates together.
     """
-    total = sum(plate.mean_vertical() for plate in recording.plates if plate.usable and plate.ok.any())
-    loaded = any(plate.usable and plate.ok.any() for plate in recording.plates)
+    loaded = [plate for plate in recording.plates if plate.usable and plate.ok.any()]
+    total = sum(plate.mean_vertical() for plate in loaded)
+    plates = []
+    for plate in recording.plates:
+        force, number = plate.mean_vertical() if plate.usable else float("nan"), plate.kind.removeprefix("type ")
+        entry = {
+            "index": plate.index,
+            "type": int(number) if number.isdigit() else plate.kind,
+            "mean_fz_N": force if np.isfinite(force) else None,
+            "mass_kg": force / GRAVITY if np.isfinite(force) else None,
+            "problem": plate.problem or None,
+        }
+        plates.append(entry)
     return {
         "file": ", ".join(str(path) for path in recording.files),
         "format": recording.format,
@@ -60,19 +71,7 @@ def describe_recording(recording: Recording) -> dict[str, Any]:
         "units": recording.units or None,
         "vertical": recording.vertical,
         "analog_rate_hz": recording.analog_rate,
-        "plates": [_describe_plate(plate) for plate in recording.plates],
+        "plates": plates,
         "mass_kg": total / GRAVITY if loaded else None,
         "oddities": [*recording.oddities, *(f"{each}: they were left out" for each in recording.held)],
-    }
-
-
-def _describe_plate(plate: Plate) -> dict[str, Any]:
-    force = plate.mean_vertical() if plate.usable else float("nan")
-    number = plate.kind.removeprefix("type ")
-    return {
-        "index": plate.index,
-        "type": int(number) if number.isdigit() else plate.kind,
-        "mean_fz_N": force if np.isfinite(force) else None,
-        "mass_kg": force / GRAVITY if np.isfinite(force) else None,
-        "problem": plate.problem or None,
     }

@@ -34,6 +34,8 @@ _HEAD = "# Made by `mocap-id run` from a recording. Paths are relative to this f
 _CHECKSUM = "# Checksum {:08x}: mocap-id does not replace this file once you have edited it.\n"
 
 _LONGEST = 100  # characters of a trial's name
+_ALWAYS = ("trial", "recording", "space", "protocol", "side", "guessed", "out")
+"""Keys that are written even if they were not given."""
 
 _log = logging.getLogger(__name__)
 
@@ -83,7 +85,14 @@ def make_trial(recording: Path | Recording, given: Mapping[str, Any], save: Path
         recording = out / written.name
     trial = _complete(recording, keys, out)
     file = out / FILE if save is None else save.absolute()
-    _write(file, _format_trial(trial, keys, file, base / "runs" / str(keys["trial"])))
+    text = _format_trial(trial, keys, file, base / "runs" / str(keys["trial"]))
+    if not file.is_file() or file.read_text("utf-8", errors="replace") != text:
+        if file.exists() and not _is_ours(file):
+            raise StoreError(
+                f"{file} exists already and was not made by `mocap-id run`, or was edited: run it with `mocap-id run "
+                f"{file}`, or choose a different name"
+            )
+        write_files(file.parent, {file.name: text.encode()})
     if file != trial.out / FILE and _is_ours(trial.out / FILE):
         (trial.out / FILE).unlink()  # a run folder has one file
     return load(file)
@@ -127,14 +136,18 @@ def _choose_folder(
     if not free:
         raise StoreError(describe_conflict(folders[names[0]], others[names[0]], str(recording)))
     chosen = next((name for name in free if (folders[name] / ".mocap-id").exists()), free[0])
-    if save is None:
-        _check_available(folders[chosen])
+    out = folders[chosen]
+    file = out / FILE
+    if save is None and not _is_ours(file) and (file.exists() or (out / ".mocap-id").exists()):
+        raise StoreError(
+            f"{out} belongs to another trial, or its {FILE} was edited: choose a different folder for the results "
+            f"(`out`), or run this {FILE}"
+        )
     if others[names[0]]:
         _log.warning(
-            f"{folders[names[0]]} contains the results of {others[names[0]]}; the results of {recording} are in "
-            f"{folders[chosen]}"
+            f"{folders[names[0]]} contains the results of {others[names[0]]}; the results of {recording} are in {out}"
         )
-    return chosen, folders[chosen]
+    return chosen, out
 
 
 def _clean(name: str) -> str:
@@ -212,7 +225,12 @@ def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tu
     if protocol in IN_PLANE or protocol in IN_SPACE:
         guessed["space"] = "plane" if protocol in IN_PLANE else "3d"
     elif protocol is None or space is None:
-        content = skeleton if skeleton is not None else _read_markers(recording, forces, given)
+        content = skeleton
+        if content is None:  # read as the stage planarise will read it
+            settings = given.get("planarise") or {}
+            options = ("units", "vertical", "force_unit", "moment_unit")
+            known = {name: settings[name] for name in options if settings.get(name) is not None}
+            content = read(recording, forces, **known)
         seen = ThinnedFrames.of(content.positions, content.time, content.rate)
         inside = slice(None)
         with contextlib.suppress(TypeError, ValueError):  # no window, or a wrong one, which is reported later
@@ -246,26 +264,9 @@ def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tu
     return {name: value for name, value in guessed.items() if given.get(name) is None}, files
 
 
-def _read_markers(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> Recording:
-    """Return the recording as the stage planarise will read it."""
-    settings = given.get("planarise") or {}
-    names = ("units", "vertical", "force_unit", "moment_unit")
-    return read(recording, forces, **{name: settings[name] for name in names if settings.get(name) is not None})
-
-
 def _convert(value: Any) -> Any:
     """Return a number of numpy as a Python number, and any other value as text."""
     return value.item() if hasattr(value, "item") else str(value)
-
-
-def _check_available(out: Path) -> None:
-    """Raise StoreError if a run folder contains results or a file of another trial."""
-    file = out / FILE
-    if not _is_ours(file) and (file.exists() or (out / ".mocap-id").exists()):
-        raise StoreError(
-            f"{out} belongs to another trial, or its {FILE} was edited: choose a different folder for the results "
-            f"(`out`), or run this {FILE}"
-        )
 
 
 def _add_head(lines: str) -> str:
@@ -319,10 +320,6 @@ def _format_trial(trial: Trial, given: Mapping[str, Any], file: Path, usual: Pat
     return _add_head("".join(lines))
 
 
-_ALWAYS = ("trial", "recording", "space", "protocol", "side", "guessed", "out")
-"""Keys that are written even if they were not given."""
-
-
 def _relative(value: Any, folder: Path) -> Any:
     """Return a value as JSON values; paths in the value become relative to ``folder``."""
     if isinstance(value, PurePath):
@@ -334,15 +331,3 @@ def _relative(value: Any, folder: Path) -> Any:
     if isinstance(value, tuple | list):
         return [_relative(one, folder) for one in value]
     return value
-
-
-def _write(file: Path, text: str) -> None:
-    """Write a file unless it has this content; raise StoreError if it exists and is not :func:`_is_ours`."""
-    if file.is_file() and file.read_text("utf-8", errors="replace") == text:
-        return
-    if file.exists() and not _is_ours(file):
-        raise StoreError(
-            f"{file} exists already and was not made by `mocap-id run`, or was edited: run it with `mocap-id run "
-            f"{file}`, or choose a different name"
-        )
-    write_files(file.parent, {file.name: text.encode()})

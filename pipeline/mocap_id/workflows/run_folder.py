@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -13,7 +14,8 @@ from mocap_id import plain_files, runner
 from mocap_id.config import Trial, load
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.store import ArtefactSet, Folder, Provenance, hash_file
-from mocap_id.store.ownership import Owner, hash_path, hash_texts, read_owner
+from mocap_id.store.atomic import write_files
+from mocap_id.store.ownership import Owner, check_owner, hash_path, hash_texts, read_owner, store_owner
 from mocap_id.store.schemas import SCHEMAS
 
 if TYPE_CHECKING:
@@ -198,12 +200,34 @@ def find_owner_of_files(*sources: Path) -> Owner:
     """Return the owner of results that are made from run folders, folders of studies, trials' files, or other files."""
     names: list[str] = []
     contents: list[str] = []
-    folders = [source if source.is_dir() else _find_run_folder(source) for source in sources]
+    folders: list[Path] = []
+    for source in sources:
+        folder = source
+        if not source.is_dir():  # a trial's file, or another file
+            with contextlib.suppress(ConfigError):
+                folder = load(source).out
+        folders.append(folder)
     for folder in folders:
         stored = read_owner(folder) or read_owner(folder, "study.json")
         names.append(folder.stem if stored is None else stored.name)
         contents += [hash_file(folder)] if folder.is_file() else [] if stored is None else stored.contents
     return Owner(", ".join(names), folders[0], (hash_texts([*names, *contents]),) if contents else ())
+
+
+def check_ending(file: Path, *endings: str) -> None:
+    """Raise ConfigError if a file name that the user gave with ``--out`` has none of these endings."""
+    if file.suffix.lower() not in endings:
+        raise ConfigError(f"--out {file}: expected a file name that ends in {' or '.join(endings)}")
+
+
+def write_owned(folder: Path, files: Mapping[str, bytes], owner: Owner, output: str) -> None:
+    """Write files and store their owner; raise StoreError if they cannot be written, or belong to another owner.
+
+    ``output`` identifies the files among the outputs in the folder.
+    """
+    check_owner(folder, owner, output)
+    write_files(folder, files)
+    store_owner(folder, owner, output)
 
 
 def describe_sources(out: Path, *sources: Path) -> dict[str, list[str]]:
@@ -213,11 +237,3 @@ def describe_sources(out: Path, *sources: Path) -> dict[str, list[str]]:
     """
     owner = find_owner_of_files(*sources)
     return {"names": owner.name.split(", "), "hashes": [*owner.contents, hash_path(owner.file, out)]}
-
-
-def _find_run_folder(file: Path) -> Path:
-    """Return the run folder of a trial's file; for any other file, the file itself."""
-    try:
-        return load(file).out
-    except ConfigError:
-        return file

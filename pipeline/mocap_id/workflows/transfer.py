@@ -31,32 +31,19 @@ from mocap_id.dynamics.prediction import Agreement, agreement, centre_of_pressur
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.reporting.results.columns import to_finite
-from mocap_id.store.atomic import write_files
-from mocap_id.store.ownership import Owner, check_owner, store_owner
 from mocap_id.verdict import Reason
-from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
-from mocap_id.workflows.matched_bodies import match_bodies
-from mocap_id.workflows.moving_bodies import MovingBodies
+from mocap_id.workflows.identified_trial import IdentifiedTrial, MovingBodies, match_bodies, open_identified_trial
 
-__all__ = [
-    "HELD_OUT",
-    "OWN",
-    "SERIES",
-    "TRANSFERRED",
-    "BodyErrors",
-    "Transfer",
-    "TrialTransfer",
-    "apply_model",
-    "as_frame",
-    "as_json",
-    "check_format",
-    "errors_at_home",
-    "rms_error",
-    "transfer",
-    "write",
-]
-
-
+SERIES = {"Fx": "N", "Fy": "N", "tauz": "N*m", "cop_x": "m"}
+"""Units of the compared series by name."""
+AT_HOME = ("Fy", "tauz", "cop_x")
+"""Series that the model must predict better than the allometric body, on its own trial."""
+_DISTINCT = ("tauz", "cop_x")
+"""Series in which the model must differ from the allometric body; Fy differs mainly by the mass, known from a plate."""
+_TIMES = 2.0  # least difference from the allometric body's prediction, in standard deviations
+_JOINTS = 0.03  # m: positions of joints that bend enough agree within a few mm, with skin motion within two cm
+_ELSEWHERE = 1.4  # error on another movement divided by the error on the own trial, from twenty pairs of real trials
+_INSIDE = 0.8  # least fraction of the samples in the 95 % intervals
 OWN, HELD_OUT, TRANSFERRED = "own", "own, held out", "transferred"
 """Names of bodies in the results; the name of the allometric body is the name of its table."""
 _MIRRORED = 0.5  # fraction of the residual; if the residual of mirrored markers is smaller, the person turned around
@@ -109,6 +96,51 @@ class TrialTransfer:
         """Largest residual of the registration of the moving bodies, m; NaN if all residuals are unknown."""
         return max(filter(math.isfinite, self.registration.residual[1:].tolist()), default=math.nan)
 
+    def as_json(self, segments: Sequence[str]) -> dict[str, Any]:
+        """Return the result as JSON values; ``segments`` are the names of the model's bodies."""
+        registration, support = self.registration, self.support
+        return {
+            "trial": self.trial,
+            "samples": self.samples,
+            "condition_number": self.condition,
+            "bodies": [
+                {
+                    "body": body.name,
+                    "errors": {name: _describe_error(error) for name, error in body.errors.items()},
+                    "torques": [_describe_error(difference) for difference in body.torques] or None,
+                }
+                for body in self.bodies
+            ],
+            "registration": [
+                {
+                    "segment": name,
+                    "angle_deg": math.degrees(registration.angle[k]),
+                    "shift_m": registration.shift[k].tolist(),
+                    "markers": int(registration.markers[k]),
+                    "residual_m": to_finite(registration.residual[k]),
+                }
+                for k, name in enumerate(segments)
+            ],
+            "joint_apart_m": [to_finite(distance) for distance in registration.joint.tolist()],
+            "supported": self.supported,
+            "support": None
+            if support is None
+            else {
+                name: {
+                    "apart_rms": to_finite(support.apart[name]),
+                    "sd_rms": to_finite(support.sd[name]),
+                    "at_home": to_finite(support.at_home[name]),
+                    "unit": SERIES[name],
+                }
+                for name in AT_HOME
+            },
+            "intervals": {
+                name: {"sd_rms": to_finite(self.stated[name]), "inside": to_finite(self.inside[name]), "unit": unit}
+                for name, unit in SERIES.items()
+            },
+            "reasons": [reason.as_dict() for reason in self.reasons],
+        }
+
 
 @dataclass(frozen=True)
 class Transfer:
@@ -118,13 +150,68 @@ class Transfer:
     segments: tuple[str, ...]  # names of the bodies that were identified on this trial
     trials: tuple[TrialTransfer, ...]
 
-    @property
-    def joints(self) -> int:
-        """Largest number of joint torques of a trial."""
-        return max((len(body.torques) for trial in self.trials for body in trial.bodies), default=0)
+    def as_frame(self) -> pd.DataFrame:
+        """Return a data frame with one row for each trial and body.
+
+        The columns are trial, model (the trial on which the body was identified), body, samples and condition_number;
+        mean, sd and rms of the error (model minus measurement) of Fx, Fy (N), tauz (N·m) and cop_x (m); mean and sd of
+        each joint torque tau_1 … minus the torque of the trial's own model (N·m); the largest residual of the
+        registration (m); and whether the recordings support the transfer (missing if unknown).
+        """
+        joints = max((len(body.torques) for trial in self.trials for body in trial.bodies), default=0)
+        unknown, rows = {"mean": math.nan, "sd": math.nan, "rms": math.nan}, []
+        for trial in self.trials:
+            for body in trial.bodies:
+                row: dict[str, Any] = {
+                    "trial": trial.trial,
+                    "model": self.model,
+                    "body": body.name,
+                    "samples": trial.samples,
+                    "condition_number": trial.condition,
+                }
+                for name in SERIES:
+                    error = _describe_error(body.errors.get(name)) or unknown
+                    row |= {f"{name}_{part}": value for part, value in error.items()}
+                for j in range(joints):
+                    torque = _describe_error(body.torques[j] if j < len(body.torques) else None) or unknown
+                    row |= {f"tau_{j + 1}_{part}": torque[part] for part in ("mean", "sd")}
+                row |= {"registration_residual": trial.registration_residual, "supported": trial.supported}
+                rows.append(row)
+        return pd.DataFrame(rows).astype({"supported": "boolean"})
+
+    def format_table(self, ending: str) -> bytes:
+        """Return the content of a CSV or Parquet file; the units are in the Parquet file's field metadata."""
+
+        def find_unit(column: str) -> str:
+            stem = column.rpartition("_")[0]
+            other = "m" if column == "registration_residual" else ""
+            return SERIES.get(stem) or ("N*m" if stem.startswith("tau_") else other)
+
+        table = pa.Table.from_pandas(self.as_frame(), preserve_index=False)
+        fields = [field.with_metadata({"unit": find_unit(field.name)}) for field in table.schema]
+        table, stream = table.cast(pa.schema(fields)), io.BytesIO()
+        if ending == ".csv":
+            pyarrow.csv.write_csv(table, stream)
+        else:
+            pyarrow.parquet.write_table(table, stream)
+        return stream.getvalue()
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the errors, the registration of every segment and the reasons as JSON; null for an unknown number."""
+        return {
+            "schema": "mocap-id/transfer",
+            "version": 1,
+            "model": self.model,
+            "segments": list(self.segments),
+            "trials": [trial.as_json(self.segments) for trial in self.trials],
+        }
 
 
-def transfer(model: Path, trials: Sequence[Path], progress: runner.Progress = lambda step: None) -> Transfer:
+def _describe_error(error: Agreement | None) -> dict[str, float] | None:
+    return None if error is None else {"mean": error.bias, "sd": error.sd, "rms": rms_error(error)}
+
+
+def transfer_model(model: Path, trials: Sequence[Path], progress: runner.Progress = lambda step: None) -> Transfer:
     """Predict ``trials`` with the model that was identified on the trial ``model``, and return the errors.
 
     Paths and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.
@@ -164,28 +251,27 @@ def apply_model(source: IdentifiedTrial, target: IdentifiedTrial) -> TrialTransf
     by_segments = source.measured is None and len(source.skeleton.segments) == len(target.chain.skeleton.segments)
     moving = target.chain if by_segments else match_bodies(source, target)
     registration = _register(source, target, moving.skeleton)
-    transferred, samples = TransferredBody.of(source, moving, registration), _read_fitted(target)
-    bodies = tuple(_compare_bodies(target, transferred, samples))
+    transferred = TransferredBody.of(source, moving, registration)
+    samples = target.dynamics["in_fit"].to_numpy(dtype=np.bool_)
+    bodies = errors_at_home(target, _compare_full(target, TRANSFERRED, moving, transferred.parameters, samples))
     sd = stated_sd(source, target, transferred)
-    shares = share_inside(predict(target, moving, transferred.parameters), _read_measured(target), sd, samples)
-    evidence = find_support(source, target, transferred)
-    before = list_doubts(evidence, registration, _describe_joints(source.skeleton))
+    shares = share_inside(predict_series(target, moving, transferred.parameters), _read_measured(target), sd, samples)
+    support = find_support(source, target, transferred)
     return TrialTransfer(
         trial=target.name,
         samples=int(samples.sum()),
         condition=target.facts.get("condition_number"),
         bodies=bodies,
         registration=registration,
-        support=evidence,
+        support=support,
         stated={name: root_mean_square(sd[samples, k]) for k, name in enumerate(SERIES)},
         inside=shares,
-        reasons=(*before, *_list_reasons(source, target, registration, bodies), *warn_if_worse_than_stated(shares)),
+        reasons=(
+            *_list_doubts(support, registration, source.skeleton),
+            *_list_reasons(source, target, registration, bodies),
+            *warn_if_worse_than_stated(shares),
+        ),
     )
-
-
-def _describe_joints(skeleton: BodyFrames) -> list[str]:
-    names = skeleton.segments
-    return [f"between {names[below]} and {names[above]}" for below, above in skeleton.between]
 
 
 def _register(source: IdentifiedTrial, target: IdentifiedTrial, here: BodyFrames) -> Registration:
@@ -214,38 +300,23 @@ def _register(source: IdentifiedTrial, target: IdentifiedTrial, here: BodyFrames
     return registration
 
 
-def errors_at_home(target: IdentifiedTrial) -> tuple[BodyErrors, ...]:
-    """Return the errors of a trial's own model, in the fit and on left-out repetitions, and of the allometric body."""
-    samples = _read_fitted(target)
-    return tuple(body for body in (*_compare_own(target, samples), _compare_table(target, samples)) if body is not None)
+def errors_at_home(target: IdentifiedTrial, *others: BodyErrors) -> tuple[BodyErrors, ...]:
+    """Return the errors of a trial's own model, in the fit and on left-out repetitions, and of the allometric body.
 
-
-def _read_fitted(target: IdentifiedTrial) -> BoolArray:
-    return target.dynamics["in_fit"].to_numpy(dtype=np.bool_)
-
-
-def _compare_bodies(target: IdentifiedTrial, transferred: TransferredBody, samples: BoolArray) -> Iterator[BodyErrors]:
-    """Yield the errors of the own model (fit, left-out repetitions), of the transferred and of the allometric body."""
-    yield from _compare_own(target, samples)
-    yield _compare_full(target, TRANSFERRED, transferred.bodies, transferred.parameters, samples)
-    table = _compare_table(target, samples)
-    if table is not None:
-        yield table
-
-
-def _compare_own(target: IdentifiedTrial, samples: BoolArray) -> Iterator[BodyErrors]:
+    The errors of the ``others`` come before those of the allometric body, which is on the bodies of the own model.
+    """
+    samples = target.dynamics["in_fit"].to_numpy(dtype=np.bool_)
     model = target.dynamics[["Fx_model", "Fy_model", "tauz_model"]].to_numpy(dtype=np.float64)
-    yield BodyErrors(OWN, _compare_series(make_series(target, model), _read_measured(target), samples), ())
+    errors = [BodyErrors(OWN, _compare_series(make_series(target, model), _read_measured(target), samples), ())]
     held_out = (target.facts.get("held_out") or {}).get("model")
     if held_out is not None:
         known = {name: None if held_out[name] is None else Agreement(**held_out[name]) for name in SERIES}
-        yield BodyErrors(HELD_OUT, known, ())
-
-
-def _compare_table(target: IdentifiedTrial, samples: BoolArray) -> BodyErrors | None:
-    """Return the errors of the allometric body on the bodies of the trial's own model; None without this body."""
-    name = target.facts.get("reference_table")
-    return None if name is None else _compare_full(target, str(name), target.bodies, target.reference, samples)
+        errors.append(BodyErrors(HELD_OUT, known, ()))
+    errors += others
+    table = target.facts.get("reference_table")
+    if table is not None:
+        errors.append(_compare_full(target, str(table), target.bodies, target.reference, samples))
+    return tuple(errors)
 
 
 def _compare_full(
@@ -257,7 +328,7 @@ def _compare_full(
     pairs = zip((bodies.torque_regressor @ full).T, np.where(np.isfinite(torques), own, np.nan).T, strict=True)
     return BodyErrors(
         name,
-        _compare_series(predict(target, bodies, full), _read_measured(target), samples),
+        _compare_series(predict_series(target, bodies, full), _read_measured(target), samples),
         tuple(agreement(ours, theirs, samples) for ours, theirs in pairs),
     )
 
@@ -322,18 +393,6 @@ def rms_error(error: Agreement | None) -> float:
     return float("nan") if error is None else float(np.hypot(error.bias, error.sd))
 
 
-SERIES = {"Fx": "N", "Fy": "N", "tauz": "N*m", "cop_x": "m"}
-"""Units of the compared series by name."""
-AT_HOME = ("Fy", "tauz", "cop_x")
-"""Series that the model must predict better than the allometric body, on its own trial."""
-_DISTINCT = ("tauz", "cop_x")
-"""Series in which the model must differ from the allometric body; Fy differs mainly by the mass, known from a plate."""
-_TIMES = 2.0  # least difference from the allometric body's prediction, in standard deviations
-_JOINTS = 0.03  # m: positions of joints that bend enough agree within a few mm, with skin motion within two cm
-_ELSEWHERE = 1.4  # error on another movement divided by the error on the own trial, from twenty pairs of real trials
-_INSIDE = 0.8  # least fraction of the samples in the 95 % intervals
-
-
 @dataclass(frozen=True)
 class TransferredBody:
     """The identified body of one trial, transferred to the bodies of another trial."""
@@ -370,13 +429,15 @@ def find_support(source: IdentifiedTrial, target: IdentifiedTrial, transferred: 
     """
     if not (np.isfinite(target.reference).all() and np.isfinite(source.covariance).all()):
         return None
-    table = predict(target, target.bodies, target.reference)
-    difference = predict(target, transferred.bodies, transferred.parameters) - table
+    table = predict_series(target, target.bodies, target.reference)
+    difference = predict_series(target, transferred.bodies, transferred.parameters) - table
     apart, sd = (
         {name: root_mean_square(series[:, k]) for k, name in enumerate(SERIES) if name in AT_HOME}
         for series in (difference, _find_parameters_sd(target, transferred))
     )
-    return Support(apart, sd, _compare_at_home(source.facts.get("held_out")))
+    model, allometric = ((source.facts.get("held_out") or {}).get(body) for body in ("model", "reference"))
+    at_home = {name: _read_error(model, name) / _read_error(allometric, name) for name in AT_HOME}
+    return Support(apart, sd, at_home)
 
 
 def stated_sd(source: IdentifiedTrial, target: IdentifiedTrial, transferred: TransferredBody) -> FloatArray:
@@ -385,7 +446,14 @@ def stated_sd(source: IdentifiedTrial, target: IdentifiedTrial, transferred: Tra
     They combine the covariance of the parameters with the rms error on left-out repetitions of the model's trial (or of
     the fit if no repetition could be left out). The factor 1.4 accounts for the different movement.
     """
-    residual = _read_residual(source.facts, banded=target.measured is not None)
+    facts = source.facts
+    held_out = facts.get("held_out") or {}
+    # Unless the target has measured poses, the errors on left-out repetitions are those of the unfiltered series.
+    errors = (None if target.measured is not None else held_out.get("unfiltered")) or held_out.get("model")
+    if errors is None:
+        cop = facts.get("cop_rms_m")
+        errors = {**(facts.get("wrench") or {}), "cop_x": None if cop is None else {"bias": 0.0, "sd": cop}}
+    residual = np.array([_read_error(errors, name) for name in SERIES])
     return np.asarray(_ELSEWHERE * np.hypot(_find_parameters_sd(target, transferred), residual))
 
 
@@ -428,7 +496,7 @@ def make_series(target: IdentifiedTrial, ground: FloatArray) -> FloatArray:
     return np.column_stack([banded, centre_of_pressure(banded, target.cop_threshold)])
 
 
-def predict(target: IdentifiedTrial, bodies: MovingBodies, parameters: FloatArray) -> FloatArray:
+def predict_series(target: IdentifiedTrial, bodies: MovingBodies, parameters: FloatArray) -> FloatArray:
     """Return the :data:`SERIES` (T, 4) that K bodies with ``parameters`` (4K,) predict for the ground alone.
 
     The wrench of chair and sensors is subtracted.
@@ -446,78 +514,43 @@ def _find_parameters_sd(target: IdentifiedTrial, transferred: TransferredBody) -
     return np.sqrt(variance(rows, transferred.covariance))
 
 
-def list_doubts(support: Support | None, registration: Registration, joints: Sequence[str]) -> Iterator[Reason]:
-    """Yield the reasons against the transfer of a body that do not use the target's forces.
-
-    Parameters
-    ----------
-    support : Support or None
-    registration : Registration
-    joints : sequence of str
-        Descriptions of the joints for messages.
-    """
+def _list_doubts(support: Support | None, registration: Registration, skeleton: BodyFrames) -> Iterator[Reason]:
+    """Yield the reasons against the transfer of the bodies of a ``skeleton`` that do not use the target's forces."""
     if support is not None:
-        yield from _check_home(support)
-        yield from _check_difference(support)
+        worse = {name: ratio for name, ratio in support.at_home.items() if ratio > 1.0}
+        if worse:
+            listed = ", ".join(f"{name} (error ratio {ratio:.2f})" for name, ratio in worse.items())
+            yield Reason(
+                "transfer-not-at-home",
+                f"on left-out repetitions of its own trial, the model predicts no better than the allometric body in "
+                f"{listed}: there is no individual information to transfer",
+                value=max(worse.values()),
+                limit=1.0,
+            )
+        times = {name: support.apart[name] / support.sd[name] for name in _DISTINCT}
+        near = {name: ratio for name, ratio in times.items() if not ratio >= _TIMES}
+        if near:
+            listed = ", ".join(f"{name} ({ratio:.1f} standard deviations)" for name, ratio in near.items())
+            yield Reason(
+                "transfer-not-told-apart",
+                "on this movement the prediction of the transferred body does not differ enough from the prediction of "
+                f"the allometric body in {listed}; at least {_TIMES:g} are needed. The model's trial determines too "
+                "little for this movement",
+                value=min(near.values()),
+                limit=_TIMES,
+            )
     distances = np.nan_to_num(registration.joint)
     if len(distances) and distances.max() > _JOINTS:
         worst = int(distances.argmax())
+        below, above = (skeleton.segments[k] for k in skeleton.between[worst])
         yield Reason(
             "transfer-joints",
-            f"the positions of the joint {joints[worst]} in the two trials differ by "
+            f"the positions of the joint between {below} and {above} in the two trials differ by "
             f"{1e3 * registration.joint[worst]:.0f} mm relative to the same markers: in one trial, the joint does not "
             "bend enough or the markers moved on the skin",
             value=float(registration.joint[worst]),
             limit=_JOINTS,
         )
-
-
-def _check_home(support: Support) -> Iterator[Reason]:
-    """Yield a reason if the model predicts its own trial no better than the allometric body."""
-    worse = {name: ratio for name, ratio in support.at_home.items() if ratio > 1.0}
-    if worse:
-        listed = ", ".join(f"{name} (error ratio {ratio:.2f})" for name, ratio in worse.items())
-        yield Reason(
-            "transfer-not-at-home",
-            f"on left-out repetitions of its own trial, the model predicts no better than the allometric body in "
-            f"{listed}: there is no individual information to transfer",
-            value=max(worse.values()),
-            limit=1.0,
-        )
-
-
-def _check_difference(support: Support) -> Iterator[Reason]:
-    """Yield a reason if the predictions of transferred and allometric body do not differ enough."""
-    times = {name: support.apart[name] / support.sd[name] for name in _DISTINCT}
-    near = {name: ratio for name, ratio in times.items() if not ratio >= _TIMES}
-    if near:
-        listed = ", ".join(f"{name} ({ratio:.1f} standard deviations)" for name, ratio in near.items())
-        yield Reason(
-            "transfer-not-told-apart",
-            "on this movement the prediction of the transferred body does not differ enough from the prediction of the "
-            f"allometric body in {listed}; at least {_TIMES:g} are needed. The model's trial determines too little for "
-            "this movement",
-            value=min(near.values()),
-            limit=_TIMES,
-        )
-
-
-def _read_residual(facts: Mapping[str, Any], banded: bool) -> FloatArray:
-    """Return the rms errors (4,) of a model on left-out repetitions of its trial, or else of the fit.
-
-    Unless ``banded``, the errors on left-out repetitions are those of the unfiltered series, if known.
-    """
-    held_out = facts.get("held_out") or {}
-    errors = (None if banded else held_out.get("unfiltered")) or held_out.get("model")
-    if errors is None:
-        cop = facts.get("cop_rms_m")
-        errors = {**(facts.get("wrench") or {}), "cop_x": None if cop is None else {"bias": 0.0, "sd": cop}}
-    return np.array([_read_error(errors, name) for name in SERIES])
-
-
-def _compare_at_home(held_out: Mapping[str, Any] | None) -> dict[str, float]:
-    model, table = ((held_out or {}).get(body) for body in ("model", "reference"))
-    return {name: _read_error(model, name) / _read_error(table, name) for name in AT_HOME}
 
 
 def _read_error(errors: Mapping[str, Any] | None, name: str) -> float:
@@ -529,132 +562,3 @@ def _read_error(errors: Mapping[str, Any] | None, name: str) -> float:
 def root_mean_square(values: FloatArray) -> float:
     """Return the root mean square of the finite values; NaN if there are none."""
     return float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else float("nan")
-
-
-FORMATS = (".csv", ".parquet")
-"""Endings of the files that :func:`write` writes."""
-
-
-def check_format(file: Path) -> None:
-    """Raise ConfigError if the file name does not have one of the endings in :data:`FORMATS`."""
-    if file.suffix.lower() not in FORMATS:
-        raise ConfigError(f"--out {file}: expected a file name that ends in {' or '.join(FORMATS)}")
-
-
-def write(result: Transfer, file: Path, owner: Owner | None = None) -> None:
-    """Write the table as CSV or Parquet; the units are in the Parquet file's field metadata.
-
-    Raises
-    ------
-    StoreError
-        The file cannot be written, or is a table of another ``owner``.
-    """
-    if owner is not None:
-        check_owner(file.parent, owner, file.name)
-    table = pa.Table.from_pandas(as_frame(result), preserve_index=False)
-    fields = [field.with_metadata({"unit": _find_unit(field.name)}) for field in table.schema]
-    table, stream = table.cast(pa.schema(fields)), io.BytesIO()
-    if file.suffix.lower() == ".csv":
-        pyarrow.csv.write_csv(table, stream)
-    else:
-        pyarrow.parquet.write_table(table, stream)
-    write_files(file.parent, {file.name: stream.getvalue()})
-    if owner is not None:
-        store_owner(file.parent, owner, file.name)
-
-
-def as_frame(result: Transfer) -> pd.DataFrame:
-    """Return a data frame with one row for each trial and body.
-
-    The columns are trial, model (the trial on which the body was identified), body, samples and condition_number; mean,
-    sd and rms of the error (model minus measurement) of Fx, Fy (N), tauz (N·m) and cop_x (m); mean and sd of each joint
-    torque tau_1 … minus the torque of the trial's own model (N·m); the largest residual of the registration (m); and
-    whether the recordings support the transfer (missing if unknown).
-    """
-    joints = range(1, result.joints + 1)
-    frame = pd.DataFrame([_make_row(result, trial, body, joints) for trial in result.trials for body in trial.bodies])
-    return frame.astype({"supported": "boolean"})
-
-
-def as_json(result: Transfer) -> dict[str, Any]:
-    """Return the errors, the registration of every segment and the reasons as JSON; null for an unknown number."""
-    return {
-        "schema": "mocap-id/transfer",
-        "version": 1,
-        "model": result.model,
-        "segments": list(result.segments),
-        "trials": [_describe_trial(result, trial) for trial in result.trials],
-    }
-
-
-def _describe_trial(result: Transfer, trial: TrialTransfer) -> dict[str, Any]:
-    registration = trial.registration
-    return {
-        "trial": trial.trial,
-        "samples": trial.samples,
-        "condition_number": trial.condition,
-        "bodies": [
-            {
-                "body": body.name,
-                "errors": {name: _describe_error(error) for name, error in body.errors.items()},
-                "torques": [_describe_error(difference) for difference in body.torques] or None,
-            }
-            for body in trial.bodies
-        ],
-        "registration": [
-            {
-                "segment": name,
-                "angle_deg": math.degrees(registration.angle[k]),
-                "shift_m": registration.shift[k].tolist(),
-                "markers": int(registration.markers[k]),
-                "residual_m": to_finite(registration.residual[k]),
-            }
-            for k, name in enumerate(result.segments)
-        ],
-        "joint_apart_m": [to_finite(distance) for distance in registration.joint.tolist()],
-        "supported": trial.supported,
-        "support": None if trial.support is None else _describe_support(trial.support),
-        "intervals": {
-            name: {"sd_rms": to_finite(trial.stated[name]), "inside": to_finite(trial.inside[name]), "unit": unit}
-            for name, unit in SERIES.items()
-        },
-        "reasons": [reason.as_dict() for reason in trial.reasons],
-    }
-
-
-def _describe_support(support: Support) -> dict[str, Any]:
-    return {
-        name: {
-            "apart_rms": to_finite(support.apart[name]),
-            "sd_rms": to_finite(support.sd[name]),
-            "at_home": to_finite(support.at_home[name]),
-            "unit": SERIES[name],
-        }
-        for name in AT_HOME
-    }
-
-
-def _describe_error(error: Agreement | None) -> dict[str, float] | None:
-    return None if error is None else {"mean": error.bias, "sd": error.sd, "rms": rms_error(error)}
-
-
-def _make_row(result: Transfer, trial: TrialTransfer, body: BodyErrors, joints: range) -> dict[str, Any]:
-    row: dict[str, Any] = {
-        "trial": trial.trial,
-        "model": result.model,
-        "body": body.name,
-        "samples": trial.samples,
-        "condition_number": trial.condition,
-    }
-    unknown = {"mean": math.nan, "sd": math.nan, "rms": math.nan}
-    for name in SERIES:
-        row |= {f"{name}_{part}": value for part, value in (_describe_error(body.errors.get(name)) or unknown).items()}
-    for j in joints:
-        torque = _describe_error(body.torques[j - 1] if j <= len(body.torques) else None) or unknown
-        row |= {f"tau_{j}_{part}": torque[part] for part in ("mean", "sd")}
-    return row | {"registration_residual": trial.registration_residual, "supported": trial.supported}
-
-
-def _find_unit(column: str) -> str:
-    stem = column.rpartition("_")[0]
-    return SERIES.get(stem) or ("N*m" if stem.startswith("tau_") else "m" if column == "registration_residual" else "")

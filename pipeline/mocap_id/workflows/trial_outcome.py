@@ -47,10 +47,7 @@ class TrialOutcome:
 
     def value(self, *keys: str) -> Any:
         """Return an entry of the summary by its keys, from the outermost key; None if there is no such entry."""
-        entry: Any = self.summary
-        for key in keys:
-            entry = (entry or {}).get(key)
-        return entry
+        return find_entry(self.summary, *keys)
 
     def metres(self, *keys: str) -> float | None:
         """Return an entry of the summary, converted from millimetres to metres; None if there is no such entry."""
@@ -105,6 +102,13 @@ def read_event_facts(trial: StudyTrial, run: TrialRun, protocol: str) -> Mapping
     """Return the facts of events.parquet about a protocol; empty if missing, or if the trial failed or was refused."""
     facts = Folder(trial.trial.out).read("events.parquet").facts if run.exit_code == 0 else {}
     return facts.get(protocol) or {}
+
+
+def find_entry(entry: Any, *keys: str) -> Any:
+    """Return an entry of nested mappings by its keys, from the outermost key; None if there is no such entry."""
+    for key in keys:
+        entry = (entry or {}).get(key)
+    return entry
 
 
 def number_or_nan(value: object) -> float:

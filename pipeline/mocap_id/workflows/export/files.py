@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from mocap_id.store.views import Skeleton, SpatialSkeleton
@@ -18,28 +18,30 @@ BASE = "base"  # name of the joint that connects the base segment to the ground
 _ILLEGAL = re.compile(r"[^A-Za-z0-9_.\-]+")
 
 
-@dataclass(frozen=True)
+@dataclass
 class ExportFiles:
-    """Contents of files by file name, and notes on missing content and on assumptions."""
+    """The files of an export, to which every exporter adds its own.
 
-    files: Mapping[str, bytes] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    An exporter is a function of a run and of these files. What it cannot make is a note.
+    """
 
-    def __add__(self, other: ExportFiles) -> ExportFiles:
-        return ExportFiles({**self.files, **other.files}, tuple(dict.fromkeys((*self.notes, *other.notes))))
+    files: dict[str, bytes] = field(default_factory=dict)  # contents by file name
+    notes: list[str] = field(default_factory=list)  # on missing content and on assumptions, each once
+
+    def note(self, *notes: str) -> None:
+        """Add notes, unless they are known."""
+        self.notes += [one for one in dict.fromkeys(notes) if one not in self.notes]
 
 
-def note_contact(run: RunFolder, file_format: str) -> ExportFiles:
-    """Return a note that torques are unknown while an unmeasured support carries the body; none without contact."""
+def note_contact(run: RunFolder, out: ExportFiles, file_format: str) -> None:
+    """Note that torques are unknown while an unmeasured support carries the body; nothing without contact."""
     table = run.table("dynamics.parquet")
-    if table is None or "contact" not in table.names or not table["contact"].any():
-        return ExportFiles()
-    note = (
-        f"{file_format}: a chair or support that no plate measures carries, or may carry, the body in "
-        f"{100 * table['contact'].mean():.0f} % of the samples (column `contact` of dynamics.parquet). The torques of "
-        "the joints below it are unknown there: do not interpolate them"
-    )
-    return ExportFiles(notes=(note,))
+    if table is not None and "contact" in table.names and table["contact"].any():
+        out.note(
+            f"{file_format}: a chair or support that no plate measures carries, or may carry, the body in "
+            f"{100 * table['contact'].mean():.0f} % of the samples (column `contact` of dynamics.parquet). The torques "
+            "of the joints below it are unknown there: do not interpolate them"
+        )
 
 
 def make_legal(names: Iterable[str], taken: Iterable[str] = ()) -> dict[str, str]:
@@ -64,22 +66,16 @@ def make_legal(names: Iterable[str], taken: Iterable[str] = ()) -> dict[str, str
     return legal
 
 
-def name_bodies(segments: Iterable[str]) -> tuple[str, ...]:
+def opensim_bodies(segments: Iterable[str]) -> tuple[str, ...]:
     """Return the names of the segments in OpenSim, base first."""
     return tuple(make_legal(segments, taken=("ground",)).values())
 
 
-def name_joints(skeleton: Skeleton | SpatialSkeleton) -> tuple[str, ...]:
+def opensim_joints(skeleton: Skeleton | SpatialSkeleton) -> tuple[str, ...]:
     """Return the names of the joints in OpenSim."""
     return tuple(make_legal(skeleton.joints, taken=(BASE,)).values())
 
 
 def name_coordinates(skeleton: Skeleton) -> tuple[str, ...]:
     """Return the names of the joint angles in OpenSim, such as ``ankle_angle``."""
-    return tuple(f"{joint}_angle" for joint in name_joints(skeleton))
-
-
-def note_changed_names(names: Mapping[str, str]) -> tuple[str, ...]:
-    """Return a note that lists the changed names; empty if no name was changed."""
-    changed = [f"{old} → {new}" for old, new in names.items() if old != new]
-    return (f"names that OpenSim does not accept were changed: {', '.join(changed)}",) if changed else ()
+    return tuple(f"{joint}_angle" for joint in opensim_joints(skeleton))

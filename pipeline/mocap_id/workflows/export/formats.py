@@ -13,8 +13,7 @@ from mocap_id.store.atomic import write_files
 from mocap_id.store.ownership import check_owner, store_owner
 from mocap_id.workflows.export.files import ExportFiles
 from mocap_id.workflows.export.free_bodies import export_free_model, export_free_poses, export_free_states
-from mocap_id.workflows.export.kinetics_toolkit import export_kinetics_toolkit
-from mocap_id.workflows.export.markers import export_markers
+from mocap_id.workflows.export.markers import export_kinetics_toolkit, export_markers
 from mocap_id.workflows.export.opensim_model import export_model, export_spatial_model
 from mocap_id.workflows.export.opensim_tables import (
     export_anatomical_angles,
@@ -28,8 +27,8 @@ from mocap_id.workflows.export.opensim_tables import (
 from mocap_id.workflows.export.spreadsheets import export_spatial_tables, export_tables
 from mocap_id.workflows.run_folder import RunFolder, find_owner_of_files, open_run
 
-Exporters: TypeAlias = Mapping[str, tuple[Callable[[RunFolder], ExportFiles], ...]]
-"""Functions that return the files of each format, by the name of the format."""
+Exporters: TypeAlias = Mapping[str, tuple[Callable[[RunFolder, ExportFiles], None], ...]]
+"""Functions that add the files of each format, by the name of the format."""
 
 FORMATS: Exporters = {
     "trc": (export_markers,),
@@ -60,7 +59,7 @@ class Export:
     notes: tuple[str, ...]
 
 
-def export(
+def export_run(
     trial: Path,
     formats: Sequence[str],
     out: Path | None = None,
@@ -99,9 +98,10 @@ def export(
         raise ConfigError(f"{found}; expected some of {', '.join(FORMATS)}")
     run = open_run(trial, progress)
     folder = run.path / "export" if out is None else out
-    exporters = IN_SPACE if run.in_space else FORMATS
-    makers = [make for name, functions in exporters.items() if name in formats for make in functions]
-    made = sum((make(run) for make in makers), ExportFiles())
+    made = ExportFiles()
+    for name, exporters in (IN_SPACE if run.in_space else FORMATS).items():
+        for add_files in exporters if name in formats else ():
+            add_files(run, made)
     if not made.files:
         raise StoreError(f"{run.path} has no data for the formats {', '.join(formats)}: {'; '.join(made.notes)}")
     owner, output = find_owner_of_files(run.path), f"export-{run.name.lower()}"  # the trial's name begins all names
@@ -116,4 +116,4 @@ def export(
     write_files(folder, made.files)
     if out is not None:
         store_owner(folder, owner, output)
-    return Export(tuple(folder / name for name in made.files), made.notes)
+    return Export(tuple(folder / name for name in made.files), tuple(made.notes))

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from mocap_id import __version__
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry import so3
-from mocap_id.geometry.spatial_chain import SpatialJoint
 from mocap_id.store.views import JointStates, SegmentPoses, Skeleton, SpatialSkeleton
 from mocap_id.workflows.export.files import (
     ANGLES,
@@ -24,16 +24,15 @@ from mocap_id.workflows.export.files import (
     MEASURED_MARKERS,
     MODEL,
     ExportFiles,
-    name_bodies,
     name_coordinates,
-    name_joints,
+    opensim_bodies,
+    opensim_joints,
 )
-from mocap_id.workflows.export.markers import measure_depths, name_markers
+from mocap_id.workflows.export.markers import measure_depths, rename_markers
 from mocap_id.workflows.export.opensim_parts import (
     LEAST_MASS,
     BodyInertia,
     Element,
-    ModelInertia,
     body_element,
     comment,
     coordinate_element,
@@ -41,7 +40,6 @@ from mocap_id.workflows.export.opensim_parts import (
     format_document,
     format_numbers,
     marker_element,
-    object_set,
     offset_frame,
     read_planar_inertia,
     read_spatial_inertia,
@@ -54,26 +52,61 @@ _RADIUS = 0.02  # m, of the cylinder that represents a segment
 _ACCURACY = "1e-8"  # with its default of 1e-5, OpenSim ends 0.2° rms, at worst 0.8°, from the least-squares solution
 
 
-def export_model(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>.osim``, ``<trial>_ik.xml`` and ``<trial>_id.xml`` of a trial in the plane.
+def export_model(run: RunFolder, out: ExportFiles) -> None:
+    """Add ``<trial>.osim``, ``<trial>_ik.xml`` and ``<trial>_id.xml`` of a trial in the plane.
 
     The last file is omitted if the states or the inertial parameters are unknown.
     """
-    tree = run.tree("chain.h5")
+    tree, states = run.tree("chain.h5"), run.table("states.parquet")
     if tree is None:
-        return ExportFiles(notes=(f"osim: no model: {run.why_missing('chain.h5')}",))
+        out.note(f"osim: no model: {run.why_missing('chain.h5')}")
+        return
     skeleton = Skeleton.from_tree(tree)
-    inertia = read_planar_inertia(run, len(skeleton.segments))
-    files = {
-        run.name + MODEL: _format_chain(run, skeleton, inertia),
-        f"{run.name}_ik.xml": format_kinematics_setup(run, skeleton.markers),
-    }
-    if run.table("states.parquet") is not None and inertia.known:
+    segments, inertia = opensim_bodies(skeleton.segments), read_planar_inertia(run, len(skeleton.segments))
+    # Bodies; a cylinder along the y axis of each, from its joint to the next joint or to the tip, shows where it is.
+    lengths = np.linalg.norm(np.vstack([skeleton.centres, skeleton.tip]), axis=1)
+    bodies = [body_element(segments[0], inertia.bodies[0])]
+    for name, body, length in zip(segments[1:], inertia.bodies[1:], lengths[1:], strict=True):
+        half = length / 2
+        stick = element("Cylinder", name="stick", socket_frame="..", radius=[_RADIUS], half_height=[half])
+        shown = element("attached_geometry", stick)
+        bodies.append(
+            body_element(name, body, offset_frame(f"{name}_middle", "..", [0.0, half, 0.0], (0.0,) * 3, shown))
+        )
+    # A locked joint of the base, and pin joints about z: joint j moves segment j, and its centre is fixed in the frame
+    # of the parent segment.
+    base = [coordinate_element(f"{BASE}_{each}", 0.0, _widen(), locked=True) for each in ("rz", "tx", "ty")]
+    joints = [planar_joint(BASE, segments[0], base)]
+    coordinates = name_coordinates(skeleton)
+    angles = np.zeros((0, len(coordinates))) if states is None else JointStates.from_table(states).angles
+    for j, (joint, coordinate) in enumerate(zip(opensim_joints(skeleton), coordinates, strict=True)):
+        parent, frame = segments[int(skeleton.parents[j])], f"{joint}_centre"
+        known = angles[np.isfinite(angles[:, j]), j]
+        pin = element(
+            "PinJoint",
+            name=joint,
+            socket_parent_frame=frame,
+            socket_child_frame=f"/bodyset/{segments[j + 1]}",
+            coordinates=[coordinate_element(coordinate, known[0] if len(known) else 0.0, _widen(known))],
+            frames=[offset_frame(frame, f"/bodyset/{parent}", [*skeleton.centres[j], 0.0])],
+        )
+        joints.append(pin)
+    comments = (
+        f"Inertial parameters: {inertia.source}.",
+        "Ixx and Iyy do not affect planar motion and are unknown: they are set to Izz. "
+        "Centres of mass lie in the plane z = 0.",
+    )
+    markers = place_markers(run, segments, skeleton.markers, skeleton.marker_segment, skeleton.local)
+    out.files[run.name + MODEL] = format_model(
+        run, "the plane frame", comments, bodies=bodies, joints=joints, markers=markers
+    )
+    out.files[f"{run.name}_ik.xml"] = format_kinematics_setup(run, skeleton.markers)
+    if states is not None and inertia.known:
         table = run.table("wrench.parquet")
         has_forces = table is not None and bool(np.isfinite(table["Fy"]).any())
         setup = format_dynamics_setup(run, (MODEL, ANGLES, "_opensim_id.sto"), LOADS if has_forces else None)
-        files[f"{run.name}_id.xml"] = setup
-    return ExportFiles(files, (f"osim: inertial parameters: {inertia.source}",))
+        out.files[f"{run.name}_id.xml"] = setup
+    out.note(f"osim: inertial parameters: {inertia.source}")
 
 
 def format_model(
@@ -87,16 +120,16 @@ def format_model(
 ) -> bytes:
     """Return the content of a model file; ``ground`` is the name of the coordinate frame of OpenSim's ground."""
     made = f"Made by mocap-id {__version__} from the trial {run.name}. Ground is {ground}."
-    children = [
+    sets = {"BodySet": bodies, "JointSet": joints, "MarkerSet": markers}
+    return format_document(
+        "Model",
+        run.name,
         *(comment(text) for text in (made, *comments)),
         element("length_units", text="meters"),
         element("force_units", text="N"),
         element("gravity", text=format_numbers([0.0, -read_gravity(run), 0.0])),
-        object_set("BodySet", bodies),
-        object_set("JointSet", joints),
-        object_set("MarkerSet", markers),
-    ]
-    return format_document("Model", run.name, children)
+        *(element(tag, name=tag.lower(), objects=list(objects)) for tag, objects in sets.items()),
+    )
 
 
 def read_gravity(run: RunFolder) -> float:
@@ -106,14 +139,10 @@ def read_gravity(run: RunFolder) -> float:
     return float(settings.get("gravity", 9.81))
 
 
-def planar_joint(name: str, body: str, coordinates: Iterable[Element]) -> Element:
+def planar_joint(name: str, body: str, coordinates: Sequence[Element]) -> Element:
     """Return a planar joint between ground and body; its coordinates are angle, x and y of the body's frame."""
-    children = [
-        element("socket_parent_frame", text="/ground"),
-        element("socket_child_frame", text=f"/bodyset/{body}"),
-        element("coordinates", children=coordinates),
-    ]
-    return element("PlanarJoint", name=name, children=children)
+    sockets = {"socket_parent_frame": "/ground", "socket_child_frame": f"/bodyset/{body}"}
+    return element("PlanarJoint", name=name, **sockets, coordinates=coordinates)
 
 
 def place_markers(
@@ -124,29 +153,26 @@ def place_markers(
     ``bodies`` are names in OpenSim, and ``markers`` are M names in the recording. ``segment`` (M,) is the index of each
     marker's body, and ``local`` (M, 2) its position in the body's frame, m.
     """
-    names, depth = name_markers(run), measure_depths(run)
+    names, depth = rename_markers(run), measure_depths(run)
     for label, body, position in zip(markers, segment, local, strict=True):
         yield marker_element(names.get(label, label), bodies[int(body)], [*position, depth.get(label, 0.0)])
 
 
 def format_kinematics_setup(run: RunFolder, markers: Sequence[str]) -> bytes:
     """Return the set-up file of inverse kinematics, with equal weights for ``markers``, the markers of the chain."""
-    names, planar = name_markers(run), run.long("planar.parquet")
+    names, planar = rename_markers(run), run.long("planar.parquet")
     assert planar is not None
-    tasks = [
-        element("IKMarkerTask", name=names.get(label, label), children=[element("weight", text="1")])
-        for label in markers
-    ]
-    span = (float(planar.time[0]), float(planar.time[-1]))
-    children = [
-        element("model_file", text=run.name + MODEL),
-        element("IKTaskSet", children=[element("objects", children=tasks)]),
-        element("marker_file", text=run.name + MEASURED_MARKERS),
-        element("accuracy", text=_ACCURACY),
-        element("time_range", text=format_numbers(span)),  # without it, OpenSim stops after two seconds
-        element("output_motion_file", text=f"{run.name}_opensim_ik.mot"),
-    ]
-    return format_document("InverseKinematicsTool", run.name, children)
+    tasks = [element("IKMarkerTask", name=names.get(label, label), weight="1") for label in markers]
+    return format_document(
+        "InverseKinematicsTool",
+        run.name,
+        model_file=run.name + MODEL,
+        IKTaskSet=[element("objects", *tasks)],
+        marker_file=run.name + MEASURED_MARKERS,
+        accuracy=_ACCURACY,
+        time_range=[float(planar.time[0]), float(planar.time[-1])],  # without it, OpenSim stops after two seconds
+        output_motion_file=f"{run.name}_opensim_ik.mot",
+    )
 
 
 def format_dynamics_setup(run: RunFolder, endings: tuple[str, str, str], loads: str | None = None) -> bytes:
@@ -155,62 +181,10 @@ def format_dynamics_setup(run: RunFolder, endings: tuple[str, str, str], loads: 
     ``endings`` are the endings of the file names of the model, the coordinates and OpenSim's output. ``loads`` is that
     of the external loads; None if there are none.
     """
-    tags = ("model_file", "coordinates_file", "output_gen_force_file")
-    children = [element(tag, text=run.name + ending) for tag, ending in zip(tags, endings, strict=True)]
-    if loads is not None:
-        children.append(element("external_loads_file", text=run.name + loads))
-    return format_document("InverseDynamicsTool", run.name, children)
-
-
-def _format_chain(run: RunFolder, skeleton: Skeleton, inertia: ModelInertia) -> bytes:
-    names, lengths = name_bodies(skeleton.segments), np.linalg.norm(np.vstack([skeleton.centres, skeleton.tip]), axis=1)
-    bodies = [
-        body_element(name, body, [_cylinder(name, length)] if k else ())
-        for k, (name, body, length) in enumerate(zip(names, inertia.bodies, lengths, strict=True))
-    ]
-    base = [coordinate_element(f"{BASE}_{each}", 0.0, _widen(), locked=True) for each in ("rz", "tx", "ty")]
-    return format_model(
-        run,
-        "the plane frame",
-        (
-            f"Inertial parameters: {inertia.source}.",
-            "Ixx and Iyy do not affect planar motion and are unknown: they are set to Izz. "
-            "Centres of mass lie in the plane z = 0.",
-        ),
-        bodies=bodies,
-        joints=(planar_joint(BASE, names[0], base), *_pin_joints(run, skeleton, names)),
-        markers=place_markers(run, names, skeleton.markers, skeleton.marker_segment, skeleton.local),
-    )
-
-
-def _cylinder(body: str, length: float) -> Element:
-    """Return a cylinder along a segment's y axis, from its joint to the next joint or to the tip."""
-    half = length / 2
-    cylinder = [
-        element("socket_frame", text=".."),
-        element("radius", text=format_numbers([_RADIUS])),
-        element("half_height", text=format_numbers([half])),
-    ]
-    geometry = element("attached_geometry", children=[element("Cylinder", name="stick", children=cylinder)])
-    return offset_frame(f"{body}_middle", "..", [0.0, half, 0.0], components=[geometry])
-
-
-def _pin_joints(run: RunFolder, skeleton: Skeleton, bodies: Sequence[str]) -> Iterator[Element]:
-    """Yield the pin joints about z; joint j moves segment j, and its centre is fixed in the parent segment's frame."""
-    table = run.table("states.parquet")
-    joints, coordinates = name_joints(skeleton), name_coordinates(skeleton)
-    angles = np.zeros((0, len(joints))) if table is None else JointStates.from_table(table).angles
-    for j, (joint, coordinate) in enumerate(zip(joints, coordinates, strict=True)):
-        parent, frame = bodies[int(skeleton.parents[j])], f"{joint}_centre"
-        known = angles[np.isfinite(angles[:, j]), j]
-        first = known[0] if len(known) else 0.0
-        children = [
-            element("socket_parent_frame", text=frame),
-            element("socket_child_frame", text=f"/bodyset/{bodies[j + 1]}"),
-            element("coordinates", children=[coordinate_element(coordinate, first, _widen(known))]),
-            element("frames", children=[offset_frame(frame, f"/bodyset/{parent}", [*skeleton.centres[j], 0.0])]),
-        ]
-        yield element("PinJoint", name=joint, children=children)
+    model, coordinates, forces = (run.name + ending for ending in endings)
+    external = {} if loads is None else {"external_loads_file": run.name + loads}
+    files = {"model_file": model, "coordinates_file": coordinates, "output_gen_force_file": forces}
+    return format_document("InverseDynamicsTool", run.name, **files, **external)
 
 
 def _widen(known: FloatArray | None = None) -> tuple[float, float]:
@@ -220,7 +194,7 @@ def _widen(known: FloatArray | None = None) -> tuple[float, float]:
     return min(-LEAST_RANGE, float(known.min())), max(LEAST_RANGE, float(known.max()))
 
 
-_IDENTITY = np.eye(3)
+# In space.
 
 
 @dataclass(frozen=True)
@@ -243,71 +217,50 @@ class ModelJoint:
 def name_girdles(skeleton: SpatialSkeleton) -> tuple[str, ...]:
     """Return the name of the girdle of each joint, n in all; an empty text for a joint without a glide."""
     glides = [bool(np.any(joint.glide)) for joint in skeleton.chain.joints]
-    return tuple(f"{name}_girdle" if has else "" for name, has in zip(name_joints(skeleton), glides, strict=True))
+    return tuple(f"{name}_girdle" if has else "" for name, has in zip(opensim_joints(skeleton), glides, strict=True))
 
 
 def model_joints(skeleton: SpatialSkeleton, poses: SegmentPoses) -> list[ModelJoint]:
     """Return the joints of the model, parents first."""
-    segments, girdles = name_bodies(skeleton.segments), name_girdles(skeleton)
-    joints = [_free(segments[0], poses)]
-    for k, (name, joint) in enumerate(zip(name_joints(skeleton), skeleton.chain.joints, strict=True)):
+    segments, girdles, still = opensim_bodies(skeleton.segments), name_girdles(skeleton), np.eye(3)
+    mean = _mean_rotation(poses.rotation[:, 0])
+    values = np.column_stack([euler_angles(mean.T @ poses.rotation[:, 0]), poses.origin[:, 0] @ mean])
+    names = tuple(f"{BASE}_{each}" for each in ("rx", "ry", "rz", "tx", "ty", "tz"))
+    joints = [ModelJoint(BASE, "FreeJoint", "/ground", segments[0], np.zeros(3), mean, still, names, values)]
+    for k, (name, joint) in enumerate(zip(opensim_joints(skeleton), skeleton.chain.joints, strict=True)):
         rotation = poses.compute_rotation(joint.parent, k + 1)
         parent, child = segments[joint.parent], segments[k + 1]
         if girdles[k]:
-            joints.append(_glide(name, joint, rotation, (parent, girdles[k])))
+            along = joint.glide / float(np.linalg.norm(joint.glide))
+            shift = ((joint.origin(rotation) - joint.centre) @ along)[:, None]
+            ends, names = (parent, girdles[k], np.zeros(3)), (f"{name}_glide_shift",)
+            glide = ModelJoint(f"{name}_glide", "CustomJoint", *ends, still, still, names, shift, (along,), slides=True)
+            joints.append(glide)
             parent = girdles[k]
-        make = {"ball": _ball, "two-axis": _two_axis, "hinge": _hinge}[joint.kind]
-        joints.append(make(name, joint, rotation, (parent, child)))
+        ends = (parent, child, joint.centre)
+        turned = rotation @ joint.offset.T
+        if joint.kind == "ball":
+            mean = _mean_rotation(rotation)
+            names, values = tuple(f"{name}_{each}" for each in ("rx", "ry", "rz")), euler_angles(mean.T @ rotation)
+            joints.append(ModelJoint(name, "BallJoint", *ends, mean, still, names, values))
+        elif joint.kind == "two-axis":
+            first, second = joint.first_axis, joint.offset @ joint.second_axis
+            q1 = _angle(first, np.broadcast_to(second, turned.shape[:-1]), turned @ second)
+            probe = so3.exp(np.pi / 2 * first) @ second
+            rest = np.swapaxes(so3.exp(q1[:, None] * first), -1, -2) @ turned
+            q2 = _angle(second, np.broadcast_to(probe, turned.shape[:-1]), rest @ probe)
+            names, values = (f"{name}_angle_1", f"{name}_angle_2"), _unwrap(np.column_stack([q1, q2]))
+            axes = (first, second)
+            joints.append(ModelJoint(name, "CustomJoint", *ends, still, joint.offset.T, names, values, axes))
+        else:
+            axis = joint.first_axis
+            across = np.cross(axis, still[int(np.abs(axis).argmin())])
+            across /= np.linalg.norm(across)
+            own = np.column_stack([across, np.cross(axis, across), axis])
+            values = _unwrap(_angle(axis, np.broadcast_to(across, turned.shape[:-1]), turned @ across)[:, None])
+            names = (f"{name}_angle",)
+            joints.append(ModelJoint(name, "PinJoint", *ends, own, joint.offset.T @ own, names, values))
     return joints
-
-
-def _free(base: str, poses: SegmentPoses) -> ModelJoint:
-    mean = _mean_rotation(poses.rotation[:, 0])
-    angles = euler_angles(mean.T @ poses.rotation[:, 0])
-    names = tuple(f"{BASE}_{each}" for each in ("rx", "ry", "rz", "tx", "ty", "tz"))
-    values = np.column_stack([angles, poses.origin[:, 0] @ mean])
-    return ModelJoint(BASE, "FreeJoint", "/ground", base, np.zeros(3), mean, _IDENTITY, names, values)
-
-
-def _glide(name: str, joint: SpatialJoint, rotation: FloatArray, bodies: tuple[str, str]) -> ModelJoint:
-    size = float(np.linalg.norm(joint.glide))
-    along = joint.glide / size
-    values = ((joint.origin(rotation) - joint.centre) @ along)[:, None]
-    return ModelJoint(
-        f"{name}_glide", "CustomJoint", *bodies, np.zeros(3), _IDENTITY, _IDENTITY, (f"{name}_glide_shift",), values,
-        (along,), slides=True,
-    )  # fmt: skip
-
-
-def _ball(name: str, joint: SpatialJoint, rotation: FloatArray, bodies: tuple[str, str]) -> ModelJoint:
-    mean = _mean_rotation(rotation)
-    names = tuple(f"{name}_{each}" for each in ("rx", "ry", "rz"))
-    values = euler_angles(mean.T @ rotation)
-    return ModelJoint(name, "BallJoint", *bodies, joint.centre, mean, _IDENTITY, names, values)
-
-
-def _two_axis(name: str, joint: SpatialJoint, rotation: FloatArray, bodies: tuple[str, str]) -> ModelJoint:
-    first, second = joint.first_axis, joint.offset @ joint.second_axis
-    turned = rotation @ joint.offset.T
-    q1 = _angle(first, np.broadcast_to(second, turned.shape[:-1]), turned @ second)
-    probe = so3.exp(np.pi / 2 * first) @ second
-    rest = np.swapaxes(so3.exp(q1[:, None] * first), -1, -2) @ turned
-    q2 = _angle(second, np.broadcast_to(probe, turned.shape[:-1]), rest @ probe)
-    values = _unwrap(np.column_stack([q1, q2]))
-    names = (f"{name}_angle_1", f"{name}_angle_2")
-    return ModelJoint(
-        name, "CustomJoint", *bodies, joint.centre, _IDENTITY, joint.offset.T, names, values, (first, second)
-    )
-
-
-def _hinge(name: str, joint: SpatialJoint, rotation: FloatArray, bodies: tuple[str, str]) -> ModelJoint:
-    axis = joint.first_axis
-    across = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
-    across /= np.linalg.norm(across)
-    own = np.column_stack([across, np.cross(axis, across), axis])
-    turned = rotation @ joint.offset.T
-    values = _unwrap(_angle(axis, np.broadcast_to(across, turned.shape[:-1]), turned @ across)[:, None])
-    return ModelJoint(name, "PinJoint", *bodies, joint.centre, own, joint.offset.T @ own, (f"{name}_angle",), values)
 
 
 def _angle(axis: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
@@ -353,14 +306,6 @@ def _unwrap(angles: FloatArray) -> FloatArray:
     return out
 
 
-def list_coordinates(joints: list[ModelJoint]) -> Iterator[tuple[str, FloatArray, bool]]:
-    """Yield the name of each coordinate of a model, its values (T,), and whether it is an angle."""
-    for joint in joints:
-        for k, name in enumerate(joint.coordinates):
-            lengths = joint.slides or (joint.element == "FreeJoint" and k >= 3)
-            yield name, joint.values[:, k], not lengths
-
-
 def read_model_parts(run: RunFolder) -> tuple[SpatialSkeleton, SegmentPoses] | str:
     """Return the chain and the poses of its segments, or a text with the reason why there can be no model."""
     tree, table = run.tree("chain.h5"), run.table("poses.parquet")
@@ -373,89 +318,77 @@ def read_model_parts(run: RunFolder) -> tuple[SpatialSkeleton, SegmentPoses] | s
     return skeleton, SegmentPoses.from_table(table)
 
 
-def export_spatial_model(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>.osim`` and ``<trial>_ik.xml`` of a trial in space; only a note if there can be no model."""
+def export_spatial_model(run: RunFolder, out: ExportFiles) -> None:
+    """Add ``<trial>.osim`` and ``<trial>_ik.xml`` of a trial in space; only a note if there can be no model."""
     parts = read_model_parts(run)
     if isinstance(parts, str):
-        return ExportFiles(notes=(f"osim: no model: {parts}",))
-    skeleton, poses = parts
-    inertia = read_spatial_inertia(run, len(skeleton.segments))
-    files = {
-        run.name + MODEL: _format_spatial_chain(run, skeleton, model_joints(skeleton, poses), inertia),
-        f"{run.name}_ik.xml": format_kinematics_setup(run, skeleton.markers),
-    }
-    notes = [f"osim: inertial parameters: {inertia.source}"]
-    if any(name_girdles(skeleton)):
-        notes.append("osim: the glide of a joint is a separate coordinate, which does not depend on the elevation")
-    return ExportFiles(files, tuple(notes))
-
-
-def _format_spatial_chain(
-    run: RunFolder, skeleton: SpatialSkeleton, joints: list[ModelJoint], inertia: ModelInertia
-) -> bytes:
-    girdles = [name for name in name_girdles(skeleton) if name]
+        out.note(f"osim: no model: {parts}")
+        return
+    skeleton, chain = parts[0], parts[0].chain
+    segments, girdles = opensim_bodies(skeleton.segments), [name for name in name_girdles(skeleton) if name]
+    inertia = read_spatial_inertia(run, len(segments))
     light = BodyInertia(LEAST_MASS, (0.0,) * 3, (0.0,) * 6)
-    bodies = [*zip(name_bodies(skeleton.segments), inertia.bodies, strict=True), *((name, light) for name in girdles)]
-    return format_model(
+    bodies = [*zip(segments, inertia.bodies, strict=True), *((name, light) for name in girdles)]
+    # A marker that moves with a glide is on the girdle's body.
+    labels = rename_markers(run)
+    markers = [
+        marker_element(
+            labels.get(label, label), girdles[0] if glides and girdles else segments[int(segment)], local.tolist()
+        )
+        for label, segment, local, glides in zip(
+            skeleton.markers, chain.segment, chain.local, chain.on_glide, strict=True
+        )
+    ]
+    out.files[run.name + MODEL] = format_model(
         run,
         "the frame of the trial",
         [f"Inertial parameters: {inertia.source}."],
-        bodies=(body_element(name, each) for name, each in bodies),
-        joints=map(_joint, joints),
-        markers=_markers(run, skeleton),
+        bodies=(body_element(name, body) for name, body in bodies),
+        joints=map(_joint_element, model_joints(*parts)),
+        markers=markers,
     )
+    out.files[f"{run.name}_ik.xml"] = format_kinematics_setup(run, skeleton.markers)
+    out.note(f"osim: inertial parameters: {inertia.source}")
+    if girdles:
+        out.note("osim: the glide of a joint is a separate coordinate, which does not depend on the elevation")
 
 
-def _joint(joint: ModelJoint) -> Element:
+def _joint_element(joint: ModelJoint) -> Element:
     parent = joint.parent if joint.parent.startswith("/") else f"/bodyset/{joint.parent}"
     angles = [euler_angles(each[None])[0].tolist() for each in (joint.parent_rotation, joint.child_rotation)]
     frames = [
         offset_frame(f"{joint.name}_on_parent", parent, joint.at.tolist(), angles[0]),
         offset_frame(f"{joint.name}_on_child", f"/bodyset/{joint.child}", [0.0] * 3, angles[1]),
     ]
-    children = [
-        element("socket_parent_frame", text=f"{joint.name}_on_parent"),
-        element("socket_child_frame", text=f"{joint.name}_on_child"),
-        element("coordinates", children=_coordinates(joint)),
-        element("frames", children=frames),
-    ]
-    if joint.element == "CustomJoint":
-        rotations, translations = ((), joint.axes) if joint.slides else (joint.axes, ())
-        rows = [*_axis_rows("rotation", joint, rotations), *_axis_rows("translation", joint, translations)]
-        children.append(element("SpatialTransform", children=rows))
-    return element(joint.element, name=joint.name, children=children)
-
-
-def _coordinates(joint: ModelJoint) -> Iterator[Element]:
-    """Yield each coordinate of a joint, with its first known value as default and a range that contains all values."""
+    # The default of a coordinate is its first known value, and its range contains all values.
+    coordinates = []
     for name, values in zip(joint.coordinates, joint.values.T, strict=True):
         known = values[np.isfinite(values)]
         low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
-        first = float(known[0]) if len(known) else 0.0
-        yield coordinate_element(name, first, (min(low - 1.0, -LEAST_RANGE), max(high + 1.0, LEAST_RANGE)))
+        span = (min(low - 1.0, -LEAST_RANGE), max(high + 1.0, LEAST_RANGE))
+        coordinates.append(coordinate_element(name, float(known[0]) if len(known) else 0.0, span))
+    content: dict[str, Any] = {
+        "socket_parent_frame": f"{joint.name}_on_parent",
+        "socket_child_frame": f"{joint.name}_on_child",
+        "coordinates": coordinates,
+        "frames": frames,
+    }
+    if joint.element == "CustomJoint":
+        rotations, translations = ((), joint.axes) if joint.slides else (joint.axes, ())
+        rows = [*_axis_rows("rotation", joint, rotations), *_axis_rows("translation", joint, translations)]
+        content["SpatialTransform"] = rows
+    return element(joint.element, name=joint.name, **content)
 
 
 def _axis_rows(kind: str, joint: ModelJoint, axes: Sequence[FloatArray]) -> Iterator[Element]:
     """Yield three axes of a CustomJoint: first those of the coordinates, then fixed axes at right angles to them."""
     fixed = np.linalg.svd(np.stack(axes), full_matrices=True)[2][len(axes) :] if axes else np.eye(3)
     for k in range(3):
-        moves = k < len(axes)
-        kind_of_function, parameter, value = (
-            ("LinearFunction", "coefficients", "1 0") if moves else ("Constant", "value", "0")
-        )
-        children = [
-            element("coordinates", text=joint.coordinates[k] if moves else ""),
-            element("axis", text=format_numbers((axes[k] if moves else fixed[k - len(axes)]).tolist())),
-            element(kind_of_function, name="function", children=[element(parameter, text=value)]),
-        ]
-        yield element("TransformAxis", name=f"{kind}{k + 1}", children=children)
-
-
-def _markers(run: RunFolder, skeleton: SpatialSkeleton) -> Iterator[Element]:
-    """Yield the markers of the chain; a marker that moves with a glide is on the girdle's body."""
-    names, bodies, chain = name_markers(run), name_bodies(skeleton.segments), skeleton.chain
-    girdle = next((name for name in name_girdles(skeleton) if name), "")
-    rows = zip(skeleton.markers, chain.segment, chain.local, chain.on_glide, strict=True)
-    for label, segment, local, on_glide in rows:
-        body = girdle if on_glide and girdle else bodies[int(segment)]
-        yield marker_element(names.get(label, label), body, local.tolist())
+        name = f"{kind}{k + 1}"
+        if k < len(axes):
+            function = element("LinearFunction", name="function", coefficients="1 0")
+            coordinate, axis = joint.coordinates[k], axes[k]
+        else:
+            function, coordinate, axis = element("Constant", name="function", value="0"), "", fixed[k - len(axes)]
+        parts = (element("coordinates", text=coordinate), element("axis", text=format_numbers(axis.tolist())))
+        yield element("TransformAxis", *parts, function, name=name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 from xml.etree import ElementTree
@@ -19,11 +19,22 @@ Element: TypeAlias = "ElementTree.Element[Any]"
 _VERSION = "40500"  # version of the documents, readable by OpenSim 4.5 and later
 
 
-def element(tag: str, *, name: str | None = None, text: str | None = None, children: Iterable[Element] = ()) -> Element:
-    """Return an element, with a ``name`` attribute if given."""
+def element(tag: str, *children: Element, name: str | None = None, text: str | None = None, **content: Any) -> Element:
+    """Return an element, with a ``name`` attribute if given.
+
+    It has these ``children``, and then one for each keyword: with a text, with numbers, or with children of its own.
+    """
     made = ElementTree.Element(tag, {} if name is None else {"name": name})
     made.text = text
     made.extend(children)
+    for key, value in content.items():
+        child = ElementTree.SubElement(made, key)
+        if isinstance(value, str):
+            child.text = value
+        elif all(isinstance(one, ElementTree.Element) for one in value):
+            child.extend(value)
+        else:
+            child.text = format_numbers(value)
     return made
 
 
@@ -37,63 +48,42 @@ def format_numbers(values: Sequence[float]) -> str:
     return " ".join(f"{float(value) + 0.0:.17g}" for value in values)
 
 
-def object_set(tag: str, objects: Iterable[Element]) -> Element:
-    """Return a model's set of bodies, joints or markers, such as ``BodySet``."""
-    return element(tag, name=tag.lower(), children=[element("objects", children=objects)])
-
-
-def body_element(name: str, inertia: BodyInertia, components: Sequence[Element] = ()) -> Element:
+def body_element(name: str, inertia: BodyInertia, *components: Element) -> Element:
     """Return a body with its mass, centre of mass, inertia and components such as geometry."""
-    children = [element("components", children=components)] if components else []
-    children += [
-        element("mass", text=format_numbers([inertia.mass])),
-        element("mass_center", text=format_numbers(inertia.centre)),
-        element("inertia", text=format_numbers(inertia.inertia)),
-    ]
-    return element("Body", name=name, children=children)
+    content: dict[str, Any] = {"components": components} if components else {}
+    content |= {"mass": [inertia.mass], "mass_center": inertia.centre, "inertia": inertia.inertia}
+    return element("Body", name=name, **content)
 
 
 def marker_element(name: str, body: str, position: Sequence[float]) -> Element:
     """Return a marker at a position (3,), m, in the frame of a body."""
-    children = [
-        element("socket_parent_frame", text=f"/bodyset/{body}"),
-        element("location", text=format_numbers(position)),
-    ]
-    return element("Marker", name=name, children=children)
+    return element("Marker", name=name, socket_parent_frame=f"/bodyset/{body}", location=position)
 
 
 def coordinate_element(name: str, default: float, span: tuple[float, float], *, locked: bool = False) -> Element:
     """Return a coordinate of a joint with its default value and its range, rad or m."""
-    children = [
-        element("default_value", text=format_numbers([default])),
-        element("range", text=format_numbers(span)),
-    ]
-    if locked:
-        children.append(element("locked", text="true"))
-    return element("Coordinate", name=name, children=children)
+    lock = {"locked": "true"} if locked else {}
+    return element("Coordinate", name=name, default_value=[default], range=span, **lock)
 
 
 def offset_frame(
-    name: str,
-    parent: str,
-    position: Sequence[float],
-    angles: Sequence[float] = (0.0,) * 3,
-    components: Sequence[Element] = (),
+    name: str, parent: str, position: Sequence[float], angles: Sequence[float] = (0.0,) * 3, *components: Element
 ) -> Element:
     """Return a frame at a position (3,), m, in a parent frame, rotated by angles (3,), rad, about x, then y, then z."""
-    children = [
+    return element(
+        "PhysicalOffsetFrame",
         *components,
-        element("socket_parent", text=parent),
-        element("translation", text=format_numbers(position)),
-        element("orientation", text=format_numbers(angles)),
-    ]
-    return element("PhysicalOffsetFrame", name=name, children=children)
+        name=name,
+        socket_parent=parent,
+        translation=position,
+        orientation=angles,
+    )
 
 
-def format_document(tag: str, name: str, children: Iterable[Element]) -> bytes:
-    """Return the content of a file with one object; its name is changed if OpenSim does not accept it."""
+def format_document(tag: str, trial: str, *children: Element, **content: Any) -> bytes:
+    """Return the content of a file with one object; its name is the trial's, changed if OpenSim does not accept it."""
     file = ElementTree.Element("OpenSimDocument", {"Version": _VERSION})
-    file.append(element(tag, name=make_legal([name])[name], children=children))
+    file.append(element(tag, *children, name=make_legal([trial])[trial], **content))
     ElementTree.indent(file, "\t")
     text: bytes = ElementTree.tostring(file, encoding="utf-8", xml_declaration=True)
     return text + b"\n"
@@ -163,12 +153,11 @@ def convert_spatial_inertia(block: FloatArray) -> BodyInertia:
 
 def read_planar_inertia(run: RunFolder, count: int) -> ModelInertia:
     """Return the identified inertia of ``count`` segments; if there is none, that of the table, or placeholders."""
-    identified, reference = (_read_blocks(run, name) for name in ("value", "reference"))
-    width = len(PLANAR_PARAMETERS)
-    for values, describe in ((identified, _describe_identified), (reference, _describe_reference)):
+    for name, describe in (("value", _describe_identified), ("reference", _describe_reference)):
+        values = _read_blocks(run, name)
         if values.size and np.isfinite(values).all():
-            blocks = values.reshape(count, width)
-            return ModelInertia(tuple(convert_planar_inertia(block) for block in blocks), True, describe(run))
+            blocks = values.reshape(count, len(PLANAR_PARAMETERS))
+            return ModelInertia(tuple(map(convert_planar_inertia, blocks)), True, describe(run))
     return _use_placeholders(run, count)
 
 
@@ -177,7 +166,7 @@ def read_spatial_inertia(run: RunFolder, count: int) -> ModelInertia:
     values, width = _read_blocks(run, "value"), len(LINK_PARAMETERS)
     if values.size not in (width * count, width * (count - 1)) or not np.isfinite(values).all():
         return _use_placeholders(run, count)
-    bodies = [convert_spatial_inertia(block) for block in values.reshape(-1, width)]
+    bodies = list(map(convert_spatial_inertia, values.reshape(-1, width)))
     base = [_PLACEHOLDER] * (count - len(bodies))
     also = "; the base has a placeholder" if base else ""
     source = f"one of the physically possible bodies with the identified base parameters{also}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -18,91 +18,109 @@ from mocap_id.workflows.export.files import (
     TORQUES,
     ExportFiles,
     make_legal,
-    name_bodies,
     name_coordinates,
-    name_joints,
     note_contact,
+    opensim_bodies,
+    opensim_joints,
 )
-from mocap_id.workflows.export.opensim_model import list_coordinates, model_joints, read_model_parts
+from mocap_id.workflows.export.opensim_model import model_joints, read_model_parts
 from mocap_id.workflows.export.opensim_parts import element, format_document
 from mocap_id.workflows.run_folder import RunFolder
 
-_WRENCH = ("Fx", "Fy", "tauz")
+_IN_PLANE = ("Fx", "Fy", "tauz")
+_IN_SPACE = ("Fx", "Fy", "Fz", "taux", "tauy", "tauz")
+_Load: TypeAlias = tuple[str, int, FloatArray]
+"""An external wrench: the prefix of its columns, the segment on which it acts (0 is the base), and its values (T, 3),
+or in space (T, 6), about the origin, N and N·m."""
 
 
-def export_angles(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>_angles.mot`` with a column for each coordinate of the exported model, degrees."""
-    parts = _read_joints(run)
-    if isinstance(parts, ExportFiles):
-        return parts
-    skeleton, motion = parts
-    names, values = name_coordinates(skeleton), np.degrees(motion.angles)
-    return format_motion(run.name + ANGLES, "joint angles", names, values, time=motion.time, in_degrees=True)
+# Motion and torques of the joints.
 
 
-def export_states(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>_states.sto`` (rad, rad/s) and ``<trial>_accelerations.sto`` (rad/s²).
+def export_angles(run: RunFolder, out: ExportFiles) -> None:
+    """Add ``<trial>_angles.mot`` with a column for each coordinate of the exported model, degrees."""
+    parts = _read_joint_states(run, out)
+    if parts is not None:
+        skeleton, motion = parts
+        names, values = name_coordinates(skeleton), np.degrees(motion.angles)
+        add_motion(out, run.name + ANGLES, "joint angles", names, values, time=motion.time, in_degrees=True)
+
+
+def export_states(run: RunFolder, out: ExportFiles) -> None:
+    """Add ``<trial>_states.sto`` (rad, rad/s) and ``<trial>_accelerations.sto`` (rad/s²).
 
     The states have the full names of OpenSim, so that OpenSim can read the file as a states trajectory.
     """
-    parts = _read_joints(run)
-    if isinstance(parts, ExportFiles):
-        return parts
-    skeleton, motion = parts
-    names, time, mean = name_coordinates(skeleton), motion.time, motion.mean
-    paths = [f"/jointset/{joint}/{name}" for joint, name in zip(name_joints(skeleton), names, strict=True)]
-    columns = [*(f"{path}/value" for path in paths), *(f"{path}/speed" for path in paths)]
-    values = np.column_stack([mean[..., 0], mean[..., 1]])
-    states = format_motion(f"{run.name}_states.sto", "joint states", columns, values, time=time)
-    file = f"{run.name}_accelerations.sto"
-    return states + format_motion(file, "joint accelerations", names, mean[..., 2], time=time)
+    parts = _read_joint_states(run, out)
+    if parts is not None:
+        skeleton, motion = parts
+        names, time, mean = name_coordinates(skeleton), motion.time, motion.mean
+        paths = [f"/jointset/{joint}/{name}" for joint, name in zip(opensim_joints(skeleton), names, strict=True)]
+        columns = [*(f"{path}/value" for path in paths), *(f"{path}/speed" for path in paths)]
+        values = np.column_stack([mean[..., 0], mean[..., 1]])
+        add_motion(out, f"{run.name}_states.sto", "joint states", columns, values, time=time)
+        add_motion(out, f"{run.name}_accelerations.sto", "joint accelerations", names, mean[..., 2], time=time)
 
 
-def export_torques(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>_torques.sto``, with OpenSim's column names, and ``<trial>_wrench.sto``."""
-    table, skeleton = run.table("dynamics.parquet"), _read_skeleton(run)
-    if table is None or skeleton is None:
-        return ExportFiles(notes=(f"sto: no torques, no wrench: {run.why_missing('dynamics.parquet')}",))
-    time, parts = table["time"], ExportFiles()
-    columns = [name for name in (*_WRENCH, *(f"{name}_model" for name in _WRENCH)) if np.isfinite(table[name]).any()]
+def _read_joint_states(run: RunFolder, out: ExportFiles) -> tuple[Skeleton, JointStates] | None:
+    tree, table = run.tree("chain.h5"), run.table("states.parquet")
+    if tree is None or table is None:
+        out.note(f"mot, sto: no joint angles: {run.why_missing('states.parquet')}")
+        return None
+    return Skeleton.from_tree(tree), JointStates.from_table(table)
+
+
+def export_torques(run: RunFolder, out: ExportFiles) -> None:
+    """Add ``<trial>_torques.sto``, with OpenSim's column names, and ``<trial>_wrench.sto``."""
+    table, tree = run.table("dynamics.parquet"), run.tree("chain.h5")
+    if table is None or tree is None:
+        out.note(f"sto: no torques, no wrench: {run.why_missing('dynamics.parquet')}")
+        return
+    skeleton, time = Skeleton.from_tree(tree), table["time"]
+    wrench = [*_IN_PLANE, *(f"{name}_model" for name in _IN_PLANE)]
+    columns = [name for name in wrench if np.isfinite(table[name]).any()]
     if columns:
-        parts += format_motion(f"{run.name}_wrench.sto", "wrench", columns, table.stack(columns), time=time)
+        add_motion(out, f"{run.name}_wrench.sto", "wrench", columns, table.stack(columns), time=time)
     values = joint_columns(table, "tau", len(skeleton.joints))
     if not np.isfinite(values).any():
-        note = f"sto: no torques, no modelled wrench: {run.why_missing('dynamics.h5')}"
-        return parts + ExportFiles(notes=(note,))
+        out.note(f"sto: no torques, no modelled wrench: {run.why_missing('dynamics.h5')}")
+        return
     names = [f"{name}_moment" for name in name_coordinates(skeleton)]
-    parts += note_contact(run, "sto")
-    return parts + format_motion(run.name + TORQUES, "joint torques", names, values, time=time)
+    note_contact(run, out, "sto")
+    add_motion(out, run.name + TORQUES, "joint torques", names, values, time=time)
 
 
-def export_model_motion(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>_angles.mot`` in space, with a column for each coordinate of the model, degrees and m."""
+def export_model_motion(run: RunFolder, out: ExportFiles) -> None:
+    """Add ``<trial>_angles.mot`` in space, with a column for each coordinate of the model, degrees and m."""
     parts = read_model_parts(run)
     if isinstance(parts, str):
-        return ExportFiles(notes=(f"mot: no coordinates of a model: {parts}",))
-    skeleton, poses = parts
-    rows = list(list_coordinates(model_joints(skeleton, poses)))
-    values = np.column_stack([np.degrees(values) if is_angle else values for _, values, is_angle in rows])
-    names, title = [name for name, _, _ in rows], "coordinates of the model"
-    return format_motion(run.name + ANGLES, title, names, values, time=poses.time, in_degrees=True)
+        out.note(f"mot: no coordinates of a model: {parts}")
+        return
+    names, columns = list[str](), list[FloatArray]()
+    for joint in model_joints(*parts):
+        for k, name in enumerate(joint.coordinates):
+            is_length = joint.slides or (joint.element == "FreeJoint" and k >= 3)
+            names.append(name)
+            columns.append(joint.values[:, k] if is_length else np.degrees(joint.values[:, k]))
+    file, title, time = run.name + ANGLES, "coordinates of the model", parts[1].time
+    add_motion(out, file, title, names, np.column_stack(columns), time=time, in_degrees=True)
 
 
-def export_anatomical_angles(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>_joint_angles.mot`` with the angles of ``angles.parquet``, degrees."""
+def export_anatomical_angles(run: RunFolder, out: ExportFiles) -> None:
+    """Add ``<trial>_joint_angles.mot`` with the angles of ``angles.parquet``, degrees."""
     table = run.table("angles.parquet")
     angles = None if table is None else SpatialAngles.from_table(table)
     if angles is None or not angles.names:
-        return ExportFiles(notes=(f"mot: no joint angles: {run.why_missing('angles.parquet')}",))
+        out.note(f"mot: no joint angles: {run.why_missing('angles.parquet')}")
+        return
     names, values = tuple(make_legal(angles.names).values()), np.degrees(angles.mean[..., 0])
     file = f"{run.name}_joint_angles.mot"
-    return format_motion(file, "joint angles", names, values, time=angles.time, in_degrees=True)
+    add_motion(out, file, "joint angles", names, values, time=angles.time, in_degrees=True)
 
 
-def note_missing_states(run: RunFolder) -> ExportFiles:
-    """Return a note that there are no states in space, because they would need the speeds of OpenSim's coordinates."""
-    del run
-    return ExportFiles(notes=("sto: not available in space: the CSV tables contain velocities and accelerations",))
+def note_missing_states(_: RunFolder, out: ExportFiles) -> None:
+    """Note that there are no states in space, because they would need the speeds of OpenSim's coordinates."""
+    out.note("sto: not available in space: the CSV tables contain velocities and accelerations")
 
 
 def find_known_rows(file: str, values: FloatArray) -> tuple[BoolArray, tuple[str, ...]]:
@@ -122,10 +140,17 @@ def find_known_rows(file: str, values: FloatArray) -> tuple[BoolArray, tuple[str
     return known, tuple(notes)
 
 
-def format_motion(
-    file: str, title: str, columns: Sequence[str], values: FloatArray, *, time: FloatArray, in_degrees: bool = False
-) -> ExportFiles:
-    """Return a MOT or STO table, without the ``columns`` that have only unknown values and the rows that have any.
+def add_motion(
+    out: ExportFiles,
+    file: str,
+    title: str,
+    columns: Sequence[str],
+    values: FloatArray,
+    *,
+    time: FloatArray,
+    in_degrees: bool = False,
+) -> None:
+    """Add a MOT or STO table, without the ``columns`` that have only unknown values and the rows that have any.
 
     ``values`` are (T, K), NaN where unknown. Notes list the columns and rows that are left out.
     """
@@ -134,80 +159,64 @@ def format_motion(
     labels, values = [name for name in columns if name not in unknown], values[:, used]
     known, notes = find_known_rows(file, values)
     if unknown:
-        notes = (f"{file}: columns left out, because all their values are unknown: {', '.join(unknown)}", *notes)
+        out.note(f"{file}: columns left out, because all their values are unknown: {', '.join(unknown)}")
+    out.note(*notes)
     text = format_motion_table(title, labels, values[known], time=time[known], in_degrees=in_degrees)
-    return ExportFiles({file: text.encode()}, notes)
+    out.files[file] = text.encode()
 
 
-def _read_skeleton(run: RunFolder) -> Skeleton | None:
-    tree = run.tree("chain.h5")
-    return None if tree is None else Skeleton.from_tree(tree)
+# External forces on the body.
 
 
-def _read_joints(run: RunFolder) -> tuple[Skeleton, JointStates] | ExportFiles:
-    skeleton, table = _read_skeleton(run), run.table("states.parquet")
-    if skeleton is None or table is None:
-        return ExportFiles(notes=(f"mot, sto: no joint angles: {run.why_missing('states.parquet')}",))
-    return skeleton, JointStates.from_table(table)
-
-
-_IN_PLANE = ("Fx", "Fy", "tauz")
-_IN_SPACE = ("Fx", "Fy", "Fz", "taux", "tauy", "tauz")
-
-
-@dataclass(frozen=True)
-class _Load:
-    """An external wrench on one segment."""
-
-    name: str  # prefix of its columns
-    segment: int  # 0 is the base
-    wrench: FloatArray  # (T, 3) or in space (T, 6) about the origin, N and N·m
-
-
-def export_forces(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>_grf.mot`` and ``<trial>_external_loads.xml``.
+def export_forces(run: RunFolder, out: ExportFiles) -> None:
+    """Add ``<trial>_grf.mot`` and ``<trial>_external_loads.xml``.
 
     They contain the measured ground wrench on the base segment at the cameras' times, in the plane frame, or for a
     trial in space in the frame of the trial. In the plane, chair and force sensors have columns of their own.
     """
-    time, loads, notes = _read_loads(run)
-    if not loads:
-        why = run.facts("wrench.parquet").get("why") or run.why_missing("wrench.parquet")
-        return ExportFiles(notes=(*notes, f"mot: no forces: {why}"))
-    threshold = float(run.facts("wrench.parquet").get("cop_threshold_N") or 0.0)
-    columns = [f"{load.name}_{kind}{axis}" for load in loads for kind in "vpm" for axis in "xyz"]
-    convert = convert_spatial_wrench if run.in_space else convert_planar_wrench
-    values = np.column_stack([convert(load.wrench, threshold) for load in loads])
-    file = run.name + FORCES
-    rows, missing = find_known_rows(file, values)
-    text = format_motion_table("external forces on the body", columns, values[rows], time=time[rows])
-    parts = ExportFiles({file: text.encode()}, (*notes, *missing))
-    tree = run.tree("chain.h5")
-    if tree is None:
-        return parts
-    bodies = name_bodies(tree.texts("segments/name"))
-    return parts + ExportFiles({run.name + LOADS: _format_loads(run, loads, bodies)})
-
-
-def _read_loads(run: RunFolder) -> tuple[FloatArray, list[_Load], tuple[str, ...]]:
-    """Return times (T,), s, the loads with measured values, and notes on loads that are omitted."""
     components = _IN_SPACE if run.in_space else _IN_PLANE
     tables = (run.table("dynamics.parquet"), run.table("wrench.parquet"))
     table = next((each for each in tables if each is not None and set(components) <= set(each.names)), None)
-    if table is None:
-        return np.zeros(0), [], ()
-    time, wrench = table["time"], table.stack(components)
-    if not np.isfinite(wrench).all(axis=1).any():
-        return time, [], ()
-    ground = _Load("ground_force", 0, wrench)
-    if run.in_space:
-        return time, [ground], ()
-    others = list(_read_other_loads(run))
-    measured = {str(fact["name"]) for fact in run.facts("wrench.parquet").get("external") or ()}
-    unused = sorted(measured - {load.name for load in others})
-    notes = tuple(f"mot: {name} is omitted, because the identification did not use it" for name in unused)
-    names = make_legal((load.name for load in others), taken=("ground",))
-    return time, [ground, *(_Load(f"{names[each.name]}_force", each.segment, each.wrench) for each in others)], notes
+    if table is None or not np.isfinite(table.stack(components)).all(axis=1).any():
+        why = run.facts("wrench.parquet").get("why") or run.why_missing("wrench.parquet")
+        out.note(f"mot: no forces: {why}")
+        return
+    loads: list[_Load] = [("ground_force", 0, table.stack(components))]
+    if not run.in_space:
+        others = list(_read_other_loads(run))
+        measured = {str(fact["name"]) for fact in run.facts("wrench.parquet").get("external") or ()}
+        unused = sorted(measured - {name for name, _, _ in others})
+        out.note(*(f"mot: {name} is omitted, because the identification did not use it" for name in unused))
+        names = make_legal((name for name, _, _ in others), taken=("ground",))
+        loads += [(f"{names[name]}_force", segment, wrench) for name, segment, wrench in others]
+    threshold = float(run.facts("wrench.parquet").get("cop_threshold_N") or 0.0)
+    columns = [f"{name}_{kind}{axis}" for name, _, _ in loads for kind in "vpm" for axis in "xyz"]
+    convert = convert_spatial_wrench if run.in_space else convert_planar_wrench
+    values = np.column_stack([convert(wrench, threshold) for _, _, wrench in loads])
+    file = run.name + FORCES
+    rows, missing = find_known_rows(file, values)
+    text = format_motion_table("external forces on the body", columns, values[rows], time=table["time"][rows])
+    out.files[file] = text.encode()
+    out.note(*missing)
+    tree = run.tree("chain.h5")
+    if tree is None:
+        return
+    bodies = opensim_bodies(tree.texts("segments/name"))
+    # The file of external loads refers to the columns of the table.
+    objects = [
+        element(
+            "ExternalForce",
+            name=name,
+            applied_to_body=bodies[segment],
+            force_expressed_in_body="ground",
+            point_expressed_in_body="ground",
+            force_identifier=f"{name}_v",
+            point_identifier=f"{name}_p",
+            torque_identifier=f"{name}_m",
+        )
+        for name, segment, _ in loads
+    ]
+    out.files[run.name + LOADS] = format_document("ExternalLoads", run.name, objects=objects, datafile=file)
 
 
 def _read_other_loads(run: RunFolder) -> Iterator[_Load]:
@@ -216,20 +225,16 @@ def _read_other_loads(run: RunFolder) -> Iterator[_Load]:
     segments = {str(fact["name"]): int(fact["segment"]) for fact in used}
     if table is None:
         return
-    time, offset = table["time"], _read_applied_offset(run)
+    # The clock offset that is corrected in dynamics.parquet but not in wrench.parquet, s.
+    offset = float((run.facts("dynamics.h5").get("clock") or {}).get("applied_s") or 0.0)
     for fact in run.facts("wrench.parquet").get("external") or ():
         name = str(fact["name"])
         if name not in segments:
             continue
         wrench = table.stack([f"{each}_{fact['columns']}" for each in _IN_PLANE])
         if fact["clock"] == "plates":
-            wrench = SampledWrench.of(time, wrench)(time - offset)
-        yield _Load(name, segments[name], wrench)
-
-
-def _read_applied_offset(run: RunFolder) -> float:
-    """Return the clock offset, s, that is corrected in dynamics.parquet but not in wrench.parquet."""
-    return float((run.facts("dynamics.h5").get("clock") or {}).get("applied_s") or 0.0)
+            wrench = SampledWrench.of(table["time"], wrench)(table["time"] - offset)
+        yield name, segments[name], wrench
 
 
 def convert_planar_wrench(wrench: FloatArray, threshold: float) -> FloatArray:
@@ -265,21 +270,3 @@ def convert_spatial_wrench(wrench: FloatArray, threshold: float) -> FloatArray:
     point[:, 0] = np.where(loaded, moment[:, 2] / divisor, 0.0 * moment[:, 2])
     point[:, 2] = np.where(loaded, -moment[:, 0] / divisor, 0.0 * moment[:, 0])
     return np.column_stack([force, point, moment - np.cross(point, force)])
-
-
-def _format_loads(run: RunFolder, loads: list[_Load], bodies: tuple[str, ...]) -> bytes:
-    """Return the content of the file of external loads, which refers to the columns of the table of forces."""
-    objects = []
-    for load in loads:
-        properties = {
-            "applied_to_body": bodies[load.segment],
-            "force_expressed_in_body": "ground",
-            "point_expressed_in_body": "ground",
-            "force_identifier": f"{load.name}_v",
-            "point_identifier": f"{load.name}_p",
-            "torque_identifier": f"{load.name}_m",
-        }
-        children = [element(key, text=value) for key, value in properties.items()]
-        objects.append(element("ExternalForce", name=load.name, children=children))
-    data = element("datafile", text=run.name + FORCES)
-    return format_document("ExternalLoads", run.name, [element("objects", children=objects), data])

@@ -37,31 +37,32 @@ _STATES = {
 }
 
 
-def export_tables(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>_markers.csv``, and the same for states, dynamics, skeleton, parameters and events.
+def export_tables(run: RunFolder, out: ExportFiles) -> None:
+    """Add ``<trial>_markers.csv``, and the same for states, dynamics, skeleton, parameters and events.
 
     A table is omitted if its artefact is missing. Unknown cells are empty.
     """
+    tree = run.tree("chain.h5")
+    chain = None if tree is None else Skeleton.from_tree(tree)
     tables = {
         "markers": _marker_table(run),
-        "states": _state_table(run),
-        "dynamics": _dynamics_table(run),
-        "skeleton": _skeleton_table(run),
+        "states": _state_table(run, chain),
+        "dynamics": _dynamics_table(run, chain),
+        "skeleton": None if chain is None else _skeleton_table(chain),
         "parameters": parameter_table(run),
         "events": _artefact_table(run, "events.parquet"),
     }
-    files = _format_tables(run, tables) + note_contact(run, "csv")
+    _add_tables(run, out, tables)
+    note_contact(run, out, "csv")
     if (run.facts("dynamics.h5").get("motion") or {}).get("used"):
-        note = (
+        out.note(
             "csv: torques and modelled wrench belong to bodies on their measured poses; states and base parameters "
             "belong to the chain"
         )
-        return files + ExportFiles(notes=(note,))
-    return files
 
 
-def export_spatial_tables(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>_markers.csv``, and the same for angles, poses, skeleton, landmarks, wrench and parameters.
+def export_spatial_tables(run: RunFolder, out: ExportFiles) -> None:
+    """Add ``<trial>_markers.csv``, and the same for angles, poses, skeleton, landmarks, wrench and parameters.
 
     A table is omitted if its artefact is missing. Unknown cells are empty.
     """
@@ -76,7 +77,16 @@ def export_spatial_tables(run: RunFolder) -> ExportFiles:
         "wrench": _artefact_table(run, "wrench.parquet"),
         "parameters": parameter_table(run),
     }
-    return _format_tables(run, tables)
+    _add_tables(run, out, tables)
+
+
+def _add_tables(run: RunFolder, out: ExportFiles, tables: Mapping[str, pd.DataFrame | None]) -> None:
+    """Add a CSV file for each table, and a note for each table that is None."""
+    for name, table in tables.items():
+        if table is None:
+            out.note(f"csv: no {name}: {run.why_missing(_SOURCES.get(name, 'dynamics.h5'))}")
+        else:
+            out.files[f"{run.name}_{name}.csv"] = table.to_csv(index=False, lineterminator="\n").encode()
 
 
 def parameter_table(run: RunFolder) -> pd.DataFrame | None:
@@ -89,17 +99,6 @@ def parameter_table(run: RunFolder) -> pd.DataFrame | None:
     return pd.DataFrame(
         {"base parameter": found.names, "value": found.value, "sd": found.sd, "unit": found.units, "verdict": verdicts}
     )
-
-
-def _format_tables(run: RunFolder, tables: Mapping[str, pd.DataFrame | None]) -> ExportFiles:
-    """Return a CSV file for each table, and a note for each table that is None."""
-    files, notes = {}, []
-    for name, table in tables.items():
-        if table is None:
-            notes.append(f"csv: no {name}: {run.why_missing(_SOURCES.get(name, 'dynamics.h5'))}")
-        else:
-            files[f"{run.name}_{name}.csv"] = table.to_csv(index=False, lineterminator="\n").encode()
-    return ExportFiles(files, tuple(notes))
 
 
 def _add_unit(name: str, unit: str) -> str:
@@ -130,39 +129,30 @@ def _marker_table(run: RunFolder) -> pd.DataFrame | None:
     return pd.DataFrame(columns)
 
 
-def _state_table(run: RunFolder) -> pd.DataFrame | None:
-    table, tree = run.artefacts.get("states.parquet"), run.tree("chain.h5")
-    if not isinstance(table, Table) or tree is None:
+def _state_table(run: RunFolder, chain: Skeleton | None) -> pd.DataFrame | None:
+    table = run.artefacts.get("states.parquet")
+    if not isinstance(table, Table) or chain is None:
         return None
     units, columns = _read_units(table), {"time (s)": table["time"]}
-    for j, joint in enumerate(Skeleton.from_tree(tree).joints, start=1):
+    for j, joint in enumerate(chain.joints, start=1):
         for symbol, word in _STATES.items():
             columns[_add_unit(f"{joint} {word}", units[f"{symbol}_{j}"])] = table[f"{symbol}_{j}"]
     return pd.DataFrame(columns)
 
 
-def _dynamics_table(run: RunFolder) -> pd.DataFrame | None:
+def _dynamics_table(run: RunFolder, chain: Skeleton | None) -> pd.DataFrame | None:
     """Return wrenches and torques with the joints' names; without dynamics.parquet, only the measured wrench."""
     table = _artefact_table(run, "dynamics.parquet")
     if table is None:
         return _artefact_table(run, "wrench.parquet")
-    tree = run.tree("chain.h5")
-    joints = () if tree is None else Skeleton.from_tree(tree).joints
-    for j, joint in enumerate(joints, start=1):
+    for j, joint in enumerate(() if chain is None else chain.joints, start=1):
         names = {f"tau_{j} (N*m)": f"{joint} torque (N*m)", f"sd_tau_{j} (N*m)": f"{joint} torque sd (N*m)"}
         table = table.rename(columns=names)
     return table
 
 
-def _skeleton_table(run: RunFolder) -> pd.DataFrame | None:
-    """Return a table with one row for each joint; None if there is no chain.
-
-    The length is that of the segment that the joint moves, NaN for the last.
-    """
-    tree = run.tree("chain.h5")
-    if tree is None:
-        return None
-    chain = Skeleton.from_tree(tree)
+def _skeleton_table(chain: Skeleton) -> pd.DataFrame:
+    """Return a table with a row for each joint; the length is that of the segment that it moves, NaN for the last."""
     lengths, sds = ([*values, float("nan")] for values in (chain.lengths, chain.lengths_sd))
     return pd.DataFrame(
         {

@@ -34,7 +34,7 @@ from mocap_id.workflows.run_folder import check_provenance, open_run_to
 
 Entry: TypeAlias = Literal["fit-joints", "ukf-smooth", "identify-dim"]
 Worse: TypeAlias = Literal["more", "less", "either"]
-Change: TypeAlias = "Callable[[TrialInputs, Perturbation], TrialInputs]"
+Change: TypeAlias = "Callable[[RerunInputs, Perturbation], RerunInputs]"
 ChangeLog: TypeAlias = Callable[[ImuLog, float, np.random.Generator], ImuLog]
 """Changes a log by a level of the perturbation, with a generator of random numbers for this sensor."""
 
@@ -64,16 +64,6 @@ class Kind:
     random: bool = False  # whether the perturbation is drawn at random, from the seed
     change: Change | None = None  # returns the inputs with the perturbation; None for a kind that changes logs instead
     change_log: ChangeLog | None = None  # returns the log of one inertial sensor with the perturbation
-
-    @property
-    def needs_imus(self) -> bool:
-        """Whether the perturbation changes the logs of inertial sensors."""
-        return self.change_log is not None
-
-    @property
-    def changes_lengths(self) -> bool:
-        """Whether the perturbation can change lengths of segments, and not only states and dynamics."""
-        return self.entry == "fit-joints"
 
     @property
     def is_count(self) -> bool:
@@ -122,7 +112,7 @@ class TrialSource:
 
 
 @dataclass(frozen=True)
-class TrialInputs:
+class RerunInputs:
     """The inputs of the stages that are run again, unperturbed or perturbed."""
 
     source: TrialSource
@@ -141,11 +131,11 @@ class TrialInputs:
         """Return an HDF5 artefact."""
         return cast(Tree, self.artefacts[file])
 
-    def with_artefacts(self, *changed: Artefact) -> TrialInputs:
+    def with_artefacts(self, *changed: Artefact) -> RerunInputs:
         """Return the inputs with the ``changed`` artefacts in place of the artefacts with the same file names."""
         return replace(self, artefacts={**self.artefacts, **{one.schema.file: one for one in changed}})
 
-    def with_settings(self, stage: str, **values: object) -> TrialInputs:
+    def with_settings(self, stage: str, **values: object) -> RerunInputs:
         """Return the inputs with new ``values`` for some settings of a stage."""
         changed = self.settings[stage].model_copy(update=values)
         return replace(self, settings={**self.settings, stage: changed})
@@ -221,7 +211,7 @@ def _read_source(path: Path) -> TrialSource:
     return TrialSource(str(parameters["trial"]), path, keys, settings)
 
 
-def read_inputs(source: TrialSource) -> TrialInputs:
+def read_rerun_inputs(source: TrialSource) -> RerunInputs:
     """Read the unperturbed inputs of a trial.
 
     Raises
@@ -232,7 +222,7 @@ def read_inputs(source: TrialSource) -> TrialInputs:
     folder = Folder(source.folder)
     files = {file for stage in repeated_stages() for file in (*stage.inputs, *stage.outputs)} - {"markers.parquet"}
     check_provenance(folder, sorted(files))
-    return TrialInputs(source, {file: folder.read(file) for file in sorted(files)}, source.settings)
+    return RerunInputs(source, {file: folder.read(file) for file in sorted(files)}, source.settings)
 
 
 # Perturbations of the signals: noise of the filter, angles, clock offset, wrench.
@@ -241,30 +231,30 @@ _HALF_DEPTH_M = 0.119  # distance of the cells of a balance board from its centr
 STATES, WRENCH = "states.parquet", "wrench.parquet"
 
 
-def filter_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+def filter_noise(trial: RerunInputs, change: Perturbation) -> RerunInputs:
     """Return the trial with fixed noise of the filter (3.17), which is otherwise estimated: sigma_v and marker sd."""
     return trial.with_settings("ukf-smooth", sigma_v=change.level, marker_sd=float(change.target))
 
 
-def joints_of(trial: TrialInputs, change: Perturbation) -> IntArray:
+def joints_of(trial: RerunInputs, change: Perturbation) -> IntArray:
     """Return the indices of the joints that a perturbation changes."""
     joints = trial.joints
     return np.arange(len(joints)) if change.target == ALL else np.array([joints.index(change.target)])
 
 
-def angle_bias(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+def angle_bias(trial: RerunInputs, change: Perturbation) -> RerunInputs:
     """Return the trial with a constant added to angles, but not to their derivatives."""
     table = trial.table(STATES)
     columns = [f"theta_{j + 1}" for j in joints_of(trial, change)]
     return trial.with_artefacts(table.with_columns(**{name: table[name] + change.level for name in columns}))
 
 
-def clock_offset(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+def clock_offset(trial: RerunInputs, change: Perturbation) -> RerunInputs:
     """Return the trial with the plates' samples delayed by the level; the program may estimate this offset."""
     return trial.with_artefacts(_delay(trial.table(WRENCH), change.level))
 
 
-def clock_offset_ignored(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+def clock_offset_ignored(trial: RerunInputs, change: Perturbation) -> RerunInputs:
     """Return the trial with the plates' samples delayed by ``change.level``, s, which the program does not correct.
 
     If the program corrected the clock offset of the unperturbed trial, the samples are first corrected by this offset.
@@ -296,30 +286,30 @@ def _delay(table: Table, delay: float | FloatArray) -> Table:
     return table.with_columns(**delayed, plate_ok=plate_ok & np.isfinite(delayed["Fy"]))
 
 
-def wrench_bias(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+def wrench_bias(trial: RerunInputs, change: Perturbation) -> RerunInputs:
     """Return the trial with a constant added to a component of the plates' wrench."""
     return _add_error(trial, change.target, change.level)
 
 
-def wrench_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+def wrench_noise(trial: RerunInputs, change: Perturbation) -> RerunInputs:
     """Return the trial with white noise, one value for each frame, added to a component of the plates' wrench."""
     return _add_error(trial, change.target, change.level * change.rng().standard_normal(trial.table(WRENCH).length))
 
 
-def board_steps(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+def board_steps(trial: RerunInputs, change: Perturbation) -> RerunInputs:
     """Return the trial with rounding errors of a balance board's four load cells added to Fy and tauz."""
     error = change.level * (change.rng().random((trial.table(WRENCH).length, 4)) - 0.5) * GRAVITY
     front, back = error[:, :2].sum(axis=1), error[:, 2:].sum(axis=1)
     return _add_error(_add_error(trial, "Fy", front + back), "tauz", _HALF_DEPTH_M * (front - back))
 
 
-def stamp_jitter(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+def stamp_jitter(trial: RerunInputs, change: Perturbation) -> RerunInputs:
     """Return the trial with random shifts of the plates' sample times; the level is their standard deviation."""
     length = trial.table(WRENCH).length
     return trial.with_artefacts(_delay(trial.table(WRENCH), change.level * change.rng().standard_normal(length)))
 
 
-def _add_error(trial: TrialInputs, component: str, error: float | FloatArray) -> TrialInputs:
+def _add_error(trial: RerunInputs, component: str, error: float | FloatArray) -> RerunInputs:
     """Return the trial with an error added to a component, and with updated mass and centre of pressure."""
     table = trial.table(WRENCH)
     table = table.with_columns(**{component: table[component] + error})
@@ -338,14 +328,14 @@ PLANAR, SEGMENTS = "planar.parquet", "segments.parquet"
 _BURST = (0.05, 0.5)  # s, shortest and longest drop-out
 
 
-def camera_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+def camera_noise(trial: RerunInputs, change: Perturbation) -> RerunInputs:
     """Return the trial with white noise added to each coordinate of each marker on a moving segment."""
     moving = _find_moving(trial)
     noise = change.rng().standard_normal((len(trial.time), len(moving), 2))
     return _shift(trial, moving, change.level * noise)
 
 
-def angle_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+def angle_noise(trial: RerunInputs, change: Perturbation) -> RerunInputs:
     """Return the trial with its markers shifted as by white noise in the angles.
 
     The shift is the difference between the marker positions (3.18) with and without the noise. The angles of each frame
@@ -361,7 +351,7 @@ def angle_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
     return _shift(trial, columns, marker_positions(noisy, *chain) - marker_positions(q, *chain))
 
 
-def soft_tissue(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+def soft_tissue(trial: RerunInputs, change: Perturbation) -> RerunInputs:
     """Return the trial with simulated skin motion up to the level, m, which depends on the angles and drifts slowly."""
     moving, segment = _find_moving(trial), _read_segments(trial)
     q = _fill_gaps(trial.states("theta"))
@@ -370,7 +360,7 @@ def soft_tissue(trial: TrialInputs, change: Perturbation) -> TrialInputs:
     return _shift(trial, moving, change.level * rotate(angle, slide))
 
 
-def drop_outs(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+def drop_outs(trial: RerunInputs, change: Perturbation) -> RerunInputs:
     """Return the trial without bursts of samples of moving markers; the level is the removed fraction of samples."""
     moving, time, rng = _find_moving(trial), trial.time, change.rng()
     missing = np.zeros((len(time), len(moving)), dtype=np.bool_)
@@ -388,7 +378,7 @@ def drop_outs(trial: TrialInputs, change: Perturbation) -> TrialInputs:
     return trial.with_artefacts(replace(table, values={**seen, "visible": visible}))
 
 
-def marker_count(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+def marker_count(trial: RerunInputs, change: Perturbation) -> RerunInputs:
     """Return the trial with at most ``level`` markers, chosen at random, on each moving segment."""
     table, rng = trial.table(SEGMENTS), change.rng()
     segment = table["segment"].copy()
@@ -397,7 +387,7 @@ def marker_count(trial: TrialInputs, change: Perturbation) -> TrialInputs:
     return trial.with_artefacts(table.with_columns(segment=segment))
 
 
-def frame_rate(trial: TrialInputs, change: Perturbation) -> TrialInputs:
+def frame_rate(trial: RerunInputs, change: Perturbation) -> RerunInputs:
     """Return the trial with its frame rate divided by the level; the wrench is averaged as in planarise."""
     every = int(change.level)
     if every == 1:
@@ -430,13 +420,13 @@ def _average(table: Table, every: int) -> Table:
     return replace(table, columns=columns)
 
 
-def _find_columns(trial: TrialInputs, labels: Sequence[str]) -> IntArray:
+def _find_columns(trial: RerunInputs, labels: Sequence[str]) -> IntArray:
     """Return the columns of the markers with these labels in planar.parquet."""
     known = trial.long(PLANAR).labels
     return np.array([known.index(label) for label in labels], dtype=np.int64)
 
 
-def _read_segments(trial: TrialInputs) -> IntArray:
+def _read_segments(trial: RerunInputs) -> IntArray:
     """Return the segment of each marker in planar.parquet; -1 for a marker without a segment."""
     table = trial.table(SEGMENTS)
     segment = np.full(len(trial.long(PLANAR).labels), -1)
@@ -444,7 +434,7 @@ def _read_segments(trial: TrialInputs) -> IntArray:
     return segment
 
 
-def _find_moving(trial: TrialInputs) -> IntArray:
+def _find_moving(trial: RerunInputs) -> IntArray:
     """Return the columns of the markers on moving segments."""
     return np.flatnonzero(_read_segments(trial) > 0)
 
@@ -459,7 +449,7 @@ def _fill_gaps(angles: FloatArray) -> FloatArray:
     return filled
 
 
-def _shift(trial: TrialInputs, columns: IntArray, shift: FloatArray) -> TrialInputs:
+def _shift(trial: RerunInputs, columns: IntArray, shift: FloatArray) -> RerunInputs:
     """Return the trial with the markers in ``columns`` (m,) shifted by ``shift`` (F, m, 2), metres."""
     table = trial.long(PLANAR)
     values = dict(table.values)
@@ -476,7 +466,7 @@ _WANDER_PERIOD = 7.0  # s
 _SLIP_TIME = 0.5  # s, in which a sensor rotates on its segment
 
 
-def perturb_logs(trial: TrialInputs, change: Perturbation, folder: Path) -> TrialInputs:
+def perturb_logs(trial: RerunInputs, change: Perturbation, folder: Path) -> RerunInputs:
     """Write perturbed logs of all inertial sensors to ``folder``, and return the trial with these logs."""
     change_log = change.definition.change_log
     assert change_log is not None

@@ -14,7 +14,7 @@ from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -31,10 +31,10 @@ from mocap_id.workflows.sensitivity.perturbations import (
     COMPONENTS,
     FIRST,
     Perturbation,
-    TrialInputs,
+    RerunInputs,
     TrialSource,
     perturb_logs,
-    read_inputs,
+    read_rerun_inputs,
     repeated_stages,
 )
 from mocap_id.workflows.trial_outcome import number_or_nan
@@ -74,7 +74,7 @@ class SeriesChanges:
         return float(np.max(self.torque_rms[known] / self.torque_size[known])) if known.any() else math.nan
 
 
-def read_estimates(trial: TrialInputs) -> Estimates:
+def read_estimates(trial: RerunInputs) -> Estimates:
     """Return the estimates in a trial's artefacts."""
     dynamics, chain = trial.tree("dynamics.h5"), trial.tree("chain.h5")
     parameters = []
@@ -102,7 +102,7 @@ def read_estimates(trial: TrialInputs) -> Estimates:
     )
 
 
-def compare_series(own: TrialInputs, changed: TrialInputs) -> SeriesChanges:
+def compare_series(own: RerunInputs, changed: RerunInputs) -> SeriesChanges:
     """Return the changes of the perturbed series relative to the unperturbed series."""
     # Rows of both trials at their common times; the times increase.
     nearest = np.clip(np.searchsorted(own.time, changed.time - _SAME_TIME), 0, len(own.time) - 1)
@@ -175,10 +175,7 @@ class PerturbationRun:
     seconds: float  # processor time, s
 
 
-RunCallback: TypeAlias = Callable[[PerturbationRun], None]
-
-
-def perturb(trial: TrialInputs, perturbation: Perturbation) -> TrialInputs:
+def perturb(trial: RerunInputs, perturbation: Perturbation) -> RerunInputs:
     """Perturb a trial, compute the dependent artefacts again, and return the trial with these artefacts.
 
     Raises
@@ -193,7 +190,7 @@ def perturb(trial: TrialInputs, perturbation: Perturbation) -> TrialInputs:
         return run_from(kind.entry, perturb_logs(trial, perturbation, Path(folder)))
 
 
-def run_from(entry: str, trial: TrialInputs) -> TrialInputs:
+def run_from(entry: str, trial: RerunInputs) -> RerunInputs:
     """Run a stage and the later stages up to the dynamics, and return the inputs with the new artefacts."""
     stages = repeated_stages()
     first = next(k for k, stage in enumerate(stages) if stage.name == entry)
@@ -213,7 +210,11 @@ def _align(chain: Tree, own: Tree) -> Artefact:
     An axis of this frame points to the centroid of the markers. With other markers, its direction is different, which
     changes angle and first moments although the body is the same. The common markers determine the rotation.
     """
-    now, before = (_read_last_segment(tree) for tree in (chain, own))
+    last: list[dict[str, FloatArray]] = []  # coordinates of the last segment's markers by label, m
+    for tree in (chain, own):
+        names, segment, local = (tree.array(f"markers/{name}") for name in ("name", "segment", "local"))
+        last.append({str(names[k]): local[k] for k in np.flatnonzero(segment == segment.max())})
+    now, before = last
     common = [label for label in now if label in before]
     if not common:
         return chain
@@ -228,13 +229,7 @@ def _align(chain: Tree, own: Tree) -> Artefact:
     return replace(chain, data=data)
 
 
-def _read_last_segment(chain: Tree) -> dict[str, tuple[float, float]]:
-    """Return the local coordinates of the last segment's markers by label, m."""
-    names, segment, local = (chain.array(f"markers/{name}") for name in ("name", "segment", "local"))
-    return {str(names[k]): (local[k, 0], local[k, 1]) for k in np.flatnonzero(segment == segment.max())}
-
-
-def run_perturbation(trial: TrialInputs, perturbation: Perturbation) -> PerturbationRun:
+def run_perturbation(trial: RerunInputs, perturbation: Perturbation) -> PerturbationRun:
     """Run a perturbed trial; a failure is returned as a result, not raised as an exception."""
     start = time.process_time()
     estimates, changes, why, refused = None, SeriesChanges(), "", False
@@ -249,7 +244,7 @@ def run_perturbation(trial: TrialInputs, perturbation: Perturbation) -> Perturba
 
 
 def run_perturbations(
-    source: TrialSource, perturbations: Sequence[Perturbation], jobs: int, tell: RunCallback
+    source: TrialSource, perturbations: Sequence[Perturbation], jobs: int, tell: Callable[[PerturbationRun], None]
 ) -> tuple[PerturbationRun, ...]:
     """Run all perturbations of a trial in parallel, and return the results in the order of the perturbations.
 
@@ -283,11 +278,11 @@ def run_perturbations(
     return tuple(runs[one] for one in perturbations)
 
 
-_trials: dict[Path, TrialInputs] = {}
+_trials: dict[Path, RerunInputs] = {}
 """The trials that this worker process has read, by run folder."""
 
 
 def _run_in_worker(source: TrialSource, perturbation: Perturbation) -> PerturbationRun:
     if source.folder not in _trials:
-        _trials[source.folder] = read_inputs(source)
+        _trials[source.folder] = read_rerun_inputs(source)
     return run_perturbation(_trials[source.folder], perturbation)

@@ -37,14 +37,15 @@ from mocap_id.workflows.run_folder import find_owner_of_files
 from mocap_id.workflows.sensitivity.perturbations import (
     ALL,
     COMPONENTS,
+    FIRST,
     JOINTS,
     KINDS,
     SEED,
     Kind,
     Perturbation,
-    TrialInputs,
+    RerunInputs,
     locate_trial,
-    read_inputs,
+    read_rerun_inputs,
 )
 from mocap_id.workflows.sensitivity.runs import (
     STATE_NAMES,
@@ -296,22 +297,20 @@ def find_tolerances(
 
 
 def _find_limit(kind: Kind, points: Sequence[Point]) -> float:
-    """Return the worst level that is tolerated together with all milder levels; NaN if there is no such level."""
+    """Return the worst level that is tolerated together with all milder levels; NaN if there is no such level.
+
+    Between a tolerated and the next level, it is interpolated.
+    """
     mild = None
     for point in points:
         if not point.is_tolerated:
-            return _find_crossing(kind, mild, point)
+            if kind.is_count:
+                return math.nan if mild is None else mild.level
+            if mild is None or mild.level == 0:  # without a perturbation nothing changes
+                return point.level / point.ratio if math.isfinite(point.ratio) else math.nan
+            return _interpolate(mild, point)
         mild = point
     return math.nan if mild is None else mild.level
-
-
-def _find_crossing(kind: Kind, mild: Point | None, beyond: Point) -> float:
-    """Return the limit between ``mild`` (tolerated; None: no perturbation) and ``beyond`` (not); NaN if unknown."""
-    if kind.is_count:
-        return math.nan if mild is None else mild.level
-    if mild is None or mild.level == 0:  # without a perturbation nothing changes
-        return beyond.level / beyond.ratio if math.isfinite(beyond.ratio) else math.nan
-    return _interpolate(mild, beyond)
 
 
 def _interpolate(mild: Point, beyond: Point) -> float:
@@ -401,25 +400,6 @@ def describe_failures(runs: Sequence[PerturbationRun]) -> str:
 # The tables.
 
 
-@dataclass(frozen=True)
-class Response:
-    """The response of one parameter to one perturbation."""
-
-    run: PerturbationRun
-    before: Parameter
-    after: Parameter | None  # None if the perturbed trial does not have the parameter
-    tolerance: float
-
-    @property
-    def change(self) -> float:
-        """Perturbed minus unperturbed value; NaN if there is no perturbed value."""
-        return math.nan if self.after is None else self.after.value - self.before.value
-
-    def divide_change(self, size: float, factor: float = 1.0) -> float:
-        """Return ``factor`` times the change, divided by ``size``; NaN if ``size`` is zero or NaN."""
-        return factor * self.change / size if size > 0 else math.nan
-
-
 def _broken(name: str, missing: Any) -> Callable[[Tolerance], Any]:
     """Return a function that reads an attribute of a tolerance's ``broken`` level; ``missing`` without this level."""
     return lambda one: missing if one.broken is None else getattr(one.broken, name)
@@ -427,51 +407,30 @@ def _broken(name: str, missing: Any) -> Callable[[Tolerance], Any]:
 
 _KIND = "kind of the perturbation"
 _PERTURBATION = (
-    text("perturbation", "kind, target and level", lambda row: row.run.perturbation.name, "perturbation"),
-    text("kind", _KIND, lambda row: row.run.perturbation.kind),
-    text(
-        "target",
-        "joint, component or marker sd (m) that was perturbed; empty: everything",
-        lambda row: row.run.perturbation.target,
-    ),
-    number("level", "", "level of the perturbation, in `level_unit`", lambda row: row.run.perturbation.level),
-    text("level_unit", "unit of the level; empty: a count", lambda row: row.run.perturbation.definition.unit),
+    text("perturbation", "kind, target and level", head="perturbation"),
+    text("kind", _KIND),
+    text("target", "joint, component or marker sd (m) that was perturbed; empty: everything"),
+    number("level", "", "level of the perturbation, in `level_unit`"),
+    text("level_unit", "unit of the level; empty: a count"),
 )
 _SD = "its stated standard deviation, in `unit`"
 
 TABLES = declare_tables(
     responses=(
         *_PERTURBATION,
-        text("parameter", "base parameter, or length of a segment", lambda row: row.before.name),
-        text("unit", "unit of the parameter", lambda row: row.before.unit),
-        number("own_value", "", "unperturbed value, in `unit`", lambda row: row.before.value),
-        number("own_sd", "", _SD, lambda row: row.before.sd),
-        number("value", "", "perturbed value, in `unit`", lambda row: row.after and row.after.value),
-        number("sd", "", _SD, lambda row: row.after and row.after.sd),
-        number("change", "", "perturbed minus unperturbed value, in `unit`", lambda row: row.change),
+        text("parameter", "base parameter, or length of a segment"),
+        text("unit", "unit of the parameter"),
+        number("own_value", "", "unperturbed value, in `unit`"),
+        number("own_sd", "", _SD),
+        number("value", "", "perturbed value, in `unit`"),
+        number("sd", "", _SD),
+        number("change", "", "perturbed minus unperturbed value, in `unit`"),
+        number("change_percent", "%", "change relative to the parameter's size"),
+        number("change_sd", "1", "change in stated standard deviations of the unperturbed parameter"),
         number(
-            "change_percent",
-            "%",
-            "change relative to the parameter's size",
-            lambda row: row.divide_change(row.before.size, 100),
+            "ratio", "1", "absolute change divided by the tolerated change; infinite if there is no perturbed value"
         ),
-        number(
-            "change_sd",
-            "1",
-            "change in stated standard deviations of the unperturbed parameter",
-            lambda row: row.divide_change(row.before.sd),
-        ),
-        number(
-            "ratio",
-            "1",
-            "absolute change divided by the tolerated change; infinite if there is no perturbed value",
-            lambda row: tolerance_ratio(row.before, row.after, row.tolerance),
-        ),
-        text(
-            "judged",
-            "verdict in the perturbed trial: known, weak or not identifiable",
-            lambda row: row.after and row.after.verdict,
-        ),
+        text("judged", "verdict in the perturbed trial: known, weak or not identifiable"),
     ),
     perturbations=(
         *_PERTURBATION,
@@ -527,30 +486,43 @@ TABLES["perturbations"] = replace(TABLES["perturbations"], optional=((_WHY,),))
 def make_sensitivity_tables(result: SensitivityResult) -> dict[str, ResultTable]:
     """Return the tables of a sensitivity study by name."""
     rows = {
-        "responses": _list_responses(result),
+        "responses": (row for run in result.runs for row in _list_responses(result, run)),
         "perturbations": (_describe_run(result, run) for run in result.runs),
         "tolerates": result.tolerances,
     }
     return {name: ResultTable.of(schema, rows[name]) for name, schema in TABLES.items()}
 
 
-def _list_responses(result: SensitivityResult) -> Iterator[Response]:
-    for run in result.runs:
-        after = {} if run.estimates is None else run.estimates.parameters
-        for name, before in result.own.parameters.items():
-            yield Response(run, before, after.get(name), result.options.tolerance)
+def _describe_perturbation(one: Perturbation) -> dict[str, Any]:
+    labels = {"perturbation": one.name, "kind": one.kind, "target": one.target}
+    return labels | {"level": one.level, "level_unit": one.definition.unit}
+
+
+def _list_responses(result: SensitivityResult, run: PerturbationRun) -> Iterator[dict[str, Any]]:
+    """Yield the row of each parameter in the table `responses`."""
+    parameters = {} if run.estimates is None else run.estimates.parameters
+    for name, before in result.own.parameters.items():
+        after = parameters.get(name)
+        row = _describe_perturbation(run.perturbation) | {
+            "parameter": name,
+            "unit": before.unit,
+            "own_value": before.value,
+            "own_sd": before.sd,
+            "ratio": tolerance_ratio(before, after, result.options.tolerance),
+        }
+        if after is not None:
+            change = after.value - before.value
+            row |= {"value": after.value, "sd": after.sd, "change": change, "judged": after.verdict}
+            row |= {"change_percent": 100 * change / before.size} if before.size > 0 else {}
+            row |= {"change_sd": change / before.sd} if before.sd > 0 else {}
+        yield row
 
 
 def _describe_run(result: SensitivityResult, run: PerturbationRun) -> dict[str, Any]:
     """Return the row of a run in the table `perturbations`."""
     own, now, change = result.own, run.estimates, run.perturbation
     ratio, parameter = largest_ratio(own, now, result.judged_parameters, result.options.tolerance)
-    row = {
-        "perturbation": change.name,
-        "kind": change.kind,
-        "target": change.target,
-        "level": change.level,
-        "level_unit": change.definition.unit,
+    row = _describe_perturbation(change) | {
         "enters": change.definition.entry,
         "verdict": "refused" if run.refused else "failed",
         "ratio": ratio,
@@ -611,7 +583,7 @@ class SensitivityResult:
         return find_tolerances(self.own, self.runs, self.judged_parameters, self.options.tolerance)
 
 
-def sensitivity(
+def study_sensitivity(
     path: Path,
     options: SensitivityOptions | None = None,
     *,
@@ -651,7 +623,7 @@ def sensitivity(
     folder = out or source.folder.with_name(f"{source.folder.name}-sensitivity")
     if folder.resolve() == source.folder.resolve():
         raise ConfigError(f"--out {folder}: this is the trial's own run folder: choose a different folder")
-    trial = read_inputs(source)
+    trial = read_rerun_inputs(source)
     Skeleton.from_tree(trial.tree("chain.h5"))  # raises StoreError for a trial in space
     selections, note = _select_possible(options.selections, trial)
     perturbations = plan(selections, trial.joints, options.seed)
@@ -668,7 +640,7 @@ def sensitivity(
     return replace(result, document=output.document)
 
 
-def _select_possible(selections: Sequence[KindSelection], trial: TrialInputs) -> tuple[tuple[KindSelection, ...], str]:
+def _select_possible(selections: Sequence[KindSelection], trial: RerunInputs) -> tuple[tuple[KindSelection, ...], str]:
     """Return the selections that are possible on a trial, and a note on the selections that are left out."""
     name = f"trial {trial.source.name}"
     if has_no_markers(trial.long("planar.parquet").facts):
@@ -677,13 +649,13 @@ def _select_possible(selections: Sequence[KindSelection], trial: TrialInputs) ->
             "change them: choose a trial with markers"
         )
     if not trial.source.keys.imus:
-        selections = tuple(one for one in selections if not KINDS[one.kind].needs_imus)
+        selections = tuple(one for one in selections if KINDS[one.kind].change_log is None)
         if not selections:
             raise ConfigError(f"{name} has no inertial sensors, so their errors cannot be studied")
     facts = trial.tree("dynamics.h5").facts
     if trial.has_plate and facts["samples"]:
         return tuple(selections), ""
-    possible = tuple(one for one in selections if KINDS[one.kind].changes_lengths)
+    possible = tuple(one for one in selections if KINDS[one.kind].entry == FIRST)
     others = dict.fromkeys(KINDS[one.kind].title for one in selections if one not in possible)
     left_out = f"; left out, because they do not change lengths: {', '.join(others)}" if others else ""
     if not possible:

@@ -36,6 +36,7 @@ from mocap_id.workflows.trial_outcome import (
     VERDICT_COLUMNS,
     Measure,
     StudyOutcome,
+    find_entry,
     number_or_nan,
     read_event_facts,
     read_summary,
@@ -78,7 +79,7 @@ class CurlResult(StudyOutcome):
 
     def range_in_step(self, angle: str) -> float:
         """Return the range of that part of an angle that depends only on the flexion, degrees; NaN if unknown."""
-        return math.degrees(number_or_nan(((self.curl.get("in_step") or {}).get(angle) or {}).get("range_rad")))
+        return math.degrees(number_or_nan(find_entry(self.curl, "in_step", angle, "range_rad")))
 
 
 def _mean(values: Iterable[float]) -> float:
@@ -154,12 +155,11 @@ def read_curl_result(study: Study, trial: StudyTrial, run: TrialRun) -> CurlResu
 def normalise(trials: Sequence[CurlResult]) -> list[CurlResult]:
     """Return the trials with ``normalised`` set: repetitions divided by those in the person's reference condition."""
     base = {(one.subject, one.number): one.repetitions for one in trials if one.condition == one.reference}
-
-    def divide(one: CurlResult) -> float:
-        repetitions = base.get((one.subject, one.number), math.nan)
-        return one.repetitions / repetitions if repetitions > 0 else math.nan
-
-    return [replace(one, normalised=divide(one)) for one in trials]
+    known = [base.get((one.subject, one.number), math.nan) for one in trials]
+    return [
+        replace(one, normalised=one.repetitions / repetitions if repetitions > 0 else math.nan)
+        for one, repetitions in zip(trials, known, strict=True)
+    ]
 
 
 def condition_rows(trials: Sequence[CurlResult]) -> Iterator[dict[str, Any]]:
@@ -204,14 +204,7 @@ def comparison_rows(trials: Sequence[CurlResult]) -> Iterator[dict[str, Any]]:
 
 def _curl(*keys: str) -> Callable[[CurlResult], Any]:
     """Return a function that reads an entry of the facts about the curls by its keys."""
-
-    def read(trial: CurlResult) -> Any:
-        entry: Any = trial.curl
-        for key in keys:
-            entry = (entry or {}).get(key)
-        return entry
-
-    return read
+    return lambda trial: find_entry(trial.curl, *keys)
 
 
 def _measure_floor(angle: str) -> ResultColumn:

@@ -140,27 +140,24 @@ def find_mixed_people(labels: Mapping[PurePosixPath, PathLabels]) -> dict[str, t
 
 
 def choose_pattern(paths: Sequence[PurePosixPath]) -> Pattern:
-    """Return the common pattern with the highest rating for these paths; of equal ratings, the first pattern."""
-    return max(map(Pattern, COMMON_PATTERNS), key=lambda pattern: _rate(pattern, paths))
+    """Return the common pattern with the highest rating for these paths; of equal ratings, the first pattern.
 
-
-def _rate(pattern: Pattern, paths: Sequence[PurePosixPath]) -> float:
-    """Return the rating of a pattern: the fraction of paths that fit.
-
-    The rating is halved for the two most general patterns, and 0 if the labels are wrong.
+    The rating is the fraction of paths that fit. It is halved for the two most general patterns, and 0 if the labels
+    are wrong.
     """
-    matched = {path: label for path in paths if (label := pattern.match(path)) is not None}
-    labels = [*matched.values()]
-    if find_mixed_people(matched):
-        return 0.0
-    if pattern.text in _BY_STRATEGY and any(not _is_strategy(label.strategy) for label in labels):
-        return 0.0
-    if any(_LEVEL.fullmatch(label.strategy) for label in labels):
-        return 0.0
-    if pattern.text in _FLAT and all(_is_strategy(label.subject.casefold()) for label in labels):
-        return 0.0  # names such as slow_trial1, of one person
-    share = len(labels) / max(len(paths), 1)
-    return share if "{strategy}" in pattern.text and pattern.text != _ONE_PERSON else share / 2
+
+    def rate(pattern: Pattern) -> float:
+        matched = {path: label for path in paths if (label := pattern.match(path)) is not None}
+        labels = [*matched.values()]
+        people = pattern.text in _FLAT and all(_is_strategy(label.subject.casefold()) for label in labels)
+        strategies = pattern.text in _BY_STRATEGY and any(not _is_strategy(label.strategy) for label in labels)
+        levels = any(_LEVEL.fullmatch(label.strategy) for label in labels)
+        if find_mixed_people(matched) or strategies or levels or people:  # people: such as slow_trial1, of one person
+            return 0.0
+        share = len(labels) / max(len(paths), 1)
+        return share if "{strategy}" in pattern.text and pattern.text != _ONE_PERSON else share / 2
+
+    return max(map(Pattern, COMMON_PATTERNS), key=rate)
 
 
 def _is_strategy(text: str) -> bool:
@@ -320,7 +317,20 @@ def discover(
     files = [path for path in folder.rglob("*") if path.is_file()]
     files = [path for path in files if not any(part.startswith(".") for part in path.relative_to(folder).parts)]
     files.sort(key=_sort_key)
-    recordings, left_out = _find_recordings(files)
+    # Recordings that may be trials, and the reasons why other recordings are certainly not.
+    recordings, left_out = list[Path](), dict[Path, str]()
+    c3d = {path.with_suffix("") for path in files if path.suffix.lower() == ".c3d"}
+    for path in files:
+        ending = path.suffix.lower()
+        is_export = ending in _EXPORTS and (is_marker_text(path) or read_joints(path) is not None)
+        if ending not in _RECORDINGS and not is_export:
+            continue
+        if _NO_TRIAL.search(path.stem):
+            left_out[path] = "the name is that of a static or calibration trial"
+        elif ending != ".c3d" and path.with_suffix("") in c3d:
+            left_out[path] = "the C3D file with the same name is used"
+        else:
+            recordings.append(path)
     # Recordings of reaches and others need separate studies: the majority decides.
     found = {path: read_reach(path, find_forces(path, files)) for path in recordings}
     reaches = {path: reach for path, reach in found.items() if reach is not None}
@@ -388,28 +398,6 @@ def discover(
     ]
     sentences = tuple(f"{ids[subject]} may stand for several people: {why}. {advice}" for subject, why in doubts)
     return Discovery(chosen.text, tuple(trials), left_out, sentences, () if pattern is not None else COMMON_PATTERNS)
-
-
-def _find_recordings(files: Sequence[Path]) -> tuple[list[Path], dict[Path, str]]:
-    """Return the recordings that may be trials, and the reasons why other recordings are certainly not, by file."""
-    recordings, left_out = [], {}
-    c3d = {path.with_suffix("") for path in files if path.suffix.lower() == ".c3d"}
-
-    def is_skeleton(path: Path) -> bool:
-        reach = read_reach(path, None)
-        return reach is not None and reach.skeleton
-
-    for path in files:
-        ending = path.suffix.lower()
-        if ending not in _RECORDINGS and not (ending in _EXPORTS and (is_marker_text(path) or is_skeleton(path))):
-            continue
-        if _NO_TRIAL.search(path.stem):
-            left_out[path] = "the name is that of a static or calibration trial"
-        elif ending != ".c3d" and path.with_suffix("") in c3d:
-            left_out[path] = "the C3D file with the same name is used"
-        else:
-            recordings.append(path)
-    return recordings, left_out
 
 
 def find_forces(markers: Path, files: Iterable[Path]) -> Path | None:
@@ -490,7 +478,31 @@ def write_draft(found: Discovery, file: Path, *, keep_names: bool = False, force
     StoreError
         A file exists already and ``force`` is False, or a file cannot be written.
     """
-    contents = {file.name: _format_study(found, file).encode()}
+    folder = file.absolute().parent
+
+    def quote_path(path: Path) -> str:
+        return _quote(Path(os.path.relpath(path.absolute(), folder)).as_posix())
+
+    name, defaults, person = _REACH if found.reach else _SIT_TO_STAND
+    lines = [
+        _HEAD.format(file=file.name),
+        f"study: {name}",
+        "out: runs  # folder of the results",
+        f"defaults: {defaults}  # keys of a trial's file, for all trials",
+        f"subjects:  # each {person}",
+        *(f"  {_quote(subject)}: {{}}" for subject in found.names),
+        "trials:",
+    ]
+    for trial in found.trials:
+        recorded = quote_path(trial.markers)
+        if trial.forces is not None:
+            recorded = f"{{markers: {recorded}, forces: {quote_path(trial.forces)}}}"
+        elif trial.skeleton:
+            recorded = f"{{skeleton: {recorded}}}"
+        labels = {key: getattr(trial, key) for key in ("trial", "subject", "strategy", "session", "side")}
+        keys = ", ".join(f"{key}: {_quote(value)}" for key, value in labels.items() if value)
+        lines.append(f"  - {{{keys}, recording: {recorded}}}")
+    contents = {file.name: ("\n".join(lines) + "\n").encode()}
     if not keep_names:
         stream = io.StringIO()
         csv.writer(stream, lineterminator="\n").writerows([("id", "name"), *found.names.items()])
@@ -522,37 +534,6 @@ def read_known_ids(file: Path) -> dict[str, str]:
         raise ConfigError(
             f"{subjects} cannot be read ({type(error).__name__}); expected a CSV file with the columns id and name"
         ) from error
-
-
-def _format_study(found: Discovery, file: Path) -> str:
-    """Return the YAML text of a study with the found recordings; paths are relative to the study's file."""
-    name, defaults, person = _REACH if found.reach else _SIT_TO_STAND
-    lines = [
-        _HEAD.format(file=file.name),
-        f"study: {name}",
-        "out: runs  # folder of the results",
-        f"defaults: {defaults}  # keys of a trial's file, for all trials",
-        f"subjects:  # each {person}",
-        *(f"  {_quote(subject)}: {{}}" for subject in found.names),
-        "trials:",
-        *(_format_trial(trial, file.absolute().parent) for trial in found.trials),
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _format_trial(trial: FoundRecording, folder: Path) -> str:
-    recording = _quote_path(trial.markers, folder)
-    if trial.forces is not None:
-        recording = f"{{markers: {recording}, forces: {_quote_path(trial.forces, folder)}}}"
-    elif trial.skeleton:
-        recording = f"{{skeleton: {recording}}}"
-    labels = {name: getattr(trial, name) for name in ("trial", "subject", "strategy", "session", "side")}
-    keys = ", ".join(f"{name}: {_quote(value)}" for name, value in labels.items() if value)
-    return f"  - {{{keys}, recording: {recording}}}"
-
-
-def _quote_path(path: Path, folder: Path) -> str:
-    return _quote(Path(os.path.relpath(path.absolute(), folder)).as_posix())
 
 
 def _quote(text: str) -> str:

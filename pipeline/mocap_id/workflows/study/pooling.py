@@ -30,19 +30,19 @@ _SEED = 20
 
 
 @dataclass(frozen=True)
-class Estimate:
+class IntervalEstimate:
     """A value with the ends of its 95 % interval; NaN if unknown."""
 
     value: float = math.nan
     low: float = math.nan
     high: float = math.nan
 
-    def minus(self, other: Estimate) -> Estimate:
+    def minus(self, other: IntervalEstimate) -> IntervalEstimate:
         """Return this estimate minus ``other``, with an interval that assumes independent errors."""
         value = self.value - other.value
         below = math.hypot(self.value - self.low, other.high - other.value)
         above = math.hypot(self.high - self.value, other.value - other.low)
-        return Estimate(value, value - below, value + above)
+        return IntervalEstimate(value, value - below, value + above)
 
     def columns(self, name: str) -> dict[str, float]:
         """Return the columns ``name``, ``name_low`` and ``name_high``."""
@@ -57,12 +57,12 @@ def group_by(members: Iterable[T], key: Callable[[T], K]) -> Mapping[K, list[T]]
     return groups
 
 
-def mean_sd(values: Iterable[float | None]) -> tuple[float, float]:
+def find_mean_sd(values: Iterable[float | None]) -> tuple[float, float]:
     """Return mean and sample standard deviation (n − 1) of the known values; NaN if there are too few values.
 
     Examples
     --------
-    >>> mean_sd([1.0, None, 3.0])
+    >>> find_mean_sd([1.0, None, 3.0])
     (2.0, 1.4142135623730951)
     """
     known = np.array([value for value in values if value is not None and math.isfinite(value)])
@@ -71,7 +71,7 @@ def mean_sd(values: Iterable[float | None]) -> tuple[float, float]:
 
 def named_mean_sd(name: str, values: Iterable[float | None]) -> dict[str, float]:
     """Return mean and standard deviation as the columns ``name_mean`` and ``name_sd``."""
-    return dict(zip((f"{name}_mean", f"{name}_sd"), mean_sd(values), strict=True))
+    return dict(zip((f"{name}_mean", f"{name}_sd"), find_mean_sd(values), strict=True))
 
 
 def sd_of(values: Sequence[float] | FloatArray) -> float:
@@ -91,7 +91,9 @@ def pool_people(
         row = dict(zip(keys, group, strict=True)) | {"subject": COHORT, "subjects": len(own)}
         row["trials"] = sum(one["trials"] for one in own)
         for column, names in columns.items():
-            row |= {name: value for name, value in zip(names, mean_sd(one[column] for one in own), strict=True) if name}
+            row |= {
+                name: value for name, value in zip(names, find_mean_sd(one[column] for one in own), strict=True) if name
+            }
         yield row
 
 
@@ -131,19 +133,19 @@ def pool_errors(errors: Sequence[Agreement | None]) -> tuple[float, float]:
     return mean, math.sqrt(max(float(square.mean()) - mean**2, 0.0))
 
 
-def average_estimates(estimates: Iterable[Estimate]) -> Estimate:
+def average_estimates(estimates: Iterable[IntervalEstimate]) -> IntervalEstimate:
     """Return the mean of the known estimates; its interval assumes that all estimates have the same error.
 
     Examples
     --------
-    >>> average_estimates([Estimate(0.2, 0.1, 0.3), Estimate(0.4, 0.3, 0.5), Estimate()])
-    Estimate(value=0.30000000000000004, low=0.2, high=0.4)
+    >>> average_estimates([IntervalEstimate(0.2, 0.1, 0.3), IntervalEstimate(0.4, 0.3, 0.5), IntervalEstimate()])
+    IntervalEstimate(value=0.30000000000000004, low=0.2, high=0.4)
     """
     rows = np.array([(one.value, one.low, one.high) for one in estimates if math.isfinite(one.value)])
-    return Estimate(*rows.mean(axis=0).tolist()) if len(rows) else Estimate()
+    return IntervalEstimate(*rows.mean(axis=0).tolist()) if len(rows) else IntervalEstimate()
 
 
-def average_people(values: Sequence[float]) -> Estimate:
+def average_people(values: Sequence[float]) -> IntervalEstimate:
     """Return the mean of the people's values with Student's interval, which is NaN for one person.
 
     Examples
@@ -154,10 +156,10 @@ def average_people(values: Sequence[float]) -> Estimate:
     array = np.asarray(values, dtype=np.float64)
     n = len(array)
     if not n:
-        return Estimate()
+        return IntervalEstimate()
     half = float(stdtrit(n - 1, 0.975) * array.std(ddof=1) / np.sqrt(n)) if n > 1 else math.nan
     mean = float(array.mean())
-    return Estimate(mean, mean - half, mean + half)
+    return IntervalEstimate(mean, mean - half, mean + half)
 
 
 def sign_flip_p(differences: Sequence[float]) -> float:
@@ -182,7 +184,7 @@ def sign_flip_p(differences: Sequence[float]) -> float:
     return float((1 + (np.abs(signs @ array) >= least).sum()) / (1 + _DRAWS))
 
 
-def correlate_ranks(x: FloatArray, y: FloatArray) -> tuple[Estimate, float, int]:
+def correlate_ranks(x: FloatArray, y: FloatArray) -> tuple[IntervalEstimate, float, int]:
     """Return Spearman's correlation of two variables (N,); pairs with a NaN are left out.
 
     The p-value compares all orders of ``y``, or 20,000 random orders for more than seven people. The interval
@@ -197,7 +199,7 @@ def correlate_ranks(x: FloatArray, y: FloatArray) -> tuple[Estimate, float, int]
 
     Returns
     -------
-    estimate : Estimate
+    estimate : IntervalEstimate
         Correlation and interval; NaN for fewer than :data:`FEWEST` people, or if a variable is constant.
     p : float
         Two-sided p-value of the hypothesis that there is no correlation; NaN as for the estimate.
@@ -214,7 +216,7 @@ def correlate_ranks(x: FloatArray, y: FloatArray) -> tuple[Estimate, float, int]
     first, second = _rank(x[known]), _rank(y[known])
     n = int(known.sum())
     if n < FEWEST or np.ptp(first) == 0 or np.ptp(second) == 0:
-        return Estimate(), math.nan, n
+        return IntervalEstimate(), math.nan, n
     value = float(_correlate(first, second[None])[0])
     if n <= _MOST_ORDERS:
         orders = np.array(list(permutations(second)))
@@ -222,7 +224,7 @@ def correlate_ranks(x: FloatArray, y: FloatArray) -> tuple[Estimate, float, int]
     else:
         orders = np.random.default_rng(_SEED).permuted(np.tile(second, (_DRAWS, 1)), axis=1)
         p = float((1 + (np.abs(_correlate(first, orders)) >= abs(value)).sum()) / (1 + len(orders)))
-    return Estimate(value, *_find_interval(first, value)), p, n
+    return IntervalEstimate(value, *_find_interval(first, value)), p, n
 
 
 def _rank(values: FloatArray) -> FloatArray:

@@ -32,7 +32,13 @@ from mocap_id.reporting.results.columns import (
 from mocap_id.reporting.study.cohort import CohortData
 from mocap_id.reporting.study.reach import Shape, render_reach_page, show_score
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.study.pooling import Estimate, average_estimates, correlate_ranks, group_by, pool_differences
+from mocap_id.workflows.study.pooling import (
+    IntervalEstimate,
+    average_estimates,
+    correlate_ranks,
+    group_by,
+    pool_differences,
+)
 from mocap_id.workflows.study.study import StudyKind
 from mocap_id.workflows.trial_outcome import (
     TRIAL_COLUMNS,
@@ -71,26 +77,26 @@ class ReachResult(StudyOutcome):
         return "" if math.isfinite(MEASURES["volume"].of(self).value) else self.value("workspace", "why") or ""
 
 
-ReachMeasure: TypeAlias = Measure[ReachResult, Estimate]
+ReachMeasure: TypeAlias = Measure[ReachResult, IntervalEstimate]
 
 
 def _read_number(trial: ReachResult, *keys: str) -> float:
     return number_or_nan(trial.value("workspace", *keys))
 
 
-def _volume(*keys: str) -> Callable[[ReachResult], Estimate]:
+def _volume(*keys: str) -> Callable[[ReachResult], IntervalEstimate]:
     """Return a function of a trial that returns the volume at ``keys`` of the workspace, with its interval."""
 
-    def estimate(trial: ReachResult) -> Estimate:
+    def estimate(trial: ReachResult) -> IntervalEstimate:
         interval = to_numbers(trial.value("workspace", *keys, "interval_m3")) or [math.nan] * 2
-        return Estimate(_read_number(trial, *keys, "volume_m3"), *interval)
+        return IntervalEstimate(_read_number(trial, *keys, "volume_m3"), *interval)
 
     return estimate
 
 
-def _read_elevation(trial: ReachResult) -> Estimate:
+def _read_elevation(trial: ReachResult) -> IntervalEstimate:
     value, sd = (_read_number(trial, "ranges", "shoulder_elevation", key) for key in ("high_deg", "high_sd_deg"))
-    return Estimate(value, value - NORMAL_95 * sd, value + NORMAL_95 * sd)
+    return IntervalEstimate(value, value - NORMAL_95 * sd, value + NORMAL_95 * sd)
 
 
 MEASURES: Mapping[str, ReachMeasure] = {
@@ -102,14 +108,14 @@ MEASURES: Mapping[str, ReachMeasure] = {
         "surface",
         "1",
         "reached fraction of the hemisphere in front of the shoulder",
-        lambda trial: Estimate(_read_number(trial, "surface", "box", "total")),
+        lambda trial: IntervalEstimate(_read_number(trial, "surface", "box", "total")),
     ),
     "elevation": Measure("elevation (°)", "deg", "highest elevation of the upper arm", _read_elevation),
     "height": Measure(
         "height (m)",
         "m",
         "highest wrist above the shoulder",
-        lambda trial: Estimate(_read_number(trial, "heights", "highest_m")),
+        lambda trial: IntervalEstimate(_read_number(trial, "heights", "highest_m")),
     ),
 }
 """Measures that are compared between people, sides and sessions; the thesis uses `volume`."""
@@ -138,7 +144,7 @@ def person_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
         yield row | {f"volume_{side}": _average_side(own, side, volume).value for side in SIDES}
 
 
-def _average_side(trials: Sequence[ReachResult], side: str, measure: ReachMeasure) -> Estimate:
+def _average_side(trials: Sequence[ReachResult], side: str, measure: ReachMeasure) -> IntervalEstimate:
     return average_estimates(measure.of(trial) for trial in trials if trial.side == side)
 
 
@@ -151,53 +157,44 @@ def correlation_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
         yield {"measure": name, "people": people, "p": p} | estimate.columns("spearman")
 
 
-@dataclass(frozen=True)
-class _Pair:
-    """Two groups of trials of one person that differ only in side or in session."""
+def _pair_trials(
+    trials: Sequence[ReachResult],
+) -> Iterator[tuple[str, str, str, Sequence[ReachResult], Sequence[ReachResult]]]:
+    """Yield the pairs of groups of trials of one person that differ only in side or in session.
 
-    comparison: str  # both sides or sessions: second minus first, such as ``left - right``
-    subject: str
-    label: str  # the session in which two sides, or the side in which two sessions are compared
-    first: Sequence[ReachResult]
-    second: Sequence[ReachResult]
-
-    def difference(self, measure: ReachMeasure) -> Estimate:
-        """Return the second group's mean of a measure minus the first group's mean."""
-        first, second = (_average_side(own, own[0].side, measure) for own in (self.first, self.second))
-        return second.minus(first)
-
-
-def _pair_trials(trials: Sequence[ReachResult]) -> Iterator[_Pair]:
-    """Yield the pairs of each person: right and left of each session, then successive sessions of each side."""
+    They are right and left of each session, then successive sessions of each side. Each has the comparison, second
+    minus first, such as ``left - right``; the person; the session in which two sides, or the side in which two sessions
+    are compared; the first and the second group.
+    """
     sessions = list(dict.fromkeys(trial.session for trial in trials if trial.session))
     for subject, own in group_by(trials, lambda trial: trial.subject).items():
         groups = group_by(own, lambda trial: (trial.session, trial.side))
         for session in dict.fromkeys(trial.session for trial in own):
             right, left = (groups.get((session, side), []) for side in SIDES)
             if right and left:
-                yield _Pair("left - right", subject, session, right, left)
+                yield "left - right", subject, session, right, left
         for side in SIDES:
             recorded = [session for session in sessions if (session, side) in groups]
             for before, after in pairwise(recorded):
-                yield _Pair(f"{after} - {before}", subject, side, groups[before, side], groups[after, side])
+                yield f"{after} - {before}", subject, side, groups[before, side], groups[after, side]
 
 
 def difference_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
     """Yield, for each comparison and measure, the row of the cohort and then the rows of the people."""
-    for comparison, pairs in group_by(_pair_trials(trials), lambda pair: pair.comparison).items():
+    for comparison, pairs in group_by(_pair_trials(trials), lambda pair: pair[0]).items():
         for name, measure in MEASURES.items():
-            differences = [(pair, pair.difference(measure)) for pair in pairs]
-            known = [(pair, difference) for pair, difference in differences if np.isfinite(difference.value)]
+            known, people = [], dict[str, list[float]]()
+            for _, subject, label, *groups in pairs:
+                first, second = (_average_side(own, own[0].side, measure) for own in groups)
+                difference = second.minus(first)
+                if math.isfinite(difference.value):
+                    known.append({"subject": subject, "label": label, "people": 1} | difference.columns("difference"))
+                    people.setdefault(subject, []).append(difference.value)
             if not known:
                 continue
             labels = {"comparison": comparison, "measure": name}
-            people: dict[str, list[float]] = {}
-            for pair, difference in known:
-                people.setdefault(pair.subject, []).append(difference.value)
             yield labels | {"subject": COHORT} | pool_differences(people, "sd")
-            for pair, difference in known:
-                person = {"subject": pair.subject, "label": pair.label, "people": 1}
-                yield labels | person | difference.columns("difference")
+            yield from (labels | row for row in known)
 
 
 def make_page(data: CohortData, trials: Sequence[ReachResult]) -> bytes:
@@ -252,21 +249,16 @@ TABLES = declare_tables(
             for name, one in MEASURES.items()
             for column in estimate_columns(name, one.unit, one.meaning, None, one.label)
         ),
-        number(
-            "volume_right",
-            "m^3",
-            "reachable volume of the right arm, mean over its trials",
-            head="right (m³)",
-            decimals=3,
-            optional=True,
-        ),
-        number(
-            "volume_left",
-            "m^3",
-            "reachable volume of the left arm, mean over its trials",
-            head="left (m³)",
-            decimals=3,
-            optional=True,
+        *(
+            number(
+                f"volume_{side}",
+                "m^3",
+                f"reachable volume of the {side} arm, mean over its trials",
+                head=f"{side} (m³)",
+                decimals=3,
+                optional=True,
+            )
+            for side in SIDES
         ),
     ),
     correlation=(

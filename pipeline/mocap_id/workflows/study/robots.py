@@ -16,6 +16,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -26,13 +27,12 @@ import pandas as pd
 from mocap_id import __version__, recording, runner
 from mocap_id.arrays import FloatArray
 from mocap_id.config import Trial
-from mocap_id.config.robot_study import RobotReference, RobotTrial, load_robot_study
+from mocap_id.config.robot_study import RobotStudy, RobotTrial, load_robot_study
 from mocap_id.dynamics.preparation import SampledWrench
 from mocap_id.errors import ConfigError, MocapIdError, RecordingError
 from mocap_id.reporting.numbers import UNKNOWN, show_fixed, to_number
 from mocap_id.reporting.results.columns import (
     ResultColumn,
-    ResultTable,
     declare_tables,
     error_columns,
     number,
@@ -41,6 +41,7 @@ from mocap_id.reporting.results.columns import (
     whole,
 )
 from mocap_id.reporting.results.result import Result
+from mocap_id.reporting.study.cohort import CohortData
 from mocap_id.reporting.study.robots import (
     AveragedWrench,
     Recovery,
@@ -53,13 +54,15 @@ from mocap_id.reporting.study.robots import (
 from mocap_id.reporting.style import format_unit
 from mocap_id.stages import STAGES
 from mocap_id.stages.trial_keys import get_recording
-from mocap_id.store import Folder, TableSchema
+from mocap_id.store import Folder
 from mocap_id.store.atomic import converting_errors, write_files
 from mocap_id.store.folder import record_file
 from mocap_id.store.ownership import check_owner, store_owner
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trial, run_trials
 from mocap_id.workflows.run_folder import find_owner_of_files
+from mocap_id.workflows.study.pooling import group_by
+from mocap_id.workflows.study.study import StudyKind
 from mocap_id.workflows.trial_outcome import TrialOutcome, number_or_nan, read_summary
 
 PAGE, DOCUMENT, MARKDOWN = "robot.html", "validation.json", "robot.md"
@@ -82,39 +85,33 @@ class Truth:
     time: FloatArray  # (T,) times of the frames on the recording's clock, s
     states: FloatArray  # (T, 3) angle, velocity and acceleration of the joint, rad, rad/s, rad/s²
 
+    @classmethod
+    def read(cls, motion: Path) -> Truth | None:
+        """Read truth.json and truth.npz beside a recording; None if one of them is missing.
+
+        Raises
+        ------
+        RecordingError
+            The files exist but cannot be read.
+        """
+        file, arrays = motion.parent / "truth.json", motion.parent / "truth.npz"
+        if not (file.exists() and arrays.exists()):
+            return None
+        try:
+            document = json.loads(file.read_text("utf-8"))
+            with np.load(arrays) as data:
+                states = np.column_stack([data[name][:, 0] for name in ("q", "qd", "qdd")]).astype(np.float64)
+                return cls(document, np.asarray(data["t"], dtype=np.float64), states)
+        except (OSError, ValueError, KeyError, IndexError) as error:
+            why = f"the file is not the truth of a simulated trial ({error}); remove it"
+            raise RecordingError(f"{file}: {why}") from None
+
     def at(self, time: FloatArray) -> FloatArray:
         """Return the states (N, 3) at times (N,) of frames, s; NaN for a time without a frame."""
         step = float(np.median(np.diff(self.time)))
         nearest = np.clip(np.searchsorted(self.time, time - 0.5 * step), 0, len(self.time) - 1)
         known = np.abs(self.time[nearest] - time) < 0.5 * step
         return np.where(known[:, None], self.states[nearest], np.nan)
-
-    @property
-    def reference(self) -> dict[str, float]:
-        """The true parameters, named as in the `reference` of a study's file."""
-        parameters = dict(zip(PARAMETERS, map(float, self.document["base_parameters"]["values"]), strict=True))
-        lengths = self.document.get("segment_lengths_m", {})
-        return parameters | ({"base": float(lengths["l1"])} if "l1" in lengths else {})
-
-
-def read_truth(motion: Path) -> Truth | None:
-    """Read truth.json and truth.npz beside a recording; None if one of them is missing.
-
-    Raises
-    ------
-    RecordingError
-        The files exist but cannot be read.
-    """
-    file, arrays = motion.parent / "truth.json", motion.parent / "truth.npz"
-    if not (file.exists() and arrays.exists()):
-        return None
-    try:
-        document = json.loads(file.read_text("utf-8"))
-        with np.load(arrays) as data:
-            states = np.column_stack([data[name][:, 0] for name in ("q", "qd", "qdd")]).astype(np.float64)
-            return Truth(document, np.asarray(data["t"], dtype=np.float64), states)
-    except (OSError, ValueError, KeyError, IndexError) as error:
-        raise RecordingError(f"{file}: the file is not the truth of a simulated trial ({error}); remove it") from None
 
 
 # The methods for the joint states; stages that do not depend on the method run once.
@@ -128,6 +125,14 @@ class Method:
     thesis: str  # label in the thesis's tables
     settings: Mapping[str, str | float]  # settings of `ukf-smooth` that replace the settings of the trial
 
+    def apply(self, trial: Trial) -> Trial:
+        """Return the trial with the settings and the run folder of the method."""
+        if self is CAMERAS:
+            return trial
+        settings = trial.settings[_STATES_STAGE].model_copy(update=dict(self.settings))
+        out = trial.out / "methods" / self.name
+        return replace(trial, settings={**trial.settings, _STATES_STAGE: settings}, out=out)
+
 
 CAMERAS = Method("cameras", "P", {})
 ENCODER = Method("encoder", "R", {"method": "encoder"})
@@ -139,6 +144,11 @@ REFERENCE = "reference"
 """Value of `method` in the rows of the reference parameters."""
 
 
+def list_methods(trial: Trial) -> list[Method]:
+    """Return the methods that can be applied to a trial: all of them, or those without an encoder."""
+    return [method for method in METHODS if method is not ENCODER or trial.keys.encoder is not None]
+
+
 def run_all_methods(trial: Trial) -> TrialRun:
     """Run a trial with its report, then its dynamics with every other method; a failure is returned as a result.
 
@@ -147,8 +157,8 @@ def run_all_methods(trial: Trial) -> TrialRun:
     done = run_trial(trial)
     if done.exit_code != 0:
         return done
-    for method in _list_methods(trial)[1:]:
-        variant = with_method(trial, method)
+    for method in list_methods(trial)[1:]:
+        variant = method.apply(trial)
         try:
             _share_artefacts(trial.out, variant.out)
             outcome = runner.run_to(variant, _DYNAMICS_STAGE)
@@ -165,19 +175,6 @@ def run_all_methods(trial: Trial) -> TrialRun:
             seconds=done.seconds + sum(step.seconds or 0.0 for step in outcome.steps),
         )
     return done
-
-
-def _list_methods(trial: Trial) -> list[Method]:
-    return [method for method in METHODS if method is not ENCODER or trial.keys.encoder is not None]
-
-
-def with_method(trial: Trial, method: Method) -> Trial:
-    """Return the trial with the settings and the run folder of a method."""
-    if method is CAMERAS:
-        return trial
-    settings = trial.settings[_STATES_STAGE].model_copy(update=dict(method.settings))
-    out = trial.out / "methods" / method.name
-    return replace(trial, settings={**trial.settings, _STATES_STAGE: settings}, out=out)
 
 
 def _share_artefacts(source: Path, target: Path) -> None:
@@ -197,30 +194,6 @@ def _share_artefacts(source: Path, target: Path) -> None:
 
 
 # The result of one trial with each method.
-
-
-@dataclass(frozen=True)
-class SeriesErrors:
-    """Bias and standard deviation of a series minus its reference, and r²; NaN if unknown."""
-
-    bias: float = np.nan
-    sd: float = np.nan
-    r2: float = np.nan
-
-    @classmethod
-    def of(cls, difference: FloatArray, reference: FloatArray) -> SeriesErrors:
-        """Return the errors of a series from its differences (N,) to a ``reference`` (N,); NaN samples do not count."""
-        both = np.isfinite(difference) & np.isfinite(reference)
-        if np.count_nonzero(both) < 2:
-            return SeriesErrors()
-        difference, spread = difference[both], float(np.var(reference[both]))
-        r2 = 1.0 - float(np.mean(difference**2)) / spread if spread > 0 else np.nan
-        return cls(float(np.mean(difference)), float(np.std(difference)), r2)
-
-    @classmethod
-    def read(cls, facts: Mapping[str, Any] | None) -> SeriesErrors:
-        """Return the errors in the facts of an artefact."""
-        return cls(*(number_or_nan((facts or {}).get(name)) for name in ("bias", "sd", "r2")))
 
 
 @dataclass(frozen=True)
@@ -244,16 +217,9 @@ class RobotFrame:
         sign = 1 if np.cov(angle[both], true[both])[0, 1] >= 0 else -1
         return cls(sign, float(np.mean(angle[both] - sign * true[both])))
 
-    def from_plane(self, parameters: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return base parameters (5,) and their covariance (5, 5), transformed from the plane to the robot's frame."""
-        matrix = self._matrix()
-        return matrix @ parameters, matrix @ covariance @ matrix.T
-
-    def into_plane(self, parameters: FloatArray) -> FloatArray:
-        """Return base parameters (5,), transformed from the robot's frame to the plane."""
-        return np.asarray(np.linalg.solve(self._matrix(), parameters))
-
-    def _matrix(self) -> FloatArray:
+    @property
+    def matrix(self) -> FloatArray:
+        """Matrix (5, 5) that transforms base parameters from the plane to the robot's frame."""
         c, s = np.cos(self.zero), np.sin(self.zero)
         matrix = np.diag([1.0, self.sign, 1.0, 1.0, 1.0])
         matrix[2:4, 2:4] = [[self.sign * c, -self.sign * s], [s, c]]
@@ -262,34 +228,31 @@ class RobotFrame:
 
 @dataclass(frozen=True)
 class MethodResult:
-    """The result of one trial with one method; a number is NaN if unknown."""
+    """The result of one trial with one method."""
 
     identified: IdentifiedTrial
     frame: RobotFrame
-    parameters: FloatArray  # (5,) base parameters in the order of PARAMETERS
-    sds: FloatArray  # (5,) their standard deviations
-    verdicts: tuple[str, ...]  # known, weak or not identifiable
-    errors: Mapping[str, SeriesErrors]  # of the series in :data:`STATES`
-    against: str  # reference of the states: ``truth`` or ``encoder``; empty without a reference
+    time: FloatArray  # (T,) times of the samples, s
+    states: FloatArray  # (T, 3) angle, velocity and acceleration in the plane, rad, rad/s and rad/s²
+    row: dict[str, Any]  # its columns of the table `trials`
 
     @property
     def folder(self) -> Folder:
         """The run folder."""
         return Folder(self.identified.folder)
 
-    @property
-    def time(self) -> FloatArray:
-        """Times of the samples (T,), s."""
-        return self.identified.dynamics["time"].to_numpy(dtype=np.float64)
 
-    @property
-    def joint_states(self) -> FloatArray:
-        """Angle, velocity and acceleration (T, 3) of the joint in the plane, rad, rad/s and rad/s²."""
-        return _read_joint_states(self.identified)
+def compare_with(name: str, difference: FloatArray, reference: FloatArray) -> dict[str, float]:
+    """Return bias, standard deviation and r² of a series as columns; NaN samples do not count.
 
-
-def _read_joint_states(trial: IdentifiedTrial) -> FloatArray:
-    return np.column_stack([trial.q[:, 0], trial.dq[:, 0], trial.ddq[:, 0]])
+    ``difference`` (N,) is the series minus its ``reference`` (N,). Without two known samples, there are no columns.
+    """
+    both = np.isfinite(difference) & np.isfinite(reference)
+    if np.count_nonzero(both) < 2:
+        return {}
+    difference, spread = difference[both], float(np.var(reference[both]))
+    r2 = 1.0 - float(np.mean(difference**2)) / spread if spread > 0 else np.nan
+    return {f"{name}_bias": float(np.mean(difference)), f"{name}_sd": float(np.std(difference)), f"{name}_r2": r2}
 
 
 def read_method_result(folder: Folder, truth: Truth | None, *, by_encoder: bool) -> MethodResult:
@@ -298,28 +261,53 @@ def read_method_result(folder: Folder, truth: Truth | None, *, by_encoder: bool)
     If ``by_encoder``, the states come from the encoder, so they cannot be compared with the encoder.
     """
     identified, frame = open_identified_trial(folder.path), RobotFrame.find(folder, truth)
+    facts, encoder = identified.facts, folder.table("encoder.parquet")
+    time = identified.dynamics["time"].to_numpy(dtype=np.float64)
+    states = np.column_stack([identified.q[:, 0], identified.dq[:, 0], identified.ddq[:, 0]])
+    row: dict[str, Any] = {
+        "against": "",
+        "condition": number_or_nan(facts.get("condition_number")),
+        "clock_offset": number_or_nan(facts.get("clock_offset_s")),
+        "encoder_offset": encoder.facts.get("clock_offset_s"),
+        "encoder_offset_sd": encoder.facts.get("clock_offset_sd_s"),
+    }
+    # Base parameters in the robot's frame.
     tree, count = folder.tree("dynamics.h5"), len(PARAMETERS)
     value, covariance = tree.numbers("base/value"), tree.array("base/covariance").astype(np.float64)
     verdicts = tree.texts("base/verdict")
-    if len(value) != count:
+    if len(value) == count:
+        value, covariance = frame.matrix @ value, frame.matrix @ covariance @ frame.matrix.T
+    else:
         value, covariance = np.full(count, np.nan), np.full((count, count), np.nan)
         verdicts = ("not identifiable",) * count
-    else:
-        value, covariance = frame.from_plane(value, covariance)
-    # The mean error of the angle is removed, because the zero of the angle depends on the coordinate frame.
-    encoder, against = folder.table("encoder.parquet"), ""
-    states = dict.fromkeys(STATES, SeriesErrors())
+    for name, one, sd, verdict in zip(PARAMETERS, value, np.sqrt(np.diagonal(covariance)), verdicts, strict=True):
+        row |= {name: one, f"{name}_sd": sd, f"{name}_verdict": verdict}
+    # States against the truth or the encoder. The mean error of the angle is removed, because the zero of the angle
+    # depends on the coordinate frame.
+    reference: FloatArray | None = None
     if truth is not None:
-        time = identified.dynamics["time"].to_numpy(dtype=np.float64)
-        reference, against = frame.sign * truth.at(time), "truth"
+        reference, row["against"] = frame.sign * truth.at(time), "truth"
     elif encoder.length and not by_encoder:
-        reference, against = encoder.stack(tuple(STATES)), "encoder"
-    if against:
-        errors = _read_joint_states(identified) - reference
+        reference, row["against"] = encoder.stack(tuple(STATES)), "encoder"
+    if reference is not None:
+        errors = states - reference
         known = np.isfinite(errors[:, 0])
         errors[:, 0] -= np.mean(errors[known, 0]) if known.any() else 0.0
-        states = {name: SeriesErrors.of(errors[:, d], reference[:, d]) for d, name in enumerate(STATES)}
-    return MethodResult(identified, frame, value, np.sqrt(np.diagonal(covariance)), verdicts, states, against)
+        for d, name in enumerate(STATES):
+            row |= compare_with(name, errors[:, d], reference[:, d])
+    # Wrench and torque of the model minus the measurement over the samples of the fit.
+    fits = {**dict.fromkeys(WRENCH), **(facts.get("wrench") or {}), "torque": facts.get("torque")}
+    for name in (*WRENCH, "torque"):
+        row |= {f"{name}_{part}": number_or_nan((fits[name] or {}).get(part)) for part in ("bias", "sd", "r2")}
+    # Distances of the moving markers from their prediction.
+    markers, skeleton = folder.long_table("markers.parquet"), identified.skeleton
+    moving = [name for name, segment in zip(skeleton.markers, skeleton.segment, strict=True) if segment > 0]
+    residual = markers.values["residual"]
+    own = np.isin(markers.labels, moving) & markers.values["used"].astype(np.bool_)
+    distances = residual[own & np.isfinite(residual)]
+    if len(distances):
+        row |= {"marker_bias": float(np.mean(distances)), "marker_sd": float(np.std(distances))}
+    return MethodResult(identified, frame, time, states, row)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -340,6 +328,13 @@ class RobotTrialResult(TrialOutcome):
         return self.trial.trial.name
 
     @property
+    def about(self) -> str:
+        """Joint and movement of the trial, for the page."""
+        orientation = "" if self.orientation is None else f"{self.orientation:g}°"
+        movement = " ".join(filter(None, (self.speed, orientation))) or "unlabelled"
+        return f"{self.joint or 'joint'}, {movement}"
+
+    @property
     def cell(self) -> tuple[str, str]:
         """Joint and speed, which identify a cell in the thesis's tables."""
         return self.joint, self.speed
@@ -351,16 +346,21 @@ class RobotTrialResult(TrialOutcome):
         return self.by_method.get(ENCODER.name, self.by_method.get(CAMERAS.name)) if known else None
 
 
-def read_robot_result(trial: RobotTrial, run: TrialRun, reference: Mapping[str, RobotReference]) -> RobotTrialResult:
+def read_robot_result(study: RobotStudy, trial: RobotTrial, run: TrialRun) -> RobotTrialResult:
     """Read the result of a trial from its run folder and the run folders of the methods."""
     config = trial.trial
-    truth = read_truth(get_recording(config.keys).motion)
+    truth = Truth.read(get_recording(config.keys).motion)
     document = {} if truth is None else truth.document
     frequency, yaw = document.get("freq_hz"), document.get("robot_yaw_deg")
     true_speed = "" if frequency is None else "fast" if frequency > _FAST else "slow"
     joint = trial.joint or str(document.get("joint") or "")
-    given = reference.get(joint)
-    known = {} if truth is None else truth.reference
+    reference: dict[str, float] = {}
+    if joint in study.reference:
+        reference = study.reference[joint].model_dump(exclude_none=True)
+    elif truth is not None:
+        reference = dict(zip(PARAMETERS, map(float, document["base_parameters"]["values"]), strict=True))
+        lengths = document.get("segment_lengths_m", {})
+        reference |= {"base": float(lengths["l1"])} if "l1" in lengths else {}
     return RobotTrialResult(
         trial=trial,
         run=run,
@@ -369,12 +369,10 @@ def read_robot_result(trial: RobotTrial, run: TrialRun, reference: Mapping[str, 
         speed=trial.speed or true_speed,
         orientation=float(yaw) if trial.orientation is None and yaw is not None else trial.orientation,
         truth=truth,
-        reference=known if given is None else given.model_dump(exclude_none=True),
+        reference=reference,
         by_method={
-            method.name: read_method_result(
-                Folder(with_method(config, method).out), truth, by_encoder=method is ENCODER
-            )
-            for method in (_list_methods(config) if run.exit_code == 0 else ())
+            method.name: read_method_result(Folder(method.apply(config).out), truth, by_encoder=method is ENCODER)
+            for method in (list_methods(config) if run.exit_code == 0 else ())
         },
     )
 
@@ -382,7 +380,7 @@ def read_robot_result(trial: RobotTrial, run: TrialRun, reference: Mapping[str, 
 def predict_reference(trial: RobotTrialResult, result: MethodResult) -> tuple[FloatArray, FloatArray]:
     """Return wrench (T, 3) and torque (T,) in the plane, from the reference parameters and the states of a method."""
     identified = result.identified
-    base = result.frame.into_plane(np.array([trial.reference[name] for name in PARAMETERS]))
+    base = np.linalg.solve(result.frame.matrix, np.array([trial.reference[name] for name in PARAMETERS]))
     full = np.linalg.pinv(result.folder.tree("dynamics.h5").array("base/regrouping").astype(np.float64)) @ base
     return identified.chain.regressor @ full, (identified.chain.torque_regressor @ full)[:, 0]
 
@@ -403,47 +401,20 @@ def trial_rows(trials: Sequence[RobotTrialResult]) -> Iterator[dict[str, Any]]:
         }
         if not trial.by_method:
             yield labels | {"method": CAMERAS.name}
+        base, sd = (trial.value("lengths_m", "base", key) for key in ("value", "sd"))
+        truth = {} if trial.truth is None else trial.truth.document.get("encoder", {})
+        shared = {
+            "base": base,
+            "base_sd": sd,
+            "base_error": None if base is None else base - trial.reference.get("base", np.nan),
+            "encoder_offset_truth": truth.get("clock_offset_s"),
+            **{f"{name}_reference": trial.reference.get(name) for name in PARAMETERS},
+        }
         for name, result in trial.by_method.items():
-            yield labels | {"method": name} | _describe_result(trial, result)
+            yield labels | {"method": name} | shared | result.row
         through = trial.method_of_reference
         if through is not None:
             yield labels | {"method": REFERENCE} | _describe_reference(trial, through)
-
-
-def _describe_result(trial: RobotTrialResult, result: MethodResult) -> dict[str, Any]:
-    facts, encoder = result.identified.facts, result.folder.read("encoder.parquet").facts
-    base, sd = (trial.value("lengths_m", "base", key) for key in ("value", "sd"))
-    truth = {} if trial.truth is None else trial.truth.document.get("encoder", {})
-    row: dict[str, Any] = {
-        "against": result.against,
-        "base": base,
-        "base_sd": sd,
-        "base_error": np.nan if base is None else base - trial.reference.get("base", np.nan),
-        "condition": number_or_nan(facts.get("condition_number")),
-        "clock_offset": number_or_nan(facts.get("clock_offset_s")),
-        "encoder_offset": encoder.get("clock_offset_s"),
-        "encoder_offset_sd": encoder.get("clock_offset_sd_s"),
-        "encoder_offset_truth": truth.get("clock_offset_s"),
-    }
-    for k, name in enumerate(PARAMETERS):
-        row |= {name: result.parameters[k], f"{name}_sd": result.sds[k], f"{name}_verdict": result.verdicts[k]}
-        row[f"{name}_reference"] = trial.reference.get(name, np.nan)
-    for name, errors in result.errors.items():
-        row |= _name_errors(name, errors)
-    for name in WRENCH:  # model minus measurement over the samples of the fit
-        row |= _name_errors(name, SeriesErrors.read((facts.get("wrench") or {}).get(name)))
-    row |= _name_errors("torque", SeriesErrors.read(facts.get("torque")))
-    # Distances of the moving markers from their prediction.
-    markers, skeleton = result.folder.long_table("markers.parquet"), result.identified.skeleton
-    moving = [name for name, segment in zip(skeleton.markers, skeleton.segment, strict=True) if segment > 0]
-    residual = markers.values["residual"]
-    own = np.isin(markers.labels, moving) & markers.values["used"].astype(np.bool_)
-    known = residual[own & np.isfinite(residual)]
-    return row | ({"marker_bias": float(np.mean(known)), "marker_sd": float(np.std(known))} if len(known) else {})
-
-
-def _name_errors(name: str, errors: SeriesErrors) -> dict[str, float]:
-    return {f"{name}_bias": errors.bias, f"{name}_sd": errors.sd, f"{name}_r2": errors.r2}
 
 
 def _describe_reference(trial: RobotTrialResult, result: MethodResult) -> dict[str, Any]:
@@ -455,16 +426,15 @@ def _describe_reference(trial: RobotTrialResult, result: MethodResult) -> dict[s
     fitted = dynamics["in_fit"].to_numpy(dtype=np.bool_)
     for k, name in enumerate(WRENCH):
         measured = dynamics[name].to_numpy(dtype=np.float64)[fitted]
-        row |= _name_errors(name, SeriesErrors.of(wrench[fitted, k] - measured, measured))
+        row |= compare_with(name, wrench[fitted, k] - measured, measured)
     # The torque is compared with the torque in the encoder's file, at its times.
     file, encoder = trial.trial.trial.keys.encoder, result.folder.read("encoder.parquet").facts
     log = None if file is None else recording.read_encoder(file)
-    errors = SeriesErrors()
     if log is not None and log.torque is not None and encoder.get("sign") is not None:
         measured = encoder["sign"] * log.torque
         model = SampledWrench.of(result.time, torque[:, None])(log.time + encoder["clock_offset_s"])[:, 0]
-        errors = SeriesErrors.of(model - measured, measured)
-    return row | _name_errors("torque", errors)
+        row |= compare_with("torque", model - measured, measured)
+    return row
 
 
 _SOURCES = {"this": "this program", "thesis": "thesis"}
@@ -607,10 +577,9 @@ class ThesisTable:
     by_orientation: bool = False  # whether each orientation has its own row
 
     @property
-    def schema(self) -> TableSchema:
-        """Schema of the table's file."""
-        columns = (*_CELL, *(column for one in self.quantities for column in one.columns))
-        return declare_tables(**{self.name: columns})[self.name]
+    def columns(self) -> tuple[ResultColumn, ...]:
+        """The columns of the table's file."""
+        return (*_CELL, *(column for one in self.quantities for column in one.columns))
 
 
 def _add_r2(name: str, unit: str, meaning: str, symbol: str) -> tuple[ThesisQuantity, ThesisQuantity]:
@@ -680,45 +649,47 @@ TABLES = (
 )
 
 
-def _cell_rows(table: ThesisTable, trials: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the rows of a table: a row for each cell with trials, followed by the thesis's row for this cell."""
+def cell_rows(table: ThesisTable, trials: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return the rows of a table: a row for each cell with trials, followed by the thesis's row for this cell.
+
+    ``trials`` are the rows of the table `trials`.
+    """
     in_thesis = read_published(table)
-    passed = trials[trials["method"].isin(list(table.methods)) & (trials["verdict"] != "failed")]
-    keys = ["joint", "speed"] + (["orientation"] if table.by_orientation else [])
-    rows: list[dict[str, Any]] = []
-    groups = [(key, group) for key, group in passed.groupby(keys, dropna=False, sort=False)]
+    keys = ("joint", "speed", "orientation") if table.by_orientation else ("joint", "speed")
+    passed = [row for row in trials if row["method"] in table.methods and row["verdict"] != "failed"]
+    groups = group_by(passed, lambda row: tuple(row[key] for key in keys))
 
     def rank(key: tuple[Any, ...]) -> tuple[Any, ...]:
         known = [order.index(name) if name in order else len(order) for order, name in zip(_ORDER, key, strict=False)]
         return (*known, *(str(part) for part in key))
 
-    for key, group in sorted(groups, key=lambda one: rank(one[0])):
+    rows: list[dict[str, Any]] = []
+    for key in sorted(groups, key=rank):
         cell = dict(zip(keys, key, strict=True))
         for method, obs in table.methods.items():
-            own = group[group["method"] == method]
-            if own.empty:
+            own = [row for row in groups[key] if row["method"] == method]
+            if not own:
                 continue
             label = {"orientation": np.nan} | cell | {"obs": obs}
-            averages = (value for one in table.quantities for value in _average(one, own).items())
+            averages = (value for one in table.quantities for value in _average(one, method, own).items())
             rows.append(label | {"source": "this", "trials": len(own)} | dict(averages))
-            orientation: Any = cell.get("orientation")
-            published = in_thesis.get((str(cell["joint"]), str(cell["speed"]), orientation, obs))
+            published = in_thesis.get((cell["joint"], cell["speed"], cell.get("orientation"), obs))
             if published is not None:
                 rows.append(label | {"source": "thesis", "trials": 0} | published)
     return rows
 
 
-def _average(one: ThesisQuantity, own: pd.DataFrame) -> dict[str, float]:
-    """Return mean and standard deviation of a quantity over the trials of a cell."""
+def _average(one: ThesisQuantity, method: str, own: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Return mean and standard deviation of a quantity over the trials of a cell with one method."""
 
     def read_known(column: str) -> FloatArray:
-        values = own[column].to_numpy(dtype=np.float64)
+        values = np.array([row.get(column) for row in own], dtype=np.float64)
         return np.asarray(values[np.isfinite(values)])
 
     if one.kind == "value":
         centre = read_known(one.name)
         # A reference parameter is given, not estimated, so it has no standard deviation.
-        is_given = not one.name.endswith("_r2") and (own["method"] == REFERENCE).all()
+        is_given = method == REFERENCE and not one.name.endswith("_r2")
         sd = float(np.std(centre, ddof=1)) if len(centre) > 1 and not is_given else np.nan
     else:
         centre, sds = read_known(f"{one.name}_bias"), read_known(f"{one.name}_sd")
@@ -784,7 +755,7 @@ def collect_traces(trial: RobotTrialResult) -> StateTraces:
     first = trial.by_method[CAMERAS.name]
     zero = np.array([first.frame.zero, 0.0, 0.0])
     curves = {
-        method.thesis: first.frame.sign * (trial.by_method[method.name].joint_states - zero)
+        method.thesis: first.frame.sign * (trial.by_method[method.name].states - zero)
         for method in (CAMERAS, DIFFERENCES)
         if method.name in trial.by_method
     }
@@ -853,6 +824,21 @@ def _find_repetitions(result: MethodResult) -> list[tuple[float, float]]:
     return [each for each, is_full in zip(kept, full, strict=True) if is_full]
 
 
+def collect_page_data(data: CohortData, trials: Sequence[RobotTrialResult]) -> RobotStudyData:
+    """Return the data of the page; the figures are about the slow shoulder and the fast elbow, if recorded."""
+    slow, fast = select_cell(trials, "shoulder", "slow"), select_cell(trials, "elbow", "fast")
+    chosen = {cell[0].name for cell in (slow, fast) if cell}
+    return RobotStudyData(
+        study=data.study,
+        trials=data.trials,
+        overview=data.tables["trials"],
+        tables={one.title: data.tables[one.name] for one in TABLES},
+        recoveries=tuple(collect_recovery(trial) for trial in trials if trial.name in chosen),
+        averaged=average_wrench(fast) if fast else None,
+        traces=collect_traces(fast[0]) if fast else None,
+    )
+
+
 # The study: run every trial with every method; write the tables, the page, and the tables in a Markdown page.
 
 _BEGIN, _END = "<!-- tables: written by `mocap-id validate robot` -->", "<!-- end of tables -->"
@@ -880,6 +866,16 @@ class RobotStudyResult:
     def page(self) -> Path:
         """Path of the page."""
         return self.folder / PAGE
+
+
+STUDY = StudyKind(
+    labels=("joint", "speed", "orientation"),
+    read=read_robot_result,
+    tables={"trials": TRIALS, **declare_tables(**{one.name: one.columns for one in TABLES})},
+    rows={one.name: partial(cell_rows, one) for one in TABLES},
+    page=lambda data, trials: render_robot_page(collect_page_data(data, trials)),
+    prepare=lambda trials: list(trial_rows(trials)),
+)
 
 
 def validate_robot(
@@ -913,8 +909,14 @@ def validate_robot(
     StoreError
         The folder is in use or cannot be written. The failure of a trial raises nothing; it is reported in the tables.
     """
-    out = out.absolute()
-    before = None if page is None else _read_page(page)
+    out, before = out.absolute(), ""
+    if page is not None:
+        try:
+            before = page.read_text("utf-8")
+        except OSError as error:
+            raise ConfigError(f"{page}: the file cannot be read ({error.strerror})") from error
+        if _BEGIN not in before or _END not in before:
+            raise ConfigError(f"{page}: expected the lines `{_BEGIN}` and `{_END}`, which enclose the tables")
     files = (files(out / "trials"),) if callable(files) else tuple(files)
     study = load_robot_study(files)
     owner = find_owner_of_files(*files)
@@ -924,11 +926,10 @@ def validate_robot(
     with Folder(out).locked():
         check_owner(out, owner, DOCUMENT)
         runs = run_trials([one.trial for one in configs], LocalBackend(jobs), tell, run=run_all_methods)
-        trials = tuple(read_robot_result(one, run, study.reference) for one, run in zip(configs, runs, strict=True))
-        overview = ResultTable.of(TRIALS, trial_rows(trials))
-        tables = {"trials": overview}
-        tables |= {one.name: ResultTable.of(one.schema, _cell_rows(one, overview.frame)) for one in TABLES}
-        data = _collect_page_data(study.name, trials, tables)
+        trials = tuple(STUDY.read(study, one, run) for one, run in zip(configs, runs, strict=True))
+        tables = STUDY.make_tables(trials)
+        entries = tuple(trial.entry(trial.name, trial.about, f"runs/{trial.name}/report.html") for trial in trials)
+        data = collect_page_data(CohortData(study.name, entries, tables), trials)
         content = {
             "study": study.name,
             "product": __version__,
@@ -937,13 +938,11 @@ def validate_robot(
             "trials": [
                 {
                     "trial": trial.name,
-                    "joint": trial.joint,
-                    "speed": trial.speed,
-                    "orientation": trial.orientation,
+                    **STUDY.read_labels(trial),
                     "exit_code": trial.run.exit_code,
                     "message": trial.run.published,
                     "truth": trial.truth is not None,
-                    "against": trial.by_method[CAMERAS.name].against if trial.by_method else "",
+                    "against": trial.by_method[CAMERAS.name].row["against"] if trial.by_method else "",
                 }
                 for trial in trials
             ],
@@ -957,19 +956,9 @@ def validate_robot(
         result = Result("robot-study", DOCUMENT, content, tables, make_pages)
         result.write(out)
         store_owner(out, owner, DOCUMENT)
-    if page is not None and before is not None:
+    if page is not None:
         _replace_tables(page, before, data)
     return RobotStudyResult(out, trials, {name: table.frame for name, table in tables.items()}, result.document)
-
-
-def _read_page(page: Path) -> str:
-    try:
-        content = page.read_text("utf-8")
-    except OSError as error:
-        raise ConfigError(f"{page}: the file cannot be read ({error.strerror})") from error
-    if _BEGIN not in content or _END not in content:
-        raise ConfigError(f"{page}: expected the lines `{_BEGIN}` and `{_END}`, which enclose the tables")
-    return content
 
 
 def _replace_tables(page: Path, before: str, data: RobotStudyData) -> None:
@@ -985,25 +974,3 @@ def _replace_tables(page: Path, before: str, data: RobotStudyData) -> None:
     tail = rest.split(_END, 1)[1]
     content = f"{head}{_BEGIN}\n\n{render_markdown(data, links)}\n{_END}{tail}"
     write_files(page.parent, {**figures, page.name: content.encode()})
-
-
-def _collect_page_data(
-    study: str, trials: Sequence[RobotTrialResult], tables: Mapping[str, ResultTable]
-) -> RobotStudyData:
-    slow, fast = select_cell(trials, "shoulder", "slow"), select_cell(trials, "elbow", "fast")
-    chosen = {cell[0].name for cell in (slow, fast) if cell}
-    entries = []
-    for trial in trials:
-        orientation = "" if trial.orientation is None else f"{trial.orientation:g}°"
-        movement = " ".join(filter(None, (trial.speed, orientation))) or "unlabelled"
-        about = f"{trial.joint or 'joint'}, {movement}"
-        entries.append(trial.entry(trial.name, about, f"runs/{trial.name}/report.html"))
-    return RobotStudyData(
-        study=study,
-        trials=tuple(entries),
-        overview=tables["trials"],
-        tables={one.title: tables[one.name] for one in TABLES},
-        recoveries=tuple(collect_recovery(trial) for trial in trials if trial.name in chosen),
-        averaged=average_wrench(fast) if fast else None,
-        traces=collect_traces(fast[0]) if fast else None,
-    )

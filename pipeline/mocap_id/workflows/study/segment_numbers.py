@@ -50,12 +50,6 @@ class Evidence:
             costs = {count: 0.0}  # the user or a turning foot fixes the number, or no other number was compared
         return cls(count, segments["names"][0], costs, inputs)
 
-    @classmethod
-    def from_json(cls, entry: Mapping[str, Any]) -> Evidence:
-        """Return the evidence in an entry of study.json."""
-        costs = {int(number): float(cost) for number, cost in entry["costs"].items()}
-        return cls(int(entry["alone"]), str(entry["base"]), costs, str(entry["inputs"]))
-
 
 def hash_inputs(trial: Trial) -> str:
     """Return a hash of everything from which the segments of a finished trial follow, except their number."""
@@ -103,8 +97,13 @@ def run_with_counts(
     run_again({name: alone[name] for name in sorted(stale)})
     found: dict[str, Evidence] = {}
     for name, trial in alone.items():
-        one = Evidence.from_json(known[name]) if name in fixed - stale else None
-        one = Evidence.read(trial) if one is None and runs[name].exit_code == 0 else one
+        one = None
+        if name in fixed - stale:
+            entry = known[name]
+            costs = {int(number): float(cost) for number, cost in entry["costs"].items()}
+            one = Evidence(int(entry["alone"]), str(entry["base"]), costs, str(entry["inputs"]))
+        elif runs[name].exit_code == 0:
+            one = Evidence.read(trial)
         if one is not None:
             found[name] = one
     chosen = choose_counts(trials, found)

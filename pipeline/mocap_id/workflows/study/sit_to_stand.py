@@ -10,7 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ import numpy as np
 from mocap_id.config.study import Person, Study, StudyTrial
 from mocap_id.dynamics.prediction import Agreement
 from mocap_id.dynamics.priors import TableName, look_up_table
+from mocap_id.dynamics.regressor import PLANAR_PARAMETERS
 from mocap_id.errors import ConfigError
 from mocap_id.protocols.five_times import FiveTimes
 from mocap_id.reporting.contents import COHORT
@@ -38,7 +39,7 @@ from mocap_id.results import list_quantities
 from mocap_id.store import Folder
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.study.pooling import group_by, mean_sd, named_mean_sd, pool_errors, pool_people
+from mocap_id.workflows.study.pooling import find_mean_sd, group_by, named_mean_sd, pool_errors, pool_people
 from mocap_id.workflows.study.study import StudyKind
 from mocap_id.workflows.transfer import (
     HELD_OUT,
@@ -138,7 +139,24 @@ def read_trial_result(study: Study, trial: StudyTrial, run: TrialRun) -> TrialRe
     out, passed = trial.trial.out, run.exit_code == 0
     identified = open_identified_trial(out) if passed else None
     settings: Any = trial.trial.settings["identify-dim"]
-    parameters, segments = _read_parameters(out) if passed else ((), 0)
+    parameters: tuple[BaseParameter, ...] = ()
+    segments = 0
+    if passed:
+        tree = Folder(out).tree("dynamics.h5")
+        value, full = tree.numbers("base/value"), tree.numbers("full/reference")
+        if np.isfinite(value).sum() > 1:  # the mass alone is not a model
+            expressions = tree.texts("base/name")
+            columns = (
+                [name.split("+")[0] for name in expressions],
+                expressions,
+                tree.texts("base/unit"),
+                value.tolist(),
+                tree.numbers("base/sd").tolist(),
+                tree.texts("base/verdict"),
+                (tree.array("base/regrouping") @ full).tolist(),
+            )
+            parameters = tuple(BaseParameter(*row) for row in zip(*columns, strict=True))
+            segments = len(full) // len(PLANAR_PARAMETERS)
     return TrialResult(
         trial=trial,
         run=run,
@@ -162,25 +180,6 @@ def find_length_reference(person: Person, name: TableName) -> LengthReference:
     if any(length is not None for length in measured.values()):
         return LengthReference(LANDMARKS, measured, by_stature)
     return LengthReference("" if person.height is None else f"stature ({name})", by_stature, by_stature)
-
-
-def _read_parameters(out: Path) -> tuple[tuple[BaseParameter, ...], int]:
-    """Read the base parameters in a run folder, and the number of segments; none if only the mass was identified."""
-    tree = Folder(out).tree("dynamics.h5")
-    value, full = tree.numbers("base/value"), tree.numbers("full/reference")
-    if np.isfinite(value).sum() <= 1:  # the mass alone is not a model
-        return (), 0
-    expressions = tree.texts("base/name")
-    columns = (
-        [name.split("+")[0] for name in expressions],
-        expressions,
-        tree.texts("base/unit"),
-        value.tolist(),
-        tree.numbers("base/sd").tolist(),
-        tree.texts("base/verdict"),
-        (tree.array("base/regrouping") @ full).tolist(),
-    )
-    return tuple(BaseParameter(*row) for row in zip(*columns, strict=True)), len(full) // 4
 
 
 # Lengths and results by strategy (tables 6.1 and 6.2).
@@ -234,21 +233,18 @@ def strategy_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
     groups = group_by(identified, lambda trial: (trial.subject, trial.strategy))
     subjects, strategies = (list(dict.fromkeys(key[k] for key in groups)) for k in (0, 1))
     rows = []
-    for subject in subjects:
-        for strategy in strategies:
-            own = groups.get((subject, strategy), [])
-            if own:
-                quantities = {
-                    "shank_error": [trial.length_error("shank") for trial in own],
-                    "thigh_error": [trial.length_error("thigh") for trial in own],
-                    "reprojection": [trial.metres("markers", "reprojection_rms_mm") for trial in own],
-                    "condition_number": [trial.value("dynamics", "condition_number") for trial in own],
-                }
-                labels = {"subject": subject, "strategy": strategy, "reference": own[0].reference.kind}
-                row: dict[str, Any] = labels | {"subjects": 1, "trials": len(own)}
-                for name, values in quantities.items():
-                    row |= named_mean_sd(name, values)
-                rows.append(row)
+    for subject, strategy in product(subjects, strategies):
+        own = groups.get((subject, strategy), [])
+        if own:
+            labels: dict[str, Any] = {"subject": subject, "strategy": strategy, "reference": own[0].reference.kind}
+            rows.append(
+                labels
+                | {"subjects": 1, "trials": len(own)}
+                | named_mean_sd("shank_error", [trial.length_error("shank") for trial in own])
+                | named_mean_sd("thigh_error", [trial.length_error("thigh") for trial in own])
+                | named_mean_sd("reprojection", [trial.metres("markers", "reprojection_rms_mm") for trial in own])
+                | named_mean_sd("condition_number", [trial.value("dynamics", "condition_number") for trial in own])
+            )
     names = [name for row in rows[:1] for name in row if name.endswith("_mean")]
     means = {name: (name, name.replace("_mean", "_sd")) for name in names}
     return [*rows, *pool_people(rows, ("strategy", "reference"), means)]
@@ -364,8 +360,7 @@ def parameter_rows(trials: Sequence[TrialResult]) -> Iterator[dict[str, Any]]:
     """Yield the rows of the table `parameters`: one for each base parameter of each trial."""
     for trial in trials:
         labels = {"trial": trial.name, "subject": trial.subject, "strategy": trial.strategy}
-        for one in trial.parameters:
-            yield labels | asdict(one)
+        yield from (labels | asdict(one) for one in trial.parameters)
 
 
 def variation_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
@@ -403,7 +398,7 @@ def _vary(subject: str, trials: Sequence[TrialResult]) -> Iterator[dict[str, Any
             }
             columns = {"": [one.value for one in same], "reference_": [one.reference for one in same]}
             for prefix, values in columns.items():
-                mean, sd = mean_sd(values)
+                mean, sd = find_mean_sd(values)
                 cv = sd / abs(mean) if abs(mean) > _ROUNDING else math.nan
                 row |= {f"{prefix}mean": mean, f"{prefix}sd": sd, f"{prefix}cv": cv}
             yield row
@@ -469,20 +464,18 @@ def _show_five_times(row: Mapping[str, Any]) -> str:
 
 
 def _length_columns(segment: str) -> list[ResultColumn]:
-    meaning = f"length of the {segment}, {SEGMENTS[segment]}"
+    """Return the columns of a segment's length, its standard deviation, its reference, and the difference."""
     return [
-        number(segment, "m", meaning, lambda trial: trial.length(segment)),
+        number(segment, "m", f"length of the {segment}, {SEGMENTS[segment]}", lambda trial: trial.length(segment)),
         number(f"{segment}_sd", "m", "its standard deviation", read_entry("lengths_m", segment, "sd")),
+        number(
+            f"{segment}_reference",
+            "m",
+            f"reference length of the {segment}",
+            lambda trial: trial.reference.lengths[segment],
+        ),
+        number(f"{segment}_error", "%", f"{segment} {_LENGTH_ERROR}", lambda trial: trial.length_error(segment)),
     ]
-
-
-def _length_reference(segment: str) -> ResultColumn:
-    meaning = f"reference length of the {segment}"
-    return number(f"{segment}_reference", "m", meaning, lambda trial: trial.reference.lengths[segment])
-
-
-def _length_error(segment: str) -> ResultColumn:
-    return number(f"{segment}_error", "%", f"{segment} {_LENGTH_ERROR}", lambda trial: trial.length_error(segment))
 
 
 def _five_times_columns() -> Iterator[ResultColumn]:
@@ -527,10 +520,10 @@ TABLES = declare_tables(
         _STRATEGY,
         *VERDICT_COLUMNS,
         *(SUMMARY_COLUMNS[name] for name in ("segments", "confidence")),
-        *(column for segment in SEGMENTS for column in _length_columns(segment)),
+        *(column for segment in SEGMENTS for column in _length_columns(segment)[:2]),
         _reference("reference"),
-        *map(_length_reference, SEGMENTS),
-        *map(_length_error, SEGMENTS),
+        *(_length_columns(segment)[2] for segment in SEGMENTS),
+        *(_length_columns(segment)[3] for segment in SEGMENTS),
         *(SUMMARY_COLUMNS[name] for name in ("reprojection", "missing_fraction", "mass")),
         count("samples", "number of samples of the fit", read_entry("dynamics", "samples")),
         *(SUMMARY_COLUMNS[name] for name in ("condition_number", "clock_offset")),

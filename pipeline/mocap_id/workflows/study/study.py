@@ -7,12 +7,13 @@ import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mocap_id import __version__
 from mocap_id.config import Trial
-from mocap_id.config.study import Study, StudyTrial, load_study
+from mocap_id.config.study import Study, load_study
 from mocap_id.reporting.contents import COHORT_PAGE
 from mocap_id.reporting.results.columns import ResultTable
 from mocap_id.reporting.results.result import Result
@@ -42,12 +43,16 @@ class StudyKind:
     """A kind of study: what is read from a trial, and what the tables and the page make of it."""
 
     labels: tuple[str, ...]  # names of the properties that distinguish the trials of a person
-    read: Callable[[Study, StudyTrial, TrialRun], Any]  # reads the result of a trial, a `StudyOutcome`
+    read: Callable[[Any, Any, TrialRun], Any]  # reads the result of a trial, a `TrialOutcome`, of a study
     tables: Mapping[str, TableSchema]  # columns of the tables by name
     # Functions that pool the trials to the rows of a table; a table without a function has a row for each trial.
     rows: Mapping[str, Callable[[Sequence[Any]], Iterable[Any]]]
     page: Callable[[CohortData, Sequence[Any]], bytes]  # makes the page
     prepare: Callable[[Sequence[Any]], Sequence[Any]] = list  # completes the results by those of other trials
+
+    def read_labels(self, trial: Any) -> dict[str, Any]:
+        """Return the properties of a trial by name."""
+        return {name: getattr(trial, name) for name in self.labels}
 
     def make_tables(self, trials: Sequence[Any]) -> dict[str, ResultTable]:
         """Return the tables by name."""
@@ -117,17 +122,18 @@ def run_study(
         def run(trials: list[Trial]) -> tuple[TrialRun, ...]:
             return run_trials(trials, LocalBackend(jobs), tell_once)
 
-        counts: Mapping[str, Any] = {}
-        remarks: Sequence[str] = ()
+        before = _read_document(study.folder)
+        counts, remarks = dict[str, Any](), list[str]()
         if study.curl or study.reach:  # the segments of an arm have names
             runs = run([one.trial for one in study.trials])
         else:
-            runs, counts, remarks = run_with_counts(study.trials, _read_counts(study.folder), run)
+            known = before.get("segments")
+            runs, counts, remarks = run_with_counts(study.trials, known if isinstance(known, dict) else {}, run)
         key = _hash_content(study, runs)
-        document = _read_if_current(study.folder, key)
+        is_current = before.get("key") == key and _is_unchanged(study.folder, before)
         store_owner(study.folder, owner, DOCUMENT)
-        if document is not None:
-            return StudyResult(study, runs, document, reused=True)
+        if is_current:
+            return StudyResult(study, runs, before, reused=True)
         result = _make_result(study, runs, key, counts, remarks)
         result.write(study.folder)
     return StudyResult(study, runs, result.document, reused=False)
@@ -195,9 +201,11 @@ _NONE = (0.0, 0.0, "")
 def _make_result(
     study: Study, runs: Sequence[TrialRun], key: str, counts: Mapping[str, Any], notes: Sequence[str]
 ) -> Result:
-    kind = _choose_kind(study)
+    # The modules of the other kinds are not imported.
+    name = "curls" if study.curl else "reach" if study.reach else "sit_to_stand"
+    kind: StudyKind = import_module(f"mocap_id.workflows.study.{name}").STUDY
     trials = [kind.read(study, one, run) for one, run in zip(study.trials, runs, strict=True)]
-    labels = [{name: getattr(trial, name) for name in kind.labels} for trial in trials]
+    labels = [kind.read_labels(trial) for trial in trials]
     remarks = (*notes, *find_remarks(study, trials))
     tables = kind.make_tables(trials)
 
@@ -239,17 +247,6 @@ def _make_result(
     return Result("study", DOCUMENT, content, tables, make_page, hashed=True)
 
 
-def _choose_kind(study: Study) -> StudyKind:
-    """Return the kind of a study; the modules of the other kinds are not imported."""
-    if study.curl:
-        from mocap_id.workflows.study.curls import STUDY  # noqa: PLC0415
-    elif study.reach:
-        from mocap_id.workflows.study.reach import STUDY  # noqa: PLC0415
-    else:
-        from mocap_id.workflows.study.sit_to_stand import STUDY  # noqa: PLC0415
-    return STUDY
-
-
 def _hash_content(study: Study, runs: Sequence[TrialRun]) -> str:
     """Return a hash of all inputs of tables and page: the trials' reports, the people, and the entries of the file."""
     trials = [
@@ -260,19 +257,17 @@ def _hash_content(study: Study, runs: Sequence[TrialRun]) -> str:
     return hash_bytes(dumps([_VERSION, __version__, study.name, study.reference, trials, people]).encode())
 
 
-def _read_counts(folder: Path) -> Mapping[str, Any]:
-    """Return the numbers of segments that were chosen together the last time, from study.json; empty without it."""
+def _read_document(folder: Path) -> Mapping[str, Any]:
+    """Return the content of study.json; empty if it is missing or unreadable."""
     try:
-        return dict(json.loads((folder / DOCUMENT).read_text("utf-8"))["segments"])
-    except (OSError, ValueError, KeyError, TypeError):
+        return dict(json.loads((folder / DOCUMENT).read_text("utf-8")))
+    except (OSError, ValueError, TypeError):
         return {}
 
 
-def _read_if_current(folder: Path, key: str) -> Mapping[str, Any] | None:
-    """Return study.json if it has this key and all files that it lists are unchanged, or else None."""
+def _is_unchanged(folder: Path, document: Mapping[str, Any]) -> bool:
+    """Return whether all files that study.json lists are unchanged."""
     try:
-        document: Mapping[str, Any] = json.loads((folder / DOCUMENT).read_text("utf-8"))
-        unchanged = all(hash_file(folder / file) == content for file, content in document["files"].items())
-        return document if unchanged and document["key"] == key else None
+        return all(hash_file(folder / file) == content for file, content in document["files"].items())
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return None  # missing or unreadable: write it again
+        return False  # missing or unreadable: write it again
