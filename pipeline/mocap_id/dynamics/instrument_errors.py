@@ -35,7 +35,7 @@ _WRONG_PLATES, _WRONG_GAIN = 0.05, 0.05  # fraction of plates with a wrong gain,
 
 
 @dataclass(frozen=True)
-class Calibration:
+class PlanarCalibration:
     """Standard deviations of the instruments' errors of scale, with the defaults of the stage."""
 
     gain: float = 0.01  # relative error that is common to all components of the plate's wrench

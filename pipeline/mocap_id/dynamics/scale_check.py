@@ -20,7 +20,7 @@ from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
 from mocap_id.dynamics.base_parameters import BaseSet, triangularise
 from mocap_id.dynamics.fit import DEPENDENT, Fit, skip_long_rests
 from mocap_id.dynamics.identification import Identification
-from mocap_id.dynamics.instrument_errors import Calibration, ScaleCause, ScaleCheck, propagate_to_wrench
+from mocap_id.dynamics.instrument_errors import PlanarCalibration, ScaleCause, ScaleCheck, propagate_to_wrench
 from mocap_id.dynamics.least_squares import estimate_covariance, number_blocks
 from mocap_id.dynamics.preparation import LowPass, PreparedTrial, erode
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, wrench_regressor
@@ -49,7 +49,7 @@ def find_body_ratios(
     centres: FloatArray,
     reference: FloatArray,
     mass: float,
-    calibration: Calibration,
+    calibration: PlanarCalibration,
     *,
     chain: tuple[FloatArray, FloatArray] | None = None,
 ) -> BodyRatios:
@@ -61,7 +61,7 @@ def find_body_ratios(
         Full parameters of a reference table on the chain, which give the ratios.
     mass : float
         Identified mass, kg.
-    calibration : Calibration
+    calibration : PlanarCalibration
         Errors of the instruments, and the mass from a scale if the person was weighed.
     chain : ((4(n + 1), p) array, (4(n + 1),) array), optional
         Matrix and constant that map the fitted parameters to full parameters of the chain; by default, the base

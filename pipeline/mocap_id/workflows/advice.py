@@ -31,7 +31,7 @@ from mocap_id.design.proposal import (
     find_resting_posture,
 )
 from mocap_id.dynamics.base_parameters import base_names, list_base_units
-from mocap_id.dynamics.built_in_sensors import SensorNoise, predict_with_sensor
+from mocap_id.dynamics.built_in_sensors import WrenchNoise, predict_with_sensor
 from mocap_id.dynamics.cautions import classify
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.instrument_errors import KinematicError
@@ -143,7 +143,7 @@ def _predict_with_sensor(model: Identification, prepared: PreparedTrial, gate: B
     segment = len(prepared.recorded.centres)
     if any(each.segment == segment for each in prepared.recorded.built_in) or prepared.prior is not None:
         return None
-    covariance = predict_with_sensor(model, prepared, gate, segment, SensorNoise())
+    covariance = predict_with_sensor(model, prepared, gate, segment, WrenchNoise())
     return None if covariance is None else np.asarray(np.sqrt(np.diag(covariance)))
 
 

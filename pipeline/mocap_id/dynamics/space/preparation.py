@@ -77,11 +77,11 @@ class SpatialMotion:
             self,
             rotation=self.rotation @ frames[:, :3, :3],
             origin=self.origin + arm,
-            acceleration=self.acceleration + point_acceleration(arm, self.omega, self.alpha),
+            acceleration=self.acceleration + spatial_point_acceleration(arm, self.omega, self.alpha),
         )
 
 
-def point_acceleration(arm: FloatArray, omega: FloatArray, alpha: FloatArray) -> FloatArray:
+def spatial_point_acceleration(arm: FloatArray, omega: FloatArray, alpha: FloatArray) -> FloatArray:
     """Return the acceleration (..., 3) of a point at ``arm`` (..., 3) in a rotating body, relative to its origin."""
     return np.asarray(np.cross(alpha, arm) + np.cross(omega, np.cross(omega, arm)))
 
@@ -131,7 +131,7 @@ def move_segments(
         p = joint.parent
         arm = rotation[:, p] @ joint.centre
         origin[:, k] = origin[:, p] + arm
-        acceleration[:, k] = acceleration[:, p] + point_acceleration(arm, omega[:, p], alpha[:, p])
+        acceleration[:, k] = acceleration[:, p] + spatial_point_acceleration(arm, omega[:, p], alpha[:, p])
         centres += [origin[:, k]] * joint.dimension
         axes.append(_find_directions(joint, rotation[:, p], rotation[:, k]))
     return SpatialMotion(
@@ -238,7 +238,7 @@ class SpatialBase:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the base parameters as symbols; "…" replaces regrouped parameters if there are more than three."""
-        symbols = name_parameters(len(self.frames))
+        symbols = name_parameters_in_space(len(self.frames))
         return tuple(
             _format_name(row, int(column), self.base, symbols)
             for row, column in zip(self.base.regrouping, self.base.kept, strict=True)
@@ -250,12 +250,12 @@ class SpatialBase:
         return tuple(_UNITS[column % 10] for column in self.base.kept)
 
 
-def name_parameters(segments: int) -> tuple[str, ...]:
+def name_parameters_in_space(segments: int) -> tuple[str, ...]:
     """Return the names of the full parameters, numbered from 1 for the base: m1, mx1, my1, mz1, Ixx1 … Iyz1, m2 …"""
     return tuple(f"{symbol}{k}" for k in range(1, segments + 1) for symbol in LINK_PARAMETERS)
 
 
-def structural_base(chain: SpatialChain, base: FloatArray) -> SpatialBase:
+def structural_base_in_space(chain: SpatialChain, base: FloatArray) -> SpatialBase:
     """Return the base parameters of a chain in which every joint moves; no trial can determine more parameters.
 
     ``base`` (4, 4) is the pose of the base, which is at rest, in the trial's frame, m.
@@ -414,12 +414,12 @@ class SpatialTrial:
         return self.recorded.regressor(motion, self.structure.frames, gravity)[:, :, self.base.kept]
 
 
-def prepare(recorded: SpatialRecord, settings: FitSettings) -> SpatialTrial:
+def prepare_in_space(recorded: SpatialRecord, settings: FitSettings) -> SpatialTrial:
     """Build the regressor, find the base parameters, filter regressor and wrench, and mark the usable samples.
 
     ``settings.components`` must contain the indices of all six :data:`COMPONENTS`.
     """
-    structure = structural_base(recorded.chain, recorded.centred)
+    structure = structural_base_in_space(recorded.chain, recorded.centred)
     regressor = recorded.regressor(recorded.motion, structure.frames, settings.gravity)
     cutoff = settings.cutoff or choose_cutoff(_find_fast_velocities(recorded), recorded.rate)
     lowpass = LowPass(cutoff, recorded.rate)
