@@ -15,9 +15,9 @@ from mocap_id.dynamics.space.instrument_errors import SpatialCalibration, make_e
 from mocap_id.dynamics.space.preparation import (
     SpatialMotion,
     move_joints,
-    name_parameters,
+    name_parameters_in_space,
     segment_regressor,
-    structural_base,
+    structural_base_in_space,
 )
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import PlaneFrame, se3, so3
@@ -304,7 +304,7 @@ identify-dim:  # standard deviations of the instruments' errors
 def _describe(trial: SpaceRobotTrial) -> dict[str, Any]:
     """Return JSON values for ``truth.json``."""
     robot, options = trial.robot, trial.options
-    structure = structural_base(robot.chain, se3.pose(robot.base[:3, :3], np.zeros(3)))
+    structure = structural_base_in_space(robot.chain, se3.pose(robot.base[:3, :3], np.zeros(3)))
     joints = robot.chain.joints
     return {
         "kind": "robot-in-space",
@@ -325,7 +325,9 @@ def _describe(trial: SpaceRobotTrial) -> dict[str, Any]:
             name: value.tolist() if isinstance(value, np.ndarray) else value
             for name, value in vars(trial.errors).items()
         },
-        "parameters": dict(zip(name_parameters(len(robot.parameters)), robot.parameters.ravel().tolist(), strict=True)),
+        "parameters": dict(
+            zip(name_parameters_in_space(len(robot.parameters)), robot.parameters.ravel().tolist(), strict=True)
+        ),
         "payload": {"segment": len(joints), "parameters": robot.payload.tolist()},
         "base_parameters": {
             "names": list(structure.names),

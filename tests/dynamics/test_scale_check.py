@@ -14,8 +14,8 @@ from mocap_id.dynamics.consistency import build_grid
 from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.instrument_errors import (
-    Calibration,
     KinematicError,
+    PlanarCalibration,
     ScaleCheck,
     compute_scale_variance,
     propagate_calibration,
@@ -75,7 +75,7 @@ def solution(found: Fit) -> np.ndarray:
 def checked(recorded: TrialData, mass: float | None = None) -> ScaleCheck:
     prepared, found = identified(recorded)
     ratios = find_body_ratios(
-        prepared.base, recorded.centres, BODY.ravel(), float(found.base[0]), Calibration(mass=mass)
+        prepared.base, recorded.centres, BODY.ravel(), float(found.base[0]), PlanarCalibration(mass=mass)
     )
     scales = check_scales(prepared, np.ones(len(recorded.time), dtype=bool), found, ratios)
     assert scales is not None
@@ -197,8 +197,8 @@ def test_a_gain_changes_every_torque_in_proportion() -> None:
 
 
 def test_a_weighed_person_limits_the_gain() -> None:
-    assert Calibration().estimate_gain_error(70.0, 0.5) == 0.01
-    weighed = Calibration(mass=70.0, mass_sd=0.1).estimate_gain_error(70.0, 0.1)
+    assert PlanarCalibration().estimate_gain_error(70.0, 0.5) == 0.01
+    weighed = PlanarCalibration(mass=70.0, mass_sd=0.1).estimate_gain_error(70.0, 0.1)
     assert weighed == pytest.approx(0.002, rel=0.03)
 
 
@@ -208,15 +208,17 @@ def test_the_gain_of_a_weighed_person_is_as_uncertain_as_its_errors_are_large() 
     count = 20000
     gain = rng.normal(0.0, np.where(rng.uniform(size=count) < 0.05, 0.05, 0.01))
     scale = rng.normal(0.0, 1.0, count)
-    stated = [Calibration(mass=70 + s).estimate_gain_error(70 * (1 + g), 0.1) for g, s in zip(gain, scale, strict=True)]
+    stated = [
+        PlanarCalibration(mass=70 + s).estimate_gain_error(70 * (1 + g), 0.1) for g, s in zip(gain, scale, strict=True)
+    ]
     assert np.mean(np.square(stated)) == pytest.approx(np.mean(gain**2), rel=0.1)
-    of_five_percent = Calibration(mass=70.0).estimate_gain_error(73.5, 0.1)
+    of_five_percent = PlanarCalibration(mass=70.0).estimate_gain_error(73.5, 0.1)
     assert 1.96 * of_five_percent > 0.05
-    assert Calibration(mass=70.0).estimate_gain_error(700.0, 0.1) > 1.0
+    assert PlanarCalibration(mass=70.0).estimate_gain_error(700.0, 0.1) > 1.0
 
 
 def test_heavy_people_show_a_wrong_mass_best() -> None:
-    limits = [Calibration(mass=mass).mass_limit(mass) for mass in (50.0, 80.0, 100.0)]
+    limits = [PlanarCalibration(mass=mass).mass_limit(mass) for mass in (50.0, 80.0, 100.0)]
     assert limits == pytest.approx([0.05, 0.0413, 0.0365], abs=1e-4)
 
 

@@ -59,7 +59,9 @@ def regroup_columns(regressor: FloatArray) -> BaseSet:
     directions: list[FloatArray] = []
     remainders = np.zeros(factor.shape[1])
     kept: list[int] = []
-    zero = _compute_zero(len(regressor), factor)
+    # norm below which the independent part of a column counts as zero (eq. 4.8)
+    largest_diagonal = float(np.max(np.abs(np.diagonal(factor)), initial=0.0))
+    zero = len(regressor) * float(np.finfo(np.float64).eps) * largest_diagonal
     for column in np.flatnonzero(np.any(factor != 0.0, axis=0)):
         rest = factor[:, column]
         for _ in range(2):  # two passes give orthogonality up to rounding errors
@@ -129,11 +131,6 @@ def base_names(base: BaseSet, centres: FloatArray) -> tuple[str, ...]:
     )
 
 
-def _compute_zero(samples: int, factor: FloatArray) -> float:
-    """Return the norm below which the independent part of a column counts as zero (eq. 4.8)."""
-    return samples * float(np.finfo(np.float64).eps) * float(np.max(np.abs(np.diagonal(factor)), initial=0.0))
-
-
 def _format_name(row: FloatArray, column: int, base: BaseSet, centres: FloatArray, symbols: tuple[str, ...]) -> str:
     """Return the name of one base parameter from its row of the regrouping and its kept column."""
     segment, kind = divmod(column, len(PLANAR_PARAMETERS))
@@ -141,23 +138,16 @@ def _format_name(row: FloatArray, column: int, base: BaseSet, centres: FloatArra
     for other in np.setdiff1d(np.arange(len(row)), base.kept):
         beyond, other_kind = divmod(int(other), len(PLANAR_PARAMETERS))
         structural = other_kind == 0 and beyond > segment and segment < len(centres)
-        value, symbol = _find_lever(centres[segment], segment + 2, kind) if structural else (0.0, "")
+        value, symbol = 0.0, ""
+        if structural:  # value and symbol of the factor of the mass in this kind of parameter
+            (x, y), joint = centres[segment].tolist(), segment + 2
+            value = (1.0, x, y, x * x + y * y)[kind]
+            symbol = ("", f"p{joint}x*", f"p{joint}y*", f"(p{joint}x^2+p{joint}y^2)*")[kind]
         if structural and np.isclose(row[other], value, rtol=1e-6, atol=1e-9):
             terms.setdefault(symbol, []).append(symbols[other])
         elif row[other] != 0.0:
             terms.setdefault(f"{row[other]:.4g}*", []).append(symbols[other])
     return "+".join([symbols[column], *(_format_term(symbol, masses) for symbol, masses in terms.items())])
-
-
-def _find_lever(centre: FloatArray, joint: int, kind: int) -> tuple[float, str]:
-    """Return value and symbol of the factor of a mass beyond a joint in parameter ``kind`` of the segment before it."""
-    x, y = float(centre[0]), float(centre[1])
-    return (
-        (1.0, ""),
-        (x, f"p{joint}x*"),
-        (y, f"p{joint}y*"),
-        (x * x + y * y, f"(p{joint}x^2+p{joint}y^2)*"),
-    )[kind]
 
 
 def _format_term(symbol: str, masses: list[str]) -> str:

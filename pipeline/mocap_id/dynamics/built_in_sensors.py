@@ -44,7 +44,7 @@ class SensorFit:
 
 
 @dataclass(frozen=True)
-class SensorNoise:
+class WrenchNoise:
     """Standard deviations of a wrench sensor's samples at the frames of the cameras."""
 
     force: float = 0.1  # standard deviation of each component of the force, N
@@ -167,7 +167,7 @@ def _combine(parts: Sequence[SensorFit]) -> tuple[FloatArray, FloatArray]:
 
 
 def predict_with_sensor(
-    alone: Identification, prepared: PreparedTrial, gate: BoolArray, segment: int, noise: SensorNoise
+    alone: Identification, prepared: PreparedTrial, gate: BoolArray, segment: int, noise: WrenchNoise
 ) -> FloatArray | None:
     """Predict the covariance (b, b) of the base parameters if a sensor were also built into a joint of the chain.
 
@@ -183,7 +183,7 @@ def predict_with_sensor(
         As for :func:`fit_sensor`.
     segment : int
         The segment beyond the joint with the sensor.
-    noise : SensorNoise
+    noise : WrenchNoise
         Noise of the sensor.
     """
     recorded, rng = prepared.recorded, np.random.default_rng(_SEED)

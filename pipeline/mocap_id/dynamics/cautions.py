@@ -13,7 +13,7 @@ from mocap_id.dynamics.base_parameters import base_names
 from mocap_id.dynamics.cone_solver import PROVEN
 from mocap_id.dynamics.fit import DEPENDENT, Fit, estimate_drift
 from mocap_id.dynamics.identification import Identification
-from mocap_id.dynamics.instrument_errors import Calibration
+from mocap_id.dynamics.instrument_errors import PlanarCalibration
 from mocap_id.dynamics.least_squares import unit_covariance
 from mocap_id.dynamics.preparation import AnyTrial, PreparedTrial
 from mocap_id.verdict import Reason
@@ -65,7 +65,10 @@ def classify_parameters(
 ) -> Excitation:
     """Classify the base parameters of a fit; ``base_sd`` and ``size`` (b,) are standard deviations and sizes, SI."""
     relative = base_sd / np.maximum(size, 1e-300)
-    own, share = _measure_own_parts(result.design, result.base)
+    # norm (b,) of the independent part of each base column, and this norm divided by the column's norm
+    rows = result.design.reshape(-1, result.design.shape[-1])
+    own = 1.0 / np.sqrt(np.diag(unit_covariance(rows))[: result.base])
+    share = own / np.maximum(np.linalg.norm(rows, axis=0)[: result.base], 1e-300)
     return Excitation(
         names=names,
         verdict=tuple(
@@ -104,13 +107,6 @@ def classify(relative_sd: float, weak: float = WEAK) -> Identifiability:
     return "weak" if relative_sd > weak else "known"
 
 
-def _measure_own_parts(design: FloatArray, base: int) -> tuple[FloatArray, FloatArray]:
-    """Return the norm (b,) of the independent part of each base column, and this norm divided by the column's norm."""
-    rows = design.reshape(-1, design.shape[-1])
-    own = 1.0 / np.sqrt(np.diag(unit_covariance(rows))[:base])
-    return own, own / np.maximum(np.linalg.norm(rows, axis=0)[:base], 1e-300)
-
-
 AnyIdentification: TypeAlias = "Identification | SpatialIdentification"
 """Identified parameters in the plane or in space."""
 OFFSET_LARGE = 0.02
@@ -146,7 +142,7 @@ def find_cautions(
     *,
     given: float | None,
     standing: float | None,
-    calibration: Calibration | None = None,
+    calibration: PlanarCalibration | None = None,
 ) -> tuple[Reason, ...]:
     """Return the cautions about a trial in the plane.
 
@@ -158,17 +154,25 @@ def find_cautions(
         Mass of the person from the configuration, kg; None if not given.
     standing : float or None
         Mass that the plates measure while the person stands, kg; None if it was not measured.
-    calibration : Calibration, optional
+    calibration : PlanarCalibration, optional
         Errors of plate and scale, which give the allowed difference of these masses; by default those of the stage.
     """
+    solution, cone = result.solution, None
+    if solution.consistency != solution.requested:
+        cone = Reason(
+            "cone-unproven",
+            f"`identify-dim: {{consistency: {solution.requested}}}` was set, but Clarabel's solution does not pass the "
+            f"optimality check; the solution on the grid (`{solution.consistency}`) is used instead, which "
+            + ("passes the check" if solution.answer.optimality.proven else "does not pass the check either"),
+        )
     reasons = (
         *_check_clock(prepared, result),
-        _check_cone(result),
+        cone,
         _check_solver(result),
         _check_consistency(result),
         _check_parameters(excited, recommendation),
         _check_load(prepared, result, standing),
-        _check_mass(prepared, result, given, standing, calibration or Calibration()),
+        _check_mass(prepared, result, given, standing, calibration or PlanarCalibration()),
     )
     return tuple(reason for reason in reasons if reason is not None)
 
@@ -257,18 +261,6 @@ def _check_uncorrected_offset(result: AnyIdentification) -> Reason | None:
     )
 
 
-def _check_cone(result: Identification) -> Reason | None:
-    solution = result.solution
-    if solution.consistency == solution.requested:
-        return None
-    return Reason(
-        "cone-unproven",
-        f"`identify-dim: {{consistency: {solution.requested}}}` was set, but Clarabel's solution does not pass the "
-        f"optimality check; the solution on the grid (`{solution.consistency}`) is used instead, which "
-        + ("passes the check" if solution.answer.optimality.proven else "does not pass the check either"),
-    )
-
-
 def _check_solver(result: AnyIdentification) -> Reason | None:
     answer = result.solution.answer
     if not answer.optimality.proven:
@@ -293,17 +285,14 @@ def _check_consistency(result: AnyIdentification) -> Reason | None:
     price = result.solution.price
     if price <= _BOUNDED:
         return None
+    worse = f"{100 * price:.0f} % worse" if price < 1 else f"{1 + price:.3g} times worse"
     return Reason(
         "parameters-bounded",
-        f"physically possible parameters fit the wrench {_format_increase(price)} than unconstrained parameters: check "
+        f"physically possible parameters fit the wrench {worse} than unconstrained parameters: check "
         "joints, markers and plate, and whether a part of the mass is far from the markers",
         value=price,
         limit=_BOUNDED,
     )
-
-
-def _format_increase(price: float) -> str:
-    return f"{100 * price:.0f} % worse" if price < 1 else f"{1 + price:.3g} times worse"
 
 
 def _check_parameters(excited: Excitation, recommendation: str) -> Reason | None:
@@ -343,7 +332,7 @@ def _check_mass(
     result: Identification,
     given: float | None,
     standing: float | None,
-    calibration: Calibration,
+    calibration: PlanarCalibration,
 ) -> Reason | None:
     measured = standing if standing is not None else get_identified_mass(prepared, result)
     if given is None or measured is None or abs(measured / given - 1) <= calibration.mass_limit(measured):

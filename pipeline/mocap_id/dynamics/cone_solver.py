@@ -102,7 +102,12 @@ def check_optimality(
     points = bodies.find_cheapest(prices)
     # up to this additional mass, all at the lowest price
     heavier = _HEAVIER * bodies.mass(body) * abs(float((prices @ points).min(initial=0.0)))
-    absent = max(heavier, _estimate_point_gain(mapped @ points, rest))
+    # decrease of the cost by the best single point mass, which is also valid for solutions without mass
+    columns = mapped @ points
+    size = np.sum(columns**2, axis=0)
+    downhill = np.maximum(-(columns.T @ rest), 0.0)
+    gains = np.divide(downhill**2, size, out=np.zeros_like(size), where=size > 0.0)
+    absent = max(heavier, float(gains.max(initial=0.0)))
     return Optimality(
         primal=bodies.measure_violation(body),
         stationarity=_estimate_gain(free, rest) / cost,
@@ -117,14 +122,6 @@ def _estimate_gain(columns: FloatArray, rest: FloatArray) -> float:
         return 0.0
     step = np.linalg.lstsq(columns, rest, rcond=None)[0]
     return float(np.sum((columns @ step) ** 2))
-
-
-def _estimate_point_gain(columns: FloatArray, rest: FloatArray) -> float:
-    """Return the decrease of the cost by the best single point mass, which is also valid for solutions without mass."""
-    size = np.sum(columns**2, axis=0)
-    downhill = np.maximum(-(columns.T @ rest), 0.0)
-    gains = np.divide(downhill**2, size, out=np.zeros_like(size), where=size > 0.0)
-    return float(gains.max(initial=0.0))
 
 
 LENGTH = 0.3
@@ -332,7 +329,11 @@ def find_closest_links(bodies: ConeBodies, body: FloatArray, aim: FloatArray, sc
     moments but no mass, possible links with larger and larger Izz only approach its base parameters, and its Izz is
     NaN.
     """
-    hollow = [link for link in range(bodies.links) if _is_hollow(bodies, body, link)]
+    hollow, least = [], _NO_MASS * bodies.mass(body)
+    for link in range(bodies.links):  # links with an unobservable Izz, and with first moments but no mass
+        mass, *first = np.abs(body[4 * link : 4 * link + 3])
+        if not bodies.is_limited(link) and mass <= least < max(first) / LENGTH:
+            hollow.append(link)
     limits = bodies if hollow else ConeBodies(np.eye(len(body)), bodies.boxes)  # also limits an unobservable Izz
     links = limits.settle(body)
     directions = null_space(bodies.mapping, rcond=_DEPENDENT)
@@ -341,13 +342,6 @@ def find_closest_links(bodies: ConeBodies, body: FloatArray, aim: FloatArray, sc
         links = limits.settle(moved) if limits.measure_violation(moved) <= _ROUNDING else links
     links[[4 * link + 3 for link in hollow]] = np.nan
     return links
-
-
-def _is_hollow(bodies: ConeBodies, body: FloatArray, link: int) -> bool:
-    """Return whether a link with an unobservable Izz has first moments but no mass."""
-    mass, *first = np.abs(body[4 * link : 4 * link + 3])
-    least = _NO_MASS * bodies.mass(body)
-    return not bodies.is_limited(link) and bool(mass <= least < max(first) / LENGTH)
 
 
 def find_closest_step(

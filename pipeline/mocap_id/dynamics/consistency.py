@@ -64,27 +64,22 @@ def build_grid(
     the numbers of points along the short and the long side of the box.
     """
     segments = len(centres) + 1
-    boxes = [_fill_box(k, centres, marker_local[marker_segment == k], points) for k in range(segments)]
+    boxes = []
+    for segment in range(segments):
+        known = np.concatenate(
+            [np.zeros((1, 2)), marker_local[marker_segment == segment].reshape(-1, 2), centres[segment : segment + 1]]
+        )
+        low, high = known.min(axis=0), known.max(axis=0)
+        flesh = max(_LEAST_FLESH, _FLESH * float(np.max(high - low)))
+        low, high = low - flesh, high + flesh
+        counts = points if high[1] - low[1] >= high[0] - low[0] else points[::-1]
+        x, y = (np.linspace(low[i], high[i], counts[i]) for i in (0, 1))
+        boxes.append(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2))
     return PointGrid(
         segment=np.repeat(np.arange(segments), [len(box) for box in boxes]),
         position=np.concatenate(boxes),
         segments=segments,
     )
-
-
-def _fill_box(segment: int, centres: FloatArray, markers: FloatArray, points: tuple[int, int]) -> FloatArray:
-    """Return the grid points (p, 2) of one segment."""
-    corners = [np.zeros((1, 2)), markers.reshape(-1, 2)]
-    if segment < len(centres):
-        corners.append(centres[segment][None])
-    known = np.concatenate(corners)
-    low, high = known.min(axis=0), known.max(axis=0)
-    flesh = max(_LEAST_FLESH, _FLESH * float(np.max(high - low)))
-    low, high = low - flesh, high + flesh
-    across, along = points
-    counts = (across, along) if high[1] - low[1] >= high[0] - low[0] else (along, across)
-    x, y = (np.linspace(low[i], high[i], counts[i]) for i in (0, 1))
-    return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
 _ACCURACIES = (
@@ -135,7 +130,8 @@ def solve_osqp(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
             masses = moved
         if check_optimality(problem, GridBodies(moments), masses).excess <= _ENOUGH:
             break
-    return _build_answer("osqp", problem, moments, masses, status=status, iterations=iterations)
+    optimality = check_optimality(problem, GridBodies(moments), masses)
+    return SolverAnswer("osqp", masses, problem.cost(moments @ masses), optimality, status, iterations)
 
 
 def solve_nnls(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
@@ -146,7 +142,8 @@ def solve_nnls(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
         masses = np.asarray(nnls(problem.factor @ moments, problem.target, maxiter=50 * points)[0], dtype=np.float64)
     except RuntimeError as error:
         masses, status = np.full(points, np.nan), str(error)
-    return _build_answer("nnls", problem, moments, masses, status=status)
+    optimality = check_optimality(problem, GridBodies(moments), masses)
+    return SolverAnswer("nnls", masses, problem.cost(moments @ masses), optimality, status)
 
 
 def run_osqp(
@@ -246,20 +243,6 @@ def spread_masses(
         ) from error
 
 
-def _build_answer(
-    solver: str,
-    problem: CompressedProblem,
-    moments: FloatArray,
-    masses: FloatArray,
-    *,
-    status: str,
-    iterations: int = 0,
-) -> SolverAnswer:
-    """Return the masses with their cost and the check of optimality."""
-    optimality = check_optimality(problem, GridBodies(moments), masses)
-    return SolverAnswer(solver, masses, problem.cost(moments @ masses), optimality, status, iterations)
-
-
 Consistency = Literal["grid", "cone", "bounded-cone"]
 """Set of possible bodies: masses on the grid, masses anywhere, or masses anywhere within the outlines of the grid."""
 _TOLERABLE = 1e-3  # largest relative distance to the least cost with which a solution is accepted
@@ -314,26 +297,40 @@ def fit_consistent(
     """
     small, full_moments = problem.eliminate_others(len(regrouping)), grid.moments()
     moments = regrouping @ full_moments
-    bodies = _choose_bodies(regrouping, grid, consistency)
+    bodies: BodyCone = _choose_bodies(regrouping, grid, consistency)
+    used: Consistency = "grid"
 
     def spread(answer: SolverAnswer) -> FloatArray:
         return spread_masses(
             moments, answer.body, full_moments, reference, compute_reference_sd(reference, relative_sd)
         )
 
+    # the best body in the cone, if its optimality is proven
+    answer, masses = None, np.full(full_moments.shape[1], np.nan)
     if isinstance(bodies, ConeBodies):
         links = solve_links(small, bodies)
         if links.optimality.proven:
-            aim = reference
+            answer, used, aim = links, consistency, reference
             if not np.isfinite(aim).all():
                 aim = np.where(np.isfinite(aim), aim, full_moments @ spread(_fit_point_masses(small, moments)))
             full = find_closest_links(bodies, links.body, aim, compute_reference_sd(aim, relative_sd))
-            nowhere = np.full(full_moments.shape[1], np.nan)
-            return _complete_solution(problem, bodies, (consistency, consistency), (full, nowhere), links)
-    answer = _fit_point_masses(small, moments)
-    masses = spread(answer)
-    return _complete_solution(
-        problem, GridBodies(moments), (consistency, "grid"), (full_moments @ masses, masses), answer
+    # otherwise, the best point masses on the grid
+    if answer is None:
+        bodies, answer = GridBodies(moments), _fit_point_masses(small, moments)
+        masses = spread(answer)
+        full = full_moments @ masses
+    # the solution is checked on the whole problem
+    parameters = problem.complete(bodies.mapping @ answer.body)
+    optimality = check_optimality(problem, bodies, answer.body, parameters[len(bodies.mapping) :])
+    free = problem.cost(problem.free_solution())
+    return ConsistentSolution(
+        requested=consistency,
+        consistency=used,
+        parameters=parameters,
+        full=full,
+        masses=masses,
+        answer=replace(answer, optimality=optimality),
+        price=max(answer.cost - free, 0.0) / problem.floor(free),
     )
 
 
@@ -374,25 +371,3 @@ def _fit_point_masses(problem: CompressedProblem, moments: FloatArray) -> Solver
             f"the limit is {_TOLERABLE:.0e}. Check the chain for two joints at the same position, or for wrong units"
         )
     return first if excess[0] <= excess[1] else second
-
-
-def _complete_solution(
-    problem: CompressedProblem,
-    bodies: BodyCone,
-    consistency: tuple[Consistency, Consistency],
-    full_and_masses: tuple[FloatArray, FloatArray],
-    answer: SolverAnswer,
-) -> ConsistentSolution:
-    """Return the solution, checked on the whole problem, with the increase of the cost due to consistency."""
-    parameters = problem.complete(bodies.mapping @ answer.body)
-    optimality = check_optimality(problem, bodies, answer.body, parameters[len(bodies.mapping) :])
-    free = problem.cost(problem.free_solution())
-    return ConsistentSolution(
-        requested=consistency[0],
-        consistency=consistency[1],
-        parameters=parameters,
-        full=full_and_masses[0],
-        masses=full_and_masses[1],
-        answer=replace(answer, optimality=optimality),
-        price=max(answer.cost - free, 0.0) / problem.floor(free),
-    )

@@ -267,28 +267,54 @@ def fit(prepared: AnyTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
 
     ``like`` is a fit of the same trial; if it is given, its clock offset and weights are used instead of new ones.
     """
-    settings = prepared.settings
+    settings, components = prepared.settings, list(prepared.settings.components)
     in_fit = select_samples(prepared, gate)
     samples = np.flatnonzero(in_fit)[:: prepared.lowpass.step]
     time = prepared.recorded.time[samples]
-    design = _build_rows(prepared, samples)
-    prior = _prior_rows(prepared, design)
+
+    # Rows (R, c, b + k): filtered base columns, then a column for each constant error of the plate. A constant error
+    # of Fx can be estimated, because gravity causes no constant Fx. A constant error of Fy or tauz has the same column
+    # as m1 or mx1. It cannot be separated from these parameters, so they contain it.
+    design = prepared.filtered[samples][:, components, :]
+    base = design.shape[-1]
+    if prepared.constants:
+        bias = np.zeros((*design.shape[:2], len(prepared.constants)))
+        for column, component in enumerate(prepared.constants):
+            bias[:, components.index(component), column] = 1.0
+        design = np.concatenate([design, bias], axis=-1)
+    prior = None if prepared.prior is None else prepared.prior.rows(design.shape[-1])
+
+    def sample_wrench(stamped: FloatArray) -> FloatArray:
+        """Return the fitted components of the filtered wrench at times on the plates' clock, s."""
+        return prepared.filtered_measured(samples, stamped)[..., components]
+
+    # weights and clock offset in turns
+    weights = spread = np.ones(len(components))
+    best_offset, known = 0.0, False
     if like is not None:
         spread, weights, best_offset, known = like.weights, like.weights, like.best_offset, like.sharp
     else:
-        spread, weights, best_offset, known = _search_offset(prepared, gate, samples, design)
-    extended, covariance = _compute_covariance(prepared, samples, best_offset, design, weights)
-    offset, offset_sd = best_offset, float(np.sqrt(covariance[-1, -1]))
+        for _ in range(_ROUNDS):
+            best_offset, at_edge = profile_offset(
+                design, sample_wrench, time, weights, settings.offset_limit, prior=prior
+            )
+            known, target = not at_edge, sample_wrench(time - best_offset)
+            spread, weights = _estimate_weights(prepared, gate, samples, design, target, prior=prior, weights=spread)
+
+    # the covariance shows whether the movement determines the offset; otherwise, everything is fitted without it
+    offset = best_offset
+    target = sample_wrench(time - offset) * weights
+    extended, covariance = _compute_covariance(prepared, samples, offset, design, target, prior=prior, weights=weights)
+    offset_sd = float(np.sqrt(covariance[-1, -1]))
     known = known and offset_sd < _SHARP
     applied = known and settings.apply_offset
     if not applied:
-        offset = 0.0
-        target = _sample_wrench(prepared, samples, time)
-        spread = _estimate_weights(prepared, design, target, spread)
-        weights = _scale_weights(prepared, gate, samples, design, target, weights=spread)
-        extended, covariance = _compute_covariance(prepared, samples, offset, design, weights)
-    base = prepared.filtered.shape[-1]
-    target = _sample_wrench(prepared, samples, time - offset) * weights
+        offset, target = 0.0, sample_wrench(time)
+        spread, weights = _estimate_weights(prepared, gate, samples, design, target, prior=prior, weights=spread)
+        target = target * weights
+        extended, covariance = _compute_covariance(
+            prepared, samples, offset, design, target, prior=prior, weights=weights
+        )
     condition, condition_scaled = compute_conditions(design[..., :base])
     return Fit(
         in_fit=in_fit,
@@ -312,28 +338,6 @@ def fit(prepared: AnyTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
     )
 
 
-def _search_offset(
-    prepared: AnyTrial, gate: BoolArray, samples: IntArray, design: FloatArray
-) -> tuple[FloatArray, FloatArray, float, bool]:
-    """Return weights before and after :func:`_scale_weights`, the clock offset, s, and whether this is a minimum."""
-    prior, time = _prior_rows(prepared, design), prepared.recorded.time[samples]
-    weights = spread = np.ones(len(prepared.settings.components))
-    best_offset, at_edge = 0.0, True
-    for _ in range(_ROUNDS):
-        best_offset, at_edge = profile_offset(
-            design,
-            lambda times: _sample_wrench(prepared, samples, times),
-            time,
-            weights,
-            prepared.settings.offset_limit,
-            prior=prior,
-        )
-        target = _sample_wrench(prepared, samples, time - best_offset)
-        spread = _estimate_weights(prepared, design, target, spread)
-        weights = _scale_weights(prepared, gate, samples, design, target, weights=spread)
-    return spread, weights, best_offset, not at_edge
-
-
 def _compress(design: FloatArray, target: FloatArray, prior: Rows | None) -> CompressedProblem:
     """Return the compressed problem of weighted rows (R, c, b + k), their right-hand side (R, c) and the prior."""
     rows, aim = design.reshape(-1, design.shape[-1]), target.reshape(-1)
@@ -342,80 +346,56 @@ def _compress(design: FloatArray, target: FloatArray, prior: Rows | None) -> Com
     return CompressedProblem.of(rows, aim)
 
 
-def _build_rows(prepared: AnyTrial, samples: IntArray) -> FloatArray:
-    """Return the rows (R, c, b + k): filtered base columns, then a column for each constant error of the plate.
-
-    A constant error of Fx can be estimated, because gravity causes no constant Fx. A constant error of Fy or tauz has
-    the same column as m1 or mx1. It cannot be separated from these parameters, so they contain it.
-    """
-    components = prepared.settings.components
-    rows = prepared.filtered[samples][:, list(components), :]
-    if not prepared.constants:
-        return rows
-    bias = np.zeros((*rows.shape[:2], len(prepared.constants)))
-    for column, component in enumerate(prepared.constants):
-        bias[:, components.index(component), column] = 1.0
-    return np.concatenate([rows, bias], axis=-1)
-
-
-def _sample_wrench(prepared: AnyTrial, samples: IntArray, stamped: FloatArray) -> FloatArray:
-    """Return the fitted components of the filtered wrench at times on the plates' clock, s."""
-    return prepared.filtered_measured(samples, stamped)[..., list(prepared.settings.components)]
-
-
-def _prior_rows(prepared: AnyTrial, design: FloatArray) -> Rows | None:
-    """Return the rows and right-hand side of the prior; None without a prior."""
-    return None if prepared.prior is None else prepared.prior.rows(design.shape[-1])
-
-
-def _compute_residual(design: FloatArray, target: FloatArray, prior: Rows | None) -> FloatArray:
-    """Return the least-squares residual (R, c) of the data."""
-    return target - design @ _compress(design, target, prior).free_solution()
-
-
-def _estimate_weights(prepared: AnyTrial, design: FloatArray, target: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return 1 / (standard deviation of the residual) of each component; with a prior, scaled for :data:`REFERENCE`."""
-    residual = _compute_residual(design * weights[:, None], target * weights, _prior_rows(prepared, design)) / weights
-    floor = _LEAST_SPREAD * np.sqrt(np.mean(target**2, axis=0))
-    inverse = np.asarray(1.0 / np.maximum(residual.std(axis=0), floor))
-    return inverse if prepared.prior is None else inverse * np.sqrt(_compute_independent_share(prepared, REFERENCE))
-
-
-def _compute_independent_share(prepared: AnyTrial, seconds: float) -> float:
-    """Return the fraction of the fit's samples that are independent, if ``seconds`` count as one sample."""
-    return min(1.0, prepared.lowpass.step / prepared.recorded.rate / seconds)
-
-
-def _scale_weights(
+def _estimate_weights(
     prepared: AnyTrial,
     gate: BoolArray,
     samples: IntArray,
     design: FloatArray,
     target: FloatArray,
     *,
+    prior: Rows | None,
     weights: FloatArray,
-) -> FloatArray:
-    """Return the weights, scaled for the number of independent samples that :func:`estimate_memory` gives."""
-    prior = _prior_rows(prepared, design)
-    if prior is None or prepared.prior is None:
-        return weights
-    inverse = weights / np.sqrt(_compute_independent_share(prepared, REFERENCE))
+) -> tuple[FloatArray, FloatArray]:
+    """Return the next ``weights`` (c,), 1 / (standard deviation of the residual), and the weights to fit with.
+
+    Without a prior, both are the same. With a prior, they are multiplied by the square root of the fraction of the
+    samples that are independent: the first for :data:`REFERENCE`, the second for the time of :func:`estimate_memory`.
+    """
+    weighted, aim = design * weights[:, None], target * weights
+    residual = (aim - weighted @ _compress(weighted, aim, prior).free_solution()) / weights
+    floor = _LEAST_SPREAD * np.sqrt(np.mean(target**2, axis=0))
+    inverse = np.asarray(1.0 / np.maximum(residual.std(axis=0), floor))
+    if prior is None:
+        return inverse, inverse
+    apart = prepared.lowpass.step / prepared.recorded.rate
+    usual = np.sqrt(min(1.0, apart / REFERENCE))
+    first = inverse * usual
+    inverse = first / usual
     seconds = estimate_memory(
         prepared, gate, samples, rows=design * inverse[:, None], target=target * inverse, prior=prior
     )
-    return np.asarray(inverse * np.sqrt(_compute_independent_share(prepared, seconds)))
+    return first, np.asarray(inverse * np.sqrt(min(1.0, apart / seconds)))
 
 
 def _compute_covariance(
-    prepared: AnyTrial, samples: IntArray, offset: float, design: FloatArray, weights: FloatArray
+    prepared: AnyTrial,
+    samples: IntArray,
+    offset: float,
+    design: FloatArray,
+    target: FloatArray,
+    *,
+    prior: Rows | None,
+    weights: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return weighted rows with the column of the offset, and the covariance of the parameters from the residuals."""
+    """Return weighted rows with the column of the offset, and the covariance of the parameters from the residuals.
+
+    ``target`` (R, c) is the weighted wrench at this offset.
+    """
     time = prepared.recorded.time[samples]
     rate = prepared.filtered_wrench(time - offset, derivative=1)[:, list(prepared.settings.components)]
-    prior = _prior_rows(prepared, design)
     weighted = design * weights[:, None]
     extended = np.concatenate([weighted, (rate * weights)[..., None]], axis=-1)
-    residual = _compute_residual(weighted, _sample_wrench(prepared, samples, time - offset) * weights, prior)
+    residual = target - weighted @ _compress(weighted, target, prior).free_solution()
     blocks = number_blocks(time, prepared.settings.block)
     more = None if prior is None else np.pad(prior[0], ((0, 0), (0, 1)))
     spread = 1.0 if prepared.prior is None else prepared.prior.spread

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 
@@ -121,49 +122,17 @@ def identify(
     result = fit(prepared, gate)
     solve = partial(fit_consistent, grid=grid, reference=reference, consistency=consistency, relative_sd=reference_sd)
     refit = partial(fit_quickly, regrouping=prepared.base.regrouping, grid=grid, consistency=consistency)
-    alone = _identify_from_data(prepared, result, solve(result.problem, prepared.base.regrouping), error, refit)
-    if not np.isfinite(reference).all() or (foot_sd is None and not reference_pulls):
-        return alone
-    if foot_sd is not None and not reference_pulls:
-        deviations = compute_foot_sd(reference, foot_sd * float(reference[::4].sum()), reference_sd)
-        return _identify_with_foot(prepared, alone, ReferencePrior(reference, deviations), solve, plate_sd)
-    whole = ReferencePrior(reference, compute_reference_sd(reference, reference_sd))
-    return _identify_with_reference(alone, prepared.base.regrouping, whole, solve)
-
-
-def _identify_with_foot(
-    prepared: PreparedTrial,
-    alone: Identification,
-    foot: ReferencePrior,
-    solve: Callable[[CompressedProblem, FloatArray], ConsistentSolution],
-    plate_sd: float | None,
-) -> Identification:
-    """Identify the parameters with a prior of the foot; if ``plate_sd``, m, is given, only in ``with_foot``."""
     regrouping = prepared.base.regrouping
-    if plate_sd is None:
-        return _identify_with_reference(alone, regrouping, foot, solve)
-    of_plate = propagate_calibration(prepared, alone.fit, alone.base, {"position": plate_sd}).covariance
-    own = np.flatnonzero(prepared.base.kept == FOOT_MOMENT)
-    if any(foot.contradicts(alone.base, alone.covariance + of_plate, regrouping, int(one)) for one in own):
-        return alone
-    return replace(alone, with_foot=_identify_with_reference(alone, regrouping, foot, solve, of_plate))
 
-
-def _identify_from_data(
-    prepared: PreparedTrial,
-    result: Fit,
-    solution: ConsistentSolution,
-    error: KinematicError,
-    refit: Callable[[CompressedProblem], FloatArray],
-) -> Identification:
-    """Identify the parameters from the data alone."""
+    # the parameters from the data alone, with errors of geometry and plate zero
+    solution = solve(result.problem, regrouping)
     base, own = solution.parameters[: result.base], slice(result.base)
     response = propagate_to_parameters(prepared, result, base, error)
     kinematic = response @ response.T
     covariance = result.covariance + kinematic + _propagate_plate_zero(prepared, result)
     sd = np.sqrt(np.diag(covariance))
     biased = len(solution.parameters) > result.base
-    return Identification(
+    alone = Identification(
         fit=result,
         base=base,
         base_sd=sd[own],
@@ -178,6 +147,22 @@ def _identify_from_data(
         uses_reference=False,
         refit=refit,
     )
+
+    # a prior of the whole body, or of the foot alone, if they are wanted
+    if not np.isfinite(reference).all() or (foot_sd is None and not reference_pulls):
+        return alone
+    if foot_sd is None or reference_pulls:
+        whole = ReferencePrior(reference, compute_reference_sd(reference, reference_sd))
+        return _identify_with_reference(alone, regrouping, whole, solve)
+    deviations = compute_foot_sd(reference, foot_sd * float(reference[::4].sum()), reference_sd)
+    foot = ReferencePrior(reference, deviations)
+    if plate_sd is None:
+        return _identify_with_reference(alone, regrouping, foot, solve)
+    of_plate = propagate_calibration(prepared, alone.fit, alone.base, {"position": plate_sd}).covariance
+    moments = np.flatnonzero(prepared.base.kept == FOOT_MOMENT)
+    if any(foot.contradicts(alone.base, alone.covariance + of_plate, regrouping, int(one)) for one in moments):
+        return alone
+    return replace(alone, with_foot=_identify_with_reference(alone, regrouping, foot, solve, of_plate))
 
 
 def _identify_with_reference(
@@ -278,70 +263,48 @@ def predict_left_out(
         Function from a compressed problem of b + k columns to its consistent parameters (b + k,).
     """
     used = np.stack([select_samples(prepared, gate & (part != k)) for k in range(int(part.max()) + 1)])  # (K, T)
-    stacks = _compress_folds(result, used[:, result.samples])
+    # rows of the fit: columns of the design, then the target; a prior has the same weight in every fold
+    rows = np.concatenate([result.design, result.target[..., None]], axis=-1)  # (R, c, b + k + 2)
+    prior = np.zeros((0, rows.shape[-1]))
+    if result.prior is not None:
+        prior = np.column_stack([np.pad(result.prior[0], ((0, 0), (0, 1))), result.prior[1]])
+    # samples of the same folds are compressed together
+    patterns, pattern = np.unique(used[:, result.samples], axis=1, return_inverse=True)
+    factors = [triangularise(rows[pattern == p].reshape(-1, rows.shape[-1])) for p in range(patterns.shape[1])]
+
     samples, series = np.zeros(len(part), dtype=bool), np.full((4, len(part), 3), np.nan)
     base, offset = [], []
-    for k, stack in enumerate(stacks):
-        if not _determines_parameters(stack, result, int(used[k].sum()), prepared.recorded.rate):
+    for k, fold in enumerate(patterns):
+        # the fold must determine the base parameters (:func:`mocap_id.dynamics.fit.determines_parameters`)
+        stack = triangularise(np.concatenate([prior, *(f for f, has in zip(factors, fold, strict=True) if has)]))
+        if used[k].sum() < LEAST_SECONDS * prepared.recorded.rate or len(stack) < stack.shape[1]:
             continue
-        problem, shift = _correct_clock(stack, result)
-        parameters, out = solve(problem), result.in_fit & (part == k)
+        columns = stack[:, : result.base]
+        size = np.linalg.norm(columns, axis=0)
+        if not (np.all(size > 0.0) and np.linalg.cond(columns / size) < DEPENDENT):
+            continue
+        # The fold's own clock offset: one Gauss-Newton step from that of the whole fit is sufficient, because they
+        # differ by a few milliseconds at most. If the whole fit applies no offset, the folds apply none either.
+        rate, target = stack[:, -2], stack[:, -1]
+        shift = float(np.linalg.lstsq(stack[:, :-1], target, rcond=None)[0][-1]) if result.applied else 0.0
+        parameters = solve(CompressedProblem.of(stack[:, :-2], target - shift * rate))
         base.append(parameters[: result.base])
         offset.append(result.offset + shift)
+        # the prediction and the measurement of the part that was left out, without and with the low-pass
+        out = result.in_fit & (part == k)
         samples |= out
         bias = parameters[result.base :].sum() * np.array([1.0, 0.0, 0.0])
-        for row, (rows, wrench) in enumerate(_select_rows(prepared, out, offset[-1])):
-            series[2 * row, out], series[2 * row + 1, out] = rows @ base[-1], wrench - bias
+        series[0, out] = prepared.rows[out] @ base[-1]
+        series[1, out] = prepared.measured(offset[-1])[out] - bias
+        series[2, out] = prepared.filtered[out] @ base[-1]
+        stamped = prepared.recorded.time[out] - offset[-1]
+        series[3, out] = prepared.filtered_measured(np.flatnonzero(out), stamped) - bias
         series[:2, out] -= prepared.elsewhere(offset[-1])[out]
     if not samples.any():
         return None
     wrench, measured, filtered, filtered_measured = series
     total = np.array(offset) + prepared.recorded.clock.offset
     return LeftOutPrediction(samples, part, wrench, measured, filtered, filtered_measured, np.array(base), total)
-
-
-def _select_rows(prepared: PreparedTrial, out: BoolArray, offset: float) -> tuple[tuple[FloatArray, FloatArray], ...]:
-    """Return two pairs, unfiltered and filtered: regressor (R, 3, b) and total wrench (R, 3) of marked samples."""
-    filtered = prepared.filtered_measured(np.flatnonzero(out), prepared.recorded.time[out] - offset)
-    return (prepared.rows[out], prepared.measured(offset)[out]), (prepared.filtered[out], filtered)
-
-
-def _compress_folds(result: Fit, used: BoolArray) -> list[FloatArray]:
-    """Return the triangular factor of each fold's rows; ``used`` (K, R) marks the samples of each fold.
-
-    The columns are those of the design, then the target. Samples of the same folds are compressed together.
-    """
-    rows = np.concatenate([result.design, result.target[..., None]], axis=-1)  # (R, c, b + k + 2)
-    prior = np.zeros((0, rows.shape[-1]))
-    if result.prior is not None:  # the prior has the same weight in every fold
-        prior = np.column_stack([np.pad(result.prior[0], ((0, 0), (0, 1))), result.prior[1]])
-    patterns, pattern = np.unique(used, axis=1, return_inverse=True)
-    factors = [triangularise(rows[pattern == p].reshape(-1, rows.shape[-1])) for p in range(patterns.shape[1])]
-    return [
-        triangularise(np.concatenate([prior, *(f for f, has in zip(factors, fold, strict=True) if has)]))
-        for fold in patterns
-    ]
-
-
-def _determines_parameters(stack: FloatArray, result: Fit, samples: int, rate: float) -> bool:
-    """Return whether a fold determines the base parameters (:func:`mocap_id.dynamics.fit.determines_parameters`)."""
-    if samples < LEAST_SECONDS * rate or len(stack) < stack.shape[1]:
-        return False
-    columns = stack[:, : result.base]
-    size = np.linalg.norm(columns, axis=0)
-    return bool(np.all(size > 0.0) and np.linalg.cond(columns / np.where(size > 0.0, size, 1.0)) < DEPENDENT)
-
-
-def _correct_clock(stack: FloatArray, result: Fit) -> tuple[CompressedProblem, float]:
-    """Return a fold's problem at the fold's own clock offset, and its difference from the whole fit's offset, s.
-
-    One Gauss-Newton step from the offset of the whole fit is sufficient, because the offsets differ by a few
-    milliseconds at most. If the whole fit applies no offset, the folds apply none either.
-    """
-    rate, target = stack[:, -2], stack[:, -1]
-    free = np.linalg.lstsq(stack[:, :-1], target, rcond=None)[0]
-    shift = float(free[-1]) if result.applied else 0.0
-    return CompressedProblem.of(stack[:, :-2], target - shift * rate), shift
 
 
 Cutoffs = tuple[float, float, float]
@@ -367,32 +330,20 @@ def choose_cutoffs(predict: Callable[[Cutoffs], LeftOutPrediction | None]) -> Ch
         return ChosenCutoffs(best, "the default: no repetition could be left out to compare other cut-offs", cost[best])
     for _ in range(_ROUNDS):
         before = best
-        for axis in range(3):
-            for step in (-1, 1):
-                best = _walk(predict, cost, best, axis, step)
+        for axis, step in product(range(3), (-1, 1)):
+            # change one cut-off in one direction as long as the cost decreases
+            while 0 <= (k := CUTOFFS.index(best[axis]) + step) < len(CUTOFFS):
+                values = list(best)
+                values[axis] = CUTOFFS[k]
+                tried: Cutoffs = (values[0], values[1], values[2])
+                if tried not in cost:
+                    cost[tried] = score_left_out(predict(tried))
+                if not cost[tried] < cost[best] - _LEAST_GAIN:
+                    break
+                best = tried
         if best == before:
             break
     return ChosenCutoffs(best, "left-out repetitions are predicted best with these", cost[best])
-
-
-def _walk(
-    predict: Callable[[Cutoffs], LeftOutPrediction | None],
-    cost: dict[Cutoffs, float],
-    best: Cutoffs,
-    axis: int,
-    step: int,
-) -> Cutoffs:
-    """Change one cut-off in one direction as long as the cost decreases; return the best and add costs to ``cost``."""
-    while 0 <= (k := CUTOFFS.index(best[axis]) + step) < len(CUTOFFS):
-        values = list(best)
-        values[axis] = CUTOFFS[k]
-        tried: Cutoffs = (values[0], values[1], values[2])
-        if tried not in cost:
-            cost[tried] = score_left_out(predict(tried))
-        if not cost[tried] < cost[best] - _LEAST_GAIN:
-            break
-        best = tried
-    return best
 
 
 def score_left_out(prediction: LeftOutPrediction | None) -> float:

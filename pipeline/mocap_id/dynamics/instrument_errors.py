@@ -35,7 +35,7 @@ _WRONG_PLATES, _WRONG_GAIN = 0.05, 0.05  # fraction of plates with a wrong gain,
 
 
 @dataclass(frozen=True)
-class Calibration:
+class PlanarCalibration:
     """Standard deviations of the instruments' errors of scale, with the defaults of the stage."""
 
     gain: float = 0.01  # relative error that is common to all components of the plate's wrench
@@ -195,7 +195,13 @@ def correlate_errors(
     correlation = np.full((*q.shape, q.shape[1]), np.nan)
     known = np.isfinite(q).all(axis=1)
     scale = snap / np.max(snap)
-    values, vectors = np.linalg.eigh(_compute_information(q[known], centres, segment, local) * scale[:, None] * scale)
+    # Jᵀ J of the markers (eq. 2.47), (T, n, n), m²: the mass matrix of a chain with unit masses at the markers
+    mass, mx, my, inertia = (
+        np.bincount(segment, weights=each, minlength=len(centres) + 1).astype(np.float64)
+        for each in (np.ones(len(local)), local[:, 0], local[:, 1], np.sum(local**2, axis=1))
+    )
+    information = composite_inertia(q[known], centres, mass, np.column_stack([mx, my]), inertia).torque
+    values, vectors = np.linalg.eigh(information * scale[:, None] * scale)
     values = np.maximum(values, _LEAST * values[:, -1:])
     covariance = (vectors * values[:, None, :] ** _EXPONENT) @ np.swapaxes(vectors, 1, 2)
     size = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
@@ -203,19 +209,6 @@ def correlate_errors(
         size[:, :, None] * size[:, None, :]
     )  # the outer factors Q^½ only scale the joints
     return correlation
-
-
-def _compute_information(q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
-    """Return Jᵀ J of the markers (eq. 2.47), (T, n, n), m²: the mass matrix of a chain with unit masses at markers."""
-    segments = len(centres) + 1
-
-    def sum_by_segment(values: FloatArray) -> FloatArray:
-        return np.bincount(segment, weights=values, minlength=segments).astype(np.float64)
-
-    first = np.column_stack([sum_by_segment(local[:, 0]), sum_by_segment(local[:, 1])])
-    return composite_inertia(
-        q, centres, sum_by_segment(np.ones(len(local))), first, sum_by_segment(np.sum(local**2, axis=1))
-    ).torque
 
 
 _SAMPLES = 300  # number of samples used: sufficient for errors that recur with the movement
@@ -407,19 +400,42 @@ def propagate_pose_errors(prepared: PreparedTrial, result: Fit, full: FloatArray
     every = errors.poses
     thin = replace(every, time=every.time[::step], position=every.position[::step], angle=every.angle[::step])
     motion = filter_motion(thin, errors.bands)
-    trace = _ThinnedMotion(thin, errors.bands, motion, full, gravity, _compute_wrenches(motion, full, gravity))
-    shapes = _standardise(recorded.q, result.in_fit)[::step]
+    jacobian, beyond = motion.jacobian, motion.beyond.astype(np.float64)
+    wrenches = _compute_wrenches(motion, full, gravity)
+    # joint angles minus their mean, in standard deviations; 0 where missing
+    own_q = recorded.q[result.in_fit]
+    spread = np.nanstd(own_q, axis=0)
+    shapes = np.nan_to_num((recorded.q - np.nanmean(own_q, axis=0)) / np.where(spread > 0, spread, 1.0))[::step]
+
     rows, torques = [np.zeros((result.design.shape[-1], 0))], [np.zeros((len(thin.time), recorded.q.shape[1], 0))]
     for body, own in enumerate(errors.sliding):
-        root = _take_root(own.covariance / max(len(own.joints), 1))
+        values, vectors = np.linalg.eigh(own.covariance / max(len(own.joints), 1))
+        root = vectors * np.sqrt(np.maximum(values, 0.0))  # (3, 3), so that root rootᵀ is the covariance
         for joint in own.joints:
-            wrench, torque = trace.effects(body, shapes[:, joint])
-            known = np.isfinite(wrench).all(axis=(1, 2))
-            wrench_errors = _interpolate(recorded.time[result.samples], thin.time[known], wrench[known] @ root)
+            # Change of wrench (t, 3, 3) and torques (t, n, 3) per unit error of the body's x, y and angle, in the
+            # body's frame and proportional to the joint angle. The joints are not displaced.
+            shape, poses, wrench, torque = shapes[:, joint], thin.select(body), [], []
+            for axis in range(3):
+                position, angle = poses.position.copy(), poses.angle.copy()
+                if axis < 2:
+                    along = planar.rotate(poses.angle[:, 0], _POSE_ERROR_STEP * np.eye(2)[axis])
+                    position[:, 0] += along * shape[:, None]
+                else:
+                    angle[:, 0] += _POSE_ERROR_STEP * shape
+                moved = filter_motion(replace(poses, position=position, angle=angle), errors.bands)
+                changed = _compute_wrenches(moved, full[4 * body : 4 * body + 4], gravity)[:, 0]
+                change = np.zeros_like(wrenches)
+                change[:, body] = (changed - wrenches[:, body]) / _POSE_ERROR_STEP
+                wrench.append(change[:, body])
+                distal = np.einsum("tkc,jk->tjc", change, beyond)  # wrench on the bodies beyond each joint
+                torque.append(np.einsum("tcj,tjc->tj", jacobian, distal))
+            effect = np.stack(wrench, axis=-1)
+            known = np.isfinite(effect).all(axis=(1, 2))
+            wrench_errors = _interpolate(recorded.time[result.samples], thin.time[known], effect[known] @ root)
             rows.append(
                 -result.response(wrench_errors[:, list(prepared.settings.components)] * result.weights[:, None])
             )
-            torques.append(torque @ root)
+            torques.append(np.stack(torque, axis=-1) @ root)
     parameters = np.concatenate(rows, axis=1)
     errors_of_torque = (
         np.concatenate(torques, axis=2)
@@ -431,62 +447,11 @@ def propagate_pose_errors(prepared: PreparedTrial, result: Fit, full: FloatArray
     return PoseEffect(parameters, _interpolate(recorded.time, thin.time[known], variance[known]))
 
 
-@dataclass(frozen=True)
-class _ThinnedMotion:
-    """Poses at t samples of the trial, their motion, and the wrench (t, K, 3) that each body requires."""
-
-    poses: BodyPoses
-    bands: tuple[float, float, float]
-    motion: PlanarMotion
-    full: FloatArray
-    gravity: float
-    wrenches: FloatArray
-
-    def effects(self, body: int, shape: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the change of wrench (t, 3, 3) and torques (t, n, 3) per unit error of one body's x, y and angle.
-
-        The errors are in the body's frame and are multiplied by ``shape`` (t,). The joints are not displaced.
-        """
-        poses, base, wrench, torque = self.poses.select(body), self.motion, [], []
-        for axis in range(3):
-            position, angle = poses.position.copy(), poses.angle.copy()
-            if axis < 2:
-                position[:, 0] += planar.rotate(poses.angle[:, 0], _POSE_ERROR_STEP * np.eye(2)[axis]) * shape[:, None]
-            else:
-                angle[:, 0] += _POSE_ERROR_STEP * shape
-            moved = filter_motion(replace(poses, position=position, angle=angle), self.bands)
-            change = np.zeros_like(self.wrenches)
-            own = _compute_wrenches(moved, self.full[4 * body : 4 * body + 4], self.gravity)[:, 0]
-            change[:, body] = (own - self.wrenches[:, body]) / _POSE_ERROR_STEP
-            wrench.append(change[:, body])
-            torque.append(_compute_torques(base, change))
-        return np.stack(wrench, axis=-1), np.stack(torque, axis=-1)
-
-
-def _standardise(q: FloatArray, samples: BoolArray) -> FloatArray:
-    """Return joint angles (T, n) minus their mean over the marked samples, in standard deviations; 0 where missing."""
-    own = q[samples]
-    spread = np.nanstd(own, axis=0)
-    return np.asarray(np.nan_to_num((q - np.nanmean(own, axis=0)) / np.where(spread > 0, spread, 1.0)))
-
-
 def _compute_wrenches(motion: PlanarMotion, full: FloatArray, gravity: float) -> FloatArray:
     """Return the wrench (t, K, 3) that each body requires, about the plane frame's origin."""
     regressor = wrench_regressor(motion, gravity)
     blocks = regressor.reshape(len(regressor), 3, -1, 4)
     return np.asarray(np.einsum("tckp,kp->tkc", blocks, full.reshape(-1, 4)))
-
-
-def _compute_torques(motion: PlanarMotion, wrenches: FloatArray) -> FloatArray:
-    """Return the moments (t, n) about the joints of the wrenches on the bodies beyond them."""
-    distal_wrench = np.einsum("tkc,jk->tjc", wrenches, motion.beyond.astype(np.float64))
-    return np.asarray(np.einsum("tcj,tjc->tj", motion.jacobian, distal_wrench))
-
-
-def _take_root(covariance: FloatArray) -> FloatArray:
-    """Return a matrix L (3, 3) with L Lᵀ equal to a covariance (3, 3)."""
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _interpolate(time: FloatArray, known: FloatArray, values: FloatArray) -> FloatArray:
@@ -534,7 +499,11 @@ def estimate_model_error(residual: FloatArray, noise: FloatArray, samples: BoolA
     if valid.sum() < 2:
         return None
     mean, squares = float(np.mean(noise[valid])), (low[valid] - low[valid].mean()) ** 2
-    passed, stopped = _split_white_noise(lowpass)
+    # the fractions of the variance of white noise that the filter passes and stops give the plate's noise
+    impulse = np.zeros(20 * lowpass.reach_samples + 1)
+    impulse[len(impulse) // 2] = 1.0
+    response = lowpass(impulse)
+    passed, stopped = float(np.sum(response**2)), float(np.sum((impulse - response) ** 2))
     plate = passed * float(np.var((residual - low)[valid])) / stopped
     size = max(float(squares.mean()) - plate, _HIDDEN * float(squares.mean()))
     if mean <= 0.0:
@@ -545,12 +514,3 @@ def estimate_model_error(residual: FloatArray, noise: FloatArray, samples: BoolA
         return ModelError(size, 0.0, size / mean)
     share = size / (steady + moving)
     return ModelError(share * steady, share * moving / mean, size / mean)
-
-
-def _split_white_noise(lowpass: LowPass) -> tuple[float, float]:
-    """Return the fractions of the variance of white noise that the filter passes and removes."""
-    size = 20 * lowpass.reach_samples + 1
-    impulse = np.zeros(size)
-    impulse[size // 2] = 1.0
-    response = lowpass(impulse)
-    return float(np.sum(response**2)), float(np.sum((impulse - response) ** 2))

@@ -229,7 +229,14 @@ def close_gaps(poses: BodyPoses, joints: Sequence[int]) -> BodyPoses:
         return poses
     for _ in range(2):
         gap = np.stack([poses.measure_gap(joint) for joint in joints], axis=1)
-        step = np.concatenate([_solve_closing(poses, joints, poses.angle[s], gap[s]) for s in chunks(len(gap))])
+        step = np.zeros((*poses.angle.shape, 3))  # 0 where a value is missing
+        for part in chunks(len(gap)):
+            flat, spread = differentiate_gaps(poses, joints, poses.angle[part])
+            good = np.isfinite(flat).all(axis=(1, 2)) & np.isfinite(gap[part]).all(axis=(1, 2))
+            flat, spread = flat[good], spread[good]
+            right = gap[part][good].reshape(-1, 2 * len(joints), 1)
+            solved = np.linalg.solve(spread @ np.swapaxes(flat, 1, 2), right)
+            step[part][good] = -(np.swapaxes(spread, 1, 2) @ solved).reshape(-1, step.shape[1], 3)
         poses = replace(poses, position=poses.position + step[..., :2], angle=poses.angle + step[..., 2])
     return poses
 
@@ -250,17 +257,6 @@ def differentiate_gaps(poses: BodyPoses, joints: Sequence[int], angle: FloatArra
             jacobian[:, row, 0, body, 2], jacobian[:, row, 1, body, 2] = -sign * arm[:, 1], sign * arm[:, 0]
     flat = jacobian.reshape(size, 2 * len(joints), 3 * bodies)
     return flat, flat * weak.reshape(-1)
-
-
-def _solve_closing(poses: BodyPoses, joints: Sequence[int], angle: FloatArray, gap: FloatArray) -> FloatArray:
-    """Return the change (f, K, 3) of positions and angles that closes gaps (f, j, 2); 0 where a value is missing."""
-    flat, spread = differentiate_gaps(poses, joints, angle)
-    good = np.isfinite(flat).all(axis=(1, 2)) & np.isfinite(gap).all(axis=(1, 2))
-    flat, spread = flat[good], spread[good]
-    solved = np.linalg.solve(spread @ np.swapaxes(flat, 1, 2), gap[good].reshape(-1, 2 * len(joints), 1))
-    step = np.zeros((*angle.shape, 3))
-    step[good] = -(np.swapaxes(spread, 1, 2) @ solved).reshape(-1, angle.shape[1], 3)
-    return step
 
 
 class PoseFilter:

@@ -71,7 +71,10 @@ def register_bodies(there: BodyFrames, here: BodyFrames) -> Registration:
     markers, residual = np.zeros(count, dtype=np.int64), np.full(count, np.nan)
     mirrored, spread = np.full(count, np.nan), np.zeros(count)
     for k in range(count):
-        before, after = _match_markers(there, here, k)
+        # coordinates (k, 2), m, of the markers that both trials have on the body, in each trial's frame
+        old, new = ({name: i for i, name in enumerate(of.markers) if of.segment[i] == k} for of in (there, here))
+        both = [name for name in old if name in new]
+        before, after = there.local[[old[name] for name in both]], here.local[[new[name] for name in both]]
         markers[k] = len(before)
         if k == 0:
             shift[k], used = _estimate_feet(before, after, here.centres[0] - there.centres[0])
@@ -91,24 +94,18 @@ def register_bodies(there: BodyFrames, here: BodyFrames) -> Registration:
 
 def transfer_parameters(full: FloatArray, registration: Registration) -> FloatArray:
     """Return the full parameters (4K,), base first, in the frames of the other trial."""
-    each = zip(full.reshape(-1, 4), registration.angle, registration.shift, strict=True)
-    return np.concatenate([_transform(block, angle, shift) for block, angle, shift in each])
+    moved = []
+    for block, angle, shift in zip(full.reshape(-1, 4), registration.angle, registration.shift, strict=True):
+        mass, first = block[0], _rotate(angle, block[1:3])
+        inertia = block[3] + 2 * float(shift @ first) + mass * float(shift @ shift)
+        moved.append(np.array([mass, *(first + mass * shift), inertia]))
+    return np.concatenate(moved)
 
 
 def transfer_covariance(covariance: FloatArray, registration: Registration) -> FloatArray:
     """Return the covariance (4K, 4K) of the transferred parameters, without errors of the registration."""
     move = np.column_stack([transfer_parameters(unit, registration) for unit in np.eye(len(covariance))])
     return np.asarray(move @ covariance @ move.T)
-
-
-def _match_markers(there: BodyFrames, here: BodyFrames, segment: int) -> tuple[FloatArray, FloatArray]:
-    """Return the coordinates (k, 2), m, of the markers that both trials have on a body, in each trial's frame."""
-    before, after = (
-        {label: i for i, label in enumerate(of.markers) if of.segment[i] == segment} for of in (there, here)
-    )
-    both = [label for label in before if label in after]
-    indices = np.array([(before[label], after[label]) for label in both], dtype=np.int64).reshape(-1, 2)
-    return there.local[indices[:, 0]], here.local[indices[:, 1]]
 
 
 def _estimate_feet(before: FloatArray, after: FloatArray, ankle: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -141,10 +138,3 @@ def _rotate(angle: float, points: FloatArray) -> FloatArray:
 
 def _compute_rms(distances: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.sum(distances**2, axis=-1)))) if len(distances) else float("nan")
-
-
-def _transform(block: FloatArray, angle: float, shift: FloatArray) -> FloatArray:
-    """Return m, mx, my, Izz of one body after a rotation and a translation."""
-    mass, first = block[0], _rotate(angle, block[1:3])
-    inertia = block[3] + 2 * float(shift @ first) + mass * float(shift @ shift)
-    return np.array([mass, *(first + mass * shift), inertia])

@@ -90,12 +90,20 @@ def predict(prepared: PreparedTrial, result: Identification, noise: PredictionNo
     torque_determined = _find_determined(full_torque, prepared) & placed
     rows = np.where(determined[:, None], prepared.rows, np.nan)
     torque_rows = np.where(torque_determined[:, None], full_torque[:, :, prepared.base.kept], np.nan)
-    elsewhere, relieved = _subtract_external(prepared, result.fit.offset)
+    # the external wrenches reduce the ground's wrench (T, 3) and the torques (T, n)
+    recorded = prepared.recorded
+    wrenches, segment = stack_wrenches(recorded.external, prepared.external(result.fit.offset), len(recorded.time))
+    joints = np.arange(1, recorded.q.shape[1] + 1)
+    elsewhere, relieved = sum_external(prepared.motion.jacobian, joints, wrenches, segment)
     wrench, torque = rows @ base - elsewhere, torque_rows @ base - relieved
     cop_rows = centre_of_pressure_rows(rows, wrench, threshold)
     cop_own = centre_of_pressure_rows(np.broadcast_to(np.eye(3), (len(wrench), 3, 3)), wrench, threshold)
     lasting = variance(torque_rows, own) + noise.torque_lasting
     of_scale = 0.0 if result.calibration is None else compute_scale_variance(prepared, base, result.calibration)
+    unknown = [name for name, known in zip(WRENCH_COMPONENTS, determined, strict=True) if not known]
+    if {"Fy", "tauz"} & set(unknown):
+        unknown.append("cop_x")
+    unknown += [f"tau_{j}" for j, known in enumerate(torque_determined, start=1) if not known]
     return Prediction(
         wrench=wrench,
         wrench_sd=np.sqrt(variance(rows, own) + np.einsum("tkk->tk", noise.wrench)),
@@ -105,7 +113,7 @@ def predict(prepared: PreparedTrial, result: Identification, noise: PredictionNo
         torque_sd=np.sqrt(lasting + noise.torque + of_scale),
         torque_lasting_sd=np.sqrt(lasting),
         torque_noise_sd=np.sqrt(noise.torque),
-        undetermined=_list_undetermined(determined, torque_determined),
+        undetermined=tuple(unknown),
     )
 
 
@@ -130,8 +138,15 @@ def estimate_chain_noise(
     recorded, base = prepared.recorded, result.base
     needed = np.where(_find_determined(prepared.regressor, prepared)[:, None], prepared.rows, np.nan) @ base
     noise = correlation * recorded.ddq_sd[:, :, None] * recorded.ddq_sd[:, None, :]
-    wrench_gain, torque_gain = _differentiate(prepared, base)
-    errors = _estimate_model_errors(prepared, result, needed, _propagate_covariance(wrench_gain, noise))
+    # derivatives with respect to the accelerations, for the body whose regrouped parameters are zero
+    mass, mx, my, inertia = prepared.base.expand(base).reshape(-1, len(PLANAR_PARAMETERS)).T
+    gains = composite_inertia(recorded.q, recorded.centres, mass, np.column_stack([mx, my]), inertia)
+    wrench_gain, torque_gain = gains.wrench, gains.torque
+    # the model's error in each component; if it cannot be estimated, it follows from the states alone
+    residual, of_states = prepared.measured(result.fit.offset) - needed, _propagate_covariance(wrench_gain, noise)
+    found = [estimate_model_error(residual[:, k], of_states[:, k], result.fit.in_fit, recorded.rate) for k in range(3)]
+    usual = ModelError(0.0, 1.0, max((error.overall for error in found if error is not None), default=1.0))
+    errors = [error or usual for error in found]
     wrench_gain *= np.sqrt([error.scale for error in errors])[:, None]
     torque_gain *= np.sqrt(errors[_MOMENT].overall)
     steady = np.diag([error.steady for error in errors])
@@ -198,13 +213,6 @@ def _propagate_centres(prepared: PreparedTrial, full: FloatArray, centre_sd: Flo
     return np.asarray(centre_sd**2 * np.sum(force**2, axis=2))
 
 
-def _subtract_external(prepared: PreparedTrial, offset: float) -> tuple[FloatArray, FloatArray]:
-    """Return how much the external wrenches reduce the ground's wrench (T, 3) and the torques (T, n)."""
-    recorded = prepared.recorded
-    wrenches, segment = stack_wrenches(recorded.external, prepared.external(offset), len(recorded.time))
-    return sum_external(prepared.motion.jacobian, np.arange(1, recorded.q.shape[1] + 1), wrenches, segment)
-
-
 def _find_determined(regressor: FloatArray, prepared: PreparedTrial) -> BoolArray:
     """Return a mask (k,) of the rows of a full regressor (T, k, p) that the base parameters determine."""
     return np.array(
@@ -212,40 +220,10 @@ def _find_determined(regressor: FloatArray, prepared: PreparedTrial) -> BoolArra
     )
 
 
-def _list_undetermined(determined: BoolArray, torque_determined: BoolArray) -> tuple[str, ...]:
-    """Return the names of the columns that are not determined."""
-    names = [name for name, known in zip(WRENCH_COMPONENTS, determined, strict=True) if not known]
-    if {"Fy", "tauz"} & set(names):
-        names.append("cop_x")
-    return (*names, *(f"tau_{j}" for j, known in enumerate(torque_determined, start=1) if not known))
-
-
-def _estimate_model_errors(
-    prepared: PreparedTrial, result: Identification, needed: FloatArray, noise: FloatArray
-) -> tuple[ModelError, ...]:
-    """Return the model's error in each component; if it cannot be estimated, it follows from the states alone."""
-    recorded = prepared.recorded
-    residual = prepared.measured(result.fit.offset) - needed
-    errors = [estimate_model_error(residual[:, k], noise[:, k], result.fit.in_fit, recorded.rate) for k in range(3)]
-    usual = ModelError(0.0, 1.0, max((error.overall for error in errors if error is not None), default=1.0))
-    return tuple(error or usual for error in errors)
-
-
 def _propagate_covariance(gain: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return the variance (T, k) of linear functions with gains (T, k, n) of errors with covariance (T, n, n)."""
     values: FloatArray = np.einsum("tki,tij,tkj->tk", gain, covariance, gain, optimize=True)
     return np.maximum(values, 0.0)
-
-
-def _differentiate(prepared: PreparedTrial, base: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the derivatives of wrench (T, 3, n) and torques (T, n, n) with respect to the joint accelerations.
-
-    They are computed for the body with these base parameters whose regrouped parameters are zero.
-    """
-    recorded = prepared.recorded
-    mass, mx, my, inertia = prepared.base.expand(base).reshape(-1, len(PLANAR_PARAMETERS)).T
-    gains = composite_inertia(recorded.q, recorded.centres, mass, np.column_stack([mx, my]), inertia)
-    return gains.wrench, gains.torque
 
 
 @dataclass(frozen=True)
@@ -259,7 +237,7 @@ class Agreement:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class WrenchAgreement:
     """Agreement of each wrench component and of the centre of pressure."""
 
     # agreement of each component by its name; None if there are fewer than two common samples
@@ -288,14 +266,14 @@ def centre_of_pressure_rows(rows: FloatArray, wrench: FloatArray, threshold: flo
     return (rows[..., 2, :] - cop[..., None] * rows[..., 1, :]) / vertical[..., None]
 
 
-def compare(wrench: FloatArray, measured: FloatArray, samples: BoolArray, threshold: float) -> Comparison:
+def compare_wrenches(wrench: FloatArray, measured: FloatArray, samples: BoolArray, threshold: float) -> WrenchAgreement:
     """Compare a model's wrench (T, 3) with the measured wrench (T, 3) over the samples marked in ``samples`` (T,).
 
     Missing values are NaN. ``threshold`` and the components are as for :func:`centre_of_pressure`.
     """
     components = {name: agreement(wrench[:, k], measured[:, k], samples) for k, name in enumerate(WRENCH_COMPONENTS)}
     cop = agreement(centre_of_pressure(wrench, threshold), centre_of_pressure(measured, threshold), samples)
-    return Comparison(components, None if cop is None else float(np.hypot(cop.bias, cop.sd)))
+    return WrenchAgreement(components, None if cop is None else float(np.hypot(cop.bias, cop.sd)))
 
 
 def agreement(model: FloatArray, measured: FloatArray, samples: BoolArray) -> Agreement | None:

@@ -411,7 +411,11 @@ def prepare(recorded: TrialData, settings: FitSettings, prior: BodyPrior | None 
     """
     regressor = wrench_regressor(recorded.motion, settings.gravity)
     moving = find_complete_rows(regressor)
-    lowpass = LowPass(_choose_cutoff(recorded, settings), recorded.rate)
+    cutoff = settings.cutoff
+    if cutoff is None:
+        measured = recorded.measured is not None
+        cutoff = min(MEASURED_CUTOFF, recorded.rate / 5) if measured else choose_cutoff(recorded.dq, recorded.rate)
+    lowpass = LowPass(cutoff, recorded.rate)
     if prior is None:
         selected = regressor[moving][:: lowpass.step, list(settings.components), :]
         base = regroup_columns(selected.reshape(-1, regressor.shape[-1]))
@@ -434,15 +438,6 @@ def prepare(recorded: TrialData, settings: FitSettings, prior: BodyPrior | None 
         usable=find_usable(lowpass, observed, filtered_wrench, settings.offset_limit),
         prior=prior,
     )
-
-
-def _choose_cutoff(recorded: TrialData, settings: FitSettings) -> float:
-    """Return the cut-off of regressor and wrench, Hz."""
-    if settings.cutoff is not None:
-        return settings.cutoff
-    if recorded.measured is not None:
-        return min(MEASURED_CUTOFF, recorded.rate / 5)
-    return choose_cutoff(recorded.dq, recorded.rate)
 
 
 def _filter_wrench(recorded: TrialData, lowpass: LowPass, wrench: FloatArray) -> FloatArray:

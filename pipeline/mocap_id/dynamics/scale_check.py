@@ -16,11 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_complete_rows
+from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
 from mocap_id.dynamics.base_parameters import BaseSet, triangularise
 from mocap_id.dynamics.fit import DEPENDENT, Fit, skip_long_rests
 from mocap_id.dynamics.identification import Identification
-from mocap_id.dynamics.instrument_errors import Calibration, ScaleCause, ScaleCheck, propagate_to_wrench
+from mocap_id.dynamics.instrument_errors import PlanarCalibration, ScaleCause, ScaleCheck, propagate_to_wrench
 from mocap_id.dynamics.least_squares import estimate_covariance, number_blocks
 from mocap_id.dynamics.preparation import LowPass, PreparedTrial, erode
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, wrench_regressor
@@ -49,7 +49,7 @@ def find_body_ratios(
     centres: FloatArray,
     reference: FloatArray,
     mass: float,
-    calibration: Calibration,
+    calibration: PlanarCalibration,
     *,
     chain: tuple[FloatArray, FloatArray] | None = None,
 ) -> BodyRatios:
@@ -61,7 +61,7 @@ def find_body_ratios(
         Full parameters of a reference table on the chain, which give the ratios.
     mass : float
         Identified mass, kg.
-    calibration : Calibration
+    calibration : PlanarCalibration
         Errors of the instruments, and the mass from a scale if the person was weighed.
     chain : ((4(n + 1), p) array, (4(n + 1),) array), optional
         Matrix and constant that map the fitted parameters to full parameters of the chain; by default, the base
@@ -123,45 +123,16 @@ class WrenchGain:
         return away > _SPREADS * self.sd and away * self.size > self.limit
 
 
-@dataclass(frozen=True)
-class _Column:
-    """A component of an external wrench; ``values`` (R, c) are its weighted column in the fit, with a minus sign."""
-
-    name: str
-    component: str
-    size: float
-    limit: float
-    weight: float
-    values: FloatArray
-
-
 def estimate_gains(prepared: PreparedTrial, result: Fit) -> tuple[WrenchGain, ...]:
     """Return the factors of the components of the external wrenches; empty if the movement determines none.
 
     Components that are too small, or too similar to the effect of the parameters, have no factor. ``result`` is a fit
     to samples with external wrenches.
     """
-    candidates = _list_candidates(prepared, result)
-    if not candidates:
-        return ()
-    finite = np.isfinite(np.stack([column.values for column in candidates]))
-    known: BoolArray = np.all(finite, axis=(0, 2))
-    body = result.design[known, :, :-1]
-    columns = [column for column, own in zip(candidates, _have_own_parts(body, candidates, known), strict=True) if own]
-    if not columns:
-        return ()
-    excess, sd = _solve(prepared, result, columns, known)
-    return tuple(
-        WrenchGain(column.name, column.component, 1.0 + float(away), float(spread), column.size, column.limit)
-        for column, away, spread in zip(columns, excess, sd, strict=True)
-    )
-
-
-def _list_candidates(prepared: PreparedTrial, result: Fit) -> list[_Column]:
-    """Return the components that are large enough to be tested."""
+    # components that are large enough to be tested, and their weighted columns (R, c) in the fit, with a minus sign
     weight = float(np.nanpercentile(np.abs(prepared.recorded.wrench[:, 1]), _LOADED))
     limits = _MATERIAL * weight * np.array([1.0, 1.0, _LEVER])
-    columns = []
+    candidates, columns = [], []
     for external, wrench in zip(prepared.recorded.external, prepared.external(result.offset, True), strict=True):
         for row, component in enumerate(prepared.settings.components):
             force, limit = wrench[result.samples, component], float(limits[component])
@@ -169,40 +140,40 @@ def _list_candidates(prepared: PreparedTrial, result: Fit) -> list[_Column]:
             if size > limit / 2:  # for a smaller component, not even a wrong sign would exceed the limit
                 values = np.zeros(result.design.shape[:2])
                 values[:, row] = -force * result.weights[row]
-                name = WRENCH_COMPONENTS[component]
-                columns.append(_Column(external.name, name, size, limit, float(result.weights[row]), values))
-    return columns
+                candidates.append((external.name, WRENCH_COMPONENTS[component], size, limit, result.weights[row]))
+                columns.append(values)
+    if not candidates:
+        return ()
+    known: BoolArray = np.all(np.isfinite(np.stack(columns)), axis=(0, 2))
+    body, columns = result.design[known, :, :-1], [values[known] for values in columns]
 
-
-def _have_own_parts(body: FloatArray, columns: list[_Column], known: BoolArray) -> list[bool]:
-    """Return whether a sufficient part of each column is independent of all parameters and of the other columns."""
-    rows = np.concatenate([body, np.stack([column.values[known] for column in columns], axis=-1)], axis=-1)
+    # a sufficient part of a column must be independent of all parameters and of the other columns
+    rows = np.concatenate([body, np.stack(columns, axis=-1)], axis=-1)
     flat = rows.reshape(-1, rows.shape[-1])
     norm = np.maximum(np.linalg.norm(flat, axis=0), np.finfo(float).tiny)
-    left, size, right = np.linalg.svd(triangularise(flat / norm))
-    inverse = (right.T / np.maximum(size, 1.0 / DEPENDENT)) @ left.T
-    own = (norm / np.linalg.norm(inverse, axis=1))[-len(columns) :] / np.sqrt(len(rows))
-    return [
-        bool(part / column.weight > _OWN * column.limit) for part, column in zip(own.tolist(), columns, strict=True)
-    ]
+    left, spread, right = np.linalg.svd(triangularise(flat / norm))
+    inverse = (right.T / np.maximum(spread, 1.0 / DEPENDENT)) @ left.T
+    own = (norm / np.linalg.norm(inverse, axis=1))[-len(candidates) :] / np.sqrt(len(rows))
+    kept = [k for k, (*_, limit, scale) in enumerate(candidates) if own[k] / scale > _OWN * limit]
+    if not kept:
+        return ()
 
-
-def _solve(
-    prepared: PreparedTrial, result: Fit, columns: list[_Column], known: BoolArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the fitted factors minus 1 (k,) of the k columns, and their standard deviations (k,)."""
+    # fit of these columns together with the parameters: factor minus 1, with its standard deviation
     samples = result.samples[known]
     time = prepared.recorded.time[samples]
-    added = np.stack([column.values[known] for column in columns], axis=-1)
-    design = np.concatenate([result.design[known, :, :-1], added], axis=-1)
+    design = np.concatenate([body, np.stack([columns[k] for k in kept], axis=-1)], axis=-1)
     total = prepared.filtered_measured(samples, time - result.offset)[:, list(prepared.settings.components)]
     target = (total * result.weights).reshape(-1)
-    rows = design.reshape(len(target), -1)
-    scale = np.linalg.norm(rows, axis=0)
-    solution = np.linalg.lstsq(rows / scale, target, rcond=None)[0] / scale
-    residual = (target - rows @ solution).reshape(len(time), -1)
+    flat = design.reshape(len(target), -1)
+    norm = np.linalg.norm(flat, axis=0)
+    solution = np.linalg.lstsq(flat / norm, target, rcond=None)[0] / norm
+    residual = (target - flat @ solution).reshape(len(time), -1)
     covariance = estimate_covariance(design, residual, number_blocks(time, prepared.settings.block))
-    return solution[-len(columns) :], np.sqrt(np.diag(covariance)[-len(columns) :])
+    sd = np.sqrt(np.diag(covariance))
+    return tuple(
+        WrenchGain(name, component, 1.0 + float(solution[place]), float(sd[place]), size, limit)
+        for place, (name, component, size, limit, _) in enumerate((candidates[k] for k in kept), -len(kept))
+    )
 
 
 _CUTOFF, _POSES_CUTOFF = 2.5, 4.0  # Hz: for a chain, whose accelerations have errors above it, and for measured poses
@@ -252,35 +223,23 @@ def check_scales(
     if problem is None or (problem.pinned and not problem.followed):
         return None
     share = 0.0 if problem.pinned else 1.0
-    held, start = problem.solve(None), result.base
+    held, start = problem.solve(None)[0], result.base
     causes = {}
     for name, size in CAUSES.items():
         if name == "gain" and not ratios.weighed:
             continue
-        free = problem.solve(name, start)
-        limit = float(_SURE * np.hypot(free.sd, share * size.spread))
-        causes[name] = ScaleCause(free.value, free.sd, max(held.cost - free.cost, 0.0), limit)
-    return ScaleCheck(causes, _find_suspects(causes))
+        cost, value, sd = problem.solve(name, start)
+        limit = float(_SURE * np.hypot(sd, share * size.spread))
+        causes[name] = ScaleCause(value, sd, max(held - cost, 0.0), limit)
 
-
-def _find_suspects(causes: Mapping[str, ScaleCause]) -> tuple[str, ...]:
-    """Return the significant cause that explains most, then causes that explain almost as much; () if none is found."""
-    significant = [name for name, each in causes.items() if each.explains > _SEEN and abs(each.value) > each.limit]
-    if not significant:
-        return ()
-    significant.sort(key=lambda name: -causes[name].explains)
-    best = causes[significant[0]].explains
-    near = [name for name, each in causes.items() if name != significant[0] and best - each.explains <= _SEEN]
-    return (significant[0], *sorted(near, key=lambda name: -causes[name].explains))
-
-
-@dataclass(frozen=True)
-class _Solution:
-    """Cost of a solution, and the estimate of the free cause with its standard deviation."""
-
-    cost: float
-    value: float
-    sd: float
+    # the significant cause that explains most is first, then come causes that explain almost as much
+    order = sorted(causes, key=lambda name: -causes[name].explains)
+    significant = (n for n in order if causes[n].explains > _SEEN and abs(causes[n].value) > causes[n].limit)
+    best = next(significant, None)
+    if best is None:
+        return ScaleCheck(causes, ())
+    near = (n for n in order if n != best and causes[best].explains - causes[n].explains <= _SEEN)
+    return ScaleCheck(causes, (best, *near))
 
 
 @dataclass(frozen=True)
@@ -303,20 +262,28 @@ class _Problem:
     pinned: bool
     followed: bool
 
-    def solve(self, free: str | None, start: FloatArray | None = None) -> _Solution:
-        """Return cost and estimate with one cause free, or none, by Gauss-Newton steps, as the model is bilinear."""
+    def solve(self, free: str | None, start: FloatArray | None = None) -> tuple[float, float, float]:
+        """Return the cost, and the estimate of one free cause with its standard deviation; 0 and 0 if none is free.
+
+        The model is bilinear and is solved by Gauss-Newton steps.
+        """
+        # columns whose expected value is zero, modes of the geometry's error and causes, and rows that keep them near
+        first = self.model.shape[-1] + self.nuisance.shape[-1] - self.modes
+        zero = np.arange(first, first + self.modes + len(CAUSES))
+        limits = np.zeros((len(zero), zero[-1] + 1))
+        held = [size.free if name == free else size.held for name, size in CAUSES.items()]
+        limits[np.arange(len(zero)), zero] = np.concatenate([np.ones(self.modes), 1.0 / np.array(held)])
         base = self.start if start is None else start
         value = dict.fromkeys(CAUSES, 0.0)
-        solution = _Solution(np.inf, 0.0, np.inf)
-        previous = np.inf
+        solution, previous = (np.inf, 0.0, np.inf), np.inf
         for _ in range(_ROUNDS):
             model = self.model + sum(value[name] * self.of_model[name] for name in _OF_MODEL)
             own = {name: self.of_model[name] @ base for name in _OF_MODEL}
             known_part = sum(value[name] * own[name] for name in _OF_MODEL)
             columns = np.stack([(own | self.of_data)[name] for name in CAUSES], axis=-1)
             rows = np.concatenate([model, self.nuisance, columns], axis=-1)
-            flat = np.concatenate([rows.reshape(-1, rows.shape[-1]), self.prior, self._build_limits(free)])
-            aim = np.concatenate([(self.target + known_part).reshape(-1), self.prior_target, np.zeros(len(self._zero))])
+            flat = np.concatenate([rows.reshape(-1, rows.shape[-1]), self.prior, limits])
+            aim = np.concatenate([(self.target + known_part).reshape(-1), self.prior_target, np.zeros(len(zero))])
             scale = np.linalg.norm(flat, axis=0)
             normal = (flat / scale).T @ (flat / scale)
             inverse = np.linalg.inv(normal)
@@ -324,28 +291,14 @@ class _Problem:
             cost = float(np.sum((aim - flat @ x) ** 2))
             base = x[: model.shape[-1]]
             value = dict(zip(CAUSES, x[-len(CAUSES) :].tolist(), strict=True))
+            solution = (cost, 0.0, 0.0)
             if free is not None:
                 place = list(CAUSES).index(free) - len(CAUSES)
-                solution = _Solution(cost, value[free], float(np.sqrt(inverse[place, place])) / scale[place])
-            else:
-                solution = _Solution(cost, 0.0, 0.0)
+                solution = (cost, value[free], float(np.sqrt(inverse[place, place])) / scale[place])
             if abs(previous - cost) < 0.1:
                 break
             previous = cost
         return solution
-
-    @property
-    def _zero(self) -> IntArray:
-        """Columns whose expected value is zero: modes of the geometry's error, and causes."""
-        first = self.model.shape[-1] + self.nuisance.shape[-1] - self.modes
-        return np.arange(first, first + self.modes + len(CAUSES))
-
-    def _build_limits(self, free: str | None) -> FloatArray:
-        """Return rows that keep the columns :attr:`_zero` near zero, except that of the free cause."""
-        sd = [size.free if name == free else size.held for name, size in CAUSES.items()]
-        rows = np.zeros((len(self._zero), self._zero[-1] + 1))
-        rows[np.arange(len(rows)), self._zero] = np.concatenate([np.ones(self.modes), 1.0 / np.array(sd)])
-        return rows
 
 
 def _build_problem(
@@ -383,10 +336,23 @@ def _build_problem(
     weights = _estimate_weights(columns, target, time, prepared)
     every = np.stack([*(each @ base for each in of_model.values()), *_build_plate_columns(target).values()], axis=-1)
     residual = _compute_residual(np.concatenate([columns, every], axis=-1), target, weights, prepared)
-    effect = _reduce_modes(effect * weights[:, None]) / weights[:, None]
-    own, rms = np.concatenate([extra, -effect], axis=-1), np.sqrt(np.mean(residual[:, :2] ** 2, axis=0))
-    prior, prior_target = _build_prior(prepared, ratios, own.shape[-1])
     scaled = weights[:, None]
+    if effect.shape[-1]:  # fewer modes with nearly the same covariance
+        weighted = effect * scaled
+        flat = weighted.reshape(-1, effect.shape[-1])
+        values, vectors = np.linalg.eigh(flat.T @ flat)
+        effect = (flat @ vectors[:, values > _LEAST_MODE]).reshape(*effect.shape[:2], -1) / scaled
+    own, rms = np.concatenate([extra, -effect], axis=-1), np.sqrt(np.mean(residual[:, :2] ** 2, axis=0))
+
+    # the ratios, and before them the trial's own prior if it has one
+    of_causes = np.zeros((len(ratios.rows), len(CAUSES)))
+    for name, column in ratios.by_cause.items():
+        of_causes[:, list(CAUSES).index(name)] = column
+    between = np.zeros((len(ratios.rows), own.shape[-1]))
+    prior, prior_target = np.concatenate([ratios.rows, between, of_causes], axis=1), ratios.target
+    if prepared.prior is not None:
+        own_rows, own_aim = prepared.prior.rows(len(kept) + own.shape[-1] + len(CAUSES))
+        prior, prior_target = np.concatenate([own_rows, prior]), np.concatenate([own_aim, prior_target])
     return _Problem(
         model=(model[rows] * scaled)[:, components],
         nuisance=(own * scaled)[:, components],
@@ -402,15 +368,6 @@ def _build_problem(
     )
 
 
-def _reduce_modes(effect: FloatArray) -> FloatArray:
-    """Return fewer modes with nearly the same covariance as the modes (R, 3, S), in units of the residual's sd."""
-    if effect.shape[-1] == 0:
-        return effect
-    flat = effect.reshape(-1, effect.shape[-1])
-    values, vectors = np.linalg.eigh(flat.T @ flat)
-    return np.asarray((flat @ vectors[:, values > _LEAST_MODE]).reshape(*effect.shape[:2], -1))
-
-
 def _build_plate_columns(target: FloatArray) -> dict[str, FloatArray]:
     """Return the columns (R, 3) of the plate's errors."""
     names = ("moments", "vertical gain", "vertical force", "position", "gain")
@@ -420,20 +377,6 @@ def _build_plate_columns(target: FloatArray) -> dict[str, FloatArray]:
     columns["vertical force"][:, 1] = 1.0
     columns["position"][:, 2] = target[:, 1]
     return columns  # the column of a common gain is zero, because it changes only the parameters; a known mass shows it
-
-
-def _build_prior(prepared: PreparedTrial, ratios: BodyRatios, nuisance: int) -> tuple[FloatArray, FloatArray]:
-    """Return the rows and right-hand side of the trial's prior, if it has one, and of the ratios."""
-    columns = len(prepared.base.kept) + nuisance + len(CAUSES)
-    causes = np.zeros((len(ratios.rows), len(CAUSES)))
-    for name, column in ratios.by_cause.items():
-        causes[:, list(CAUSES).index(name)] = column
-    between = np.zeros((len(ratios.rows), nuisance))
-    rows, aim = np.concatenate([ratios.rows, between, causes], axis=1), ratios.target
-    if prepared.prior is None:
-        return rows, aim
-    own, its_aim = prepared.prior.rows(columns)
-    return np.concatenate([own, rows]), np.concatenate([its_aim, aim])
 
 
 def _compute_residual(

@@ -9,8 +9,8 @@ import numpy as np
 
 from mocap_id.dynamics.preparation import FitSettings
 from mocap_id.dynamics.space.consistency import point_mass
-from mocap_id.dynamics.space.identification import SpatialIdentification, identify
-from mocap_id.dynamics.space.preparation import SpatialRecord, SpatialTrial, prepare
+from mocap_id.dynamics.space.identification import SpatialIdentification, identify_parameters_in_space
+from mocap_id.dynamics.space.preparation import SpatialRecord, SpatialTrial, prepare_in_space
 from mocap_id.geometry import se3, so3
 from mocap_id.geometry.spatial_chain import JointKind, SpatialChain, SpatialJoint
 from mocap_id_simulation import SpaceRobotOptions, SpaceRobotTrial, generate_space_robot
@@ -98,8 +98,10 @@ def identified(
     seed: int, preset: str = "default", joints: int = 2, payload: float = 0.0
 ) -> tuple[SpatialTrial, SpatialIdentification]:
     trial = robot(seed, preset, joints, payload)
-    prepared = prepare(record(trial), SIX)
-    return prepared, identify(prepared, np.ones(len(trial.time), dtype=np.bool_), trial.options.errors)
+    prepared = prepare_in_space(record(trial), SIX)
+    return prepared, identify_parameters_in_space(
+        prepared, np.ones(len(trial.time), dtype=np.bool_), trial.options.errors
+    )
 
 
 def true_base(trial: SpaceRobotTrial, prepared: SpatialTrial) -> np.ndarray:

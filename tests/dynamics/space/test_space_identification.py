@@ -12,13 +12,13 @@ from mocap_id.dynamics.fit import determines_parameters
 from mocap_id.dynamics.space.identification import (
     BaseEstimate,
     SpatialIdentification,
-    identify,
+    identify_parameters_in_space,
     identify_payload,
     measure_excitation_in_space,
-    predict,
+    predict_in_space,
 )
 from mocap_id.dynamics.space.instrument_errors import make_exact
-from mocap_id.dynamics.space.preparation import prepare, shift_wrench
+from mocap_id.dynamics.space.preparation import prepare_in_space, shift_wrench
 from mocap_id.geometry import se3, so3
 
 
@@ -32,7 +32,7 @@ def test_exact_instruments_give_exact_parameters(joints: int) -> None:
     np.testing.assert_allclose(found.base, true_base(trial, prepared), atol=2e-4)
     assert abs(found.fit.best_offset) < 1e-4
     assert set(measure_excitation_in_space(prepared, found).verdict) == {"known"}
-    model = predict(prepared, found)
+    model = predict_in_space(prepared, found)
     inside = found.fit.in_fit
     np.testing.assert_allclose(model.wrench[inside], trial.wrench[inside], atol=5e-3)
     np.testing.assert_allclose(model.torque[inside], trial.torque[inside], atol=5e-3)
@@ -55,8 +55,8 @@ def test_a_wrong_zero_of_horizontal_forces_changes_no_parameter() -> None:
     recorded = record(trial)
     plate, zero = recorded.base[:3, 3] - [0.02, 0.1, 0.03], np.array([8.0, 0.0, -5.0])
     plain, shifted = (
-        identify(
-            prepare(replace(recorded, plate=plate, wrench=recorded.wrench + error), SIX),
+        identify_parameters_in_space(
+            prepare_in_space(replace(recorded, plate=plate, wrench=recorded.wrench + error), SIX),
             everywhere(trial),
             trial.options.errors,
         )
@@ -68,7 +68,7 @@ def test_a_wrong_zero_of_horizontal_forces_changes_no_parameter() -> None:
 
 def test_torques_lie_within_their_intervals() -> None:
     trial, (prepared, found) = robot(1), identified(1)
-    model = predict(prepared, found)
+    model = predict_in_space(prepared, found)
     off = np.abs(model.torque - trial.torque)[found.fit.in_fit] / model.torque_sd[found.fit.in_fit]
     assert np.mean(off < 1.96) > 0.8
     assert np.mean(off) > 0.1
@@ -80,8 +80,8 @@ def test_a_joint_at_rest_is_not_identifiable() -> None:
     still = np.repeat(recorded.rotation[:1], len(recorded.time), axis=0)
     zeros = np.zeros_like(recorded.omega)
     resting = recorded.__class__(**{**vars_of(recorded), "rotation": still, "omega": zeros, "alpha": zeros})
-    assert determines_parameters(prepare(recorded, SIX), everywhere(trial))
-    assert not determines_parameters(prepare(resting, SIX), everywhere(trial))
+    assert determines_parameters(prepare_in_space(recorded, SIX), everywhere(trial))
+    assert not determines_parameters(prepare_in_space(resting, SIX), everywhere(trial))
 
 
 def vars_of(recorded: object) -> dict[str, object]:
@@ -104,8 +104,8 @@ def test_a_turned_and_shifted_laboratory_changes_nothing() -> None:
             @ shift_wrench(shift).T,
         }
     )
-    again = identify(prepare(moved, SIX), everywhere(trial), make_exact())
-    of_segments = prepare(recorded, SIX).base.kept >= 10
+    again = identify_parameters_in_space(prepare_in_space(moved, SIX), everywhere(trial), make_exact())
+    of_segments = prepare_in_space(recorded, SIX).base.kept >= 10
     sd = np.sqrt(np.diag(found.residual_covariance))
     assert np.abs((again.base - found.base) / sd)[of_segments].max() < 1.0  # only the weights of x and z differ
     assert again.base[0] == pytest.approx(found.base[0], abs=1e-2)

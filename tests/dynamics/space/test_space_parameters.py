@@ -16,7 +16,7 @@ from mocap_id.dynamics.space.consistency import (
     point_mass,
     pseudo_inertia,
 )
-from mocap_id.dynamics.space.preparation import move_joints, segment_regressor, structural_base
+from mocap_id.dynamics.space.preparation import move_joints, segment_regressor, structural_base_in_space
 from mocap_id.geometry import se3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 
@@ -29,7 +29,7 @@ seeds = pytest.mark.parametrize("seed", range(4))
 def test_the_base_parameters_determine_the_wrench_of_every_motion(kinds: tuple[str, ...], count: int) -> None:
     rng = np.random.default_rng(len(kinds))
     chain, base = random_chain(rng, kinds), random_base(rng)
-    structure = structural_base(chain, base)
+    structure = structural_base_in_space(chain, base)
     assert len(structure.names) == len(structure.units) == len(set(structure.names)) == count
     size = sum(joint.dimension for joint in chain.joints)
     motion = move_joints(chain, base, *rng.normal(size=(3, 6, size)))
@@ -42,7 +42,7 @@ def test_the_base_parameters_determine_the_wrench_of_every_motion(kinds: tuple[s
 def test_names_are_simple_for_a_robot_that_turns_about_the_vertical() -> None:
     joint = SpatialJoint("hinge", 0, np.array([0.0, 0.5, 0.0]), first_axis=np.array([0.0, 1.0, 0.0]))
     chain = SpatialChain((joint,), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0, np.bool_))
-    names = structural_base(chain, np.eye(4)).names
+    names = structural_base_in_space(chain, np.eye(4)).names
     assert names == ("m1+m2", "mx1", "mz1", "mx2", "my2", "Izz2", "Ixz2", "Iyz2")
 
 
@@ -80,7 +80,7 @@ def test_the_cheapest_point_is_the_cheapest(seed: int) -> None:
 
 def problem(rng: np.random.Generator, error: float) -> tuple[CompressedProblem, np.ndarray]:
     chain, base = random_chain(rng, ("hinge", "hinge")), random_base(rng)
-    structure = structural_base(chain, base)
+    structure = structural_base_in_space(chain, base)
     motion = move_joints(chain, base, *rng.normal(size=(3, 80, 2)))
     rows = segment_regressor(motion.in_frames(structure.frames))[:, :, structure.base.kept].reshape(480, -1)
     target = rows @ structure.mapping @ random_bodies(rng, 3).ravel() + error * rng.normal(size=480)

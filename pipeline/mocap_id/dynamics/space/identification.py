@@ -50,7 +50,9 @@ class SpatialIdentification:
         return unit_covariance(rows)[own, own]
 
 
-def identify(trial: SpatialTrial, gate: BoolArray, calibration: SpatialCalibration) -> SpatialIdentification:
+def identify_parameters_in_space(
+    trial: SpatialTrial, gate: BoolArray, calibration: SpatialCalibration
+) -> SpatialIdentification:
     """Identify the parameters on the gated samples (eq. 4.24-4.26).
 
     Parameters
@@ -88,16 +90,9 @@ def identify(trial: SpatialTrial, gate: BoolArray, calibration: SpatialCalibrati
 def measure_excitation_in_space(trial: SpatialTrial, result: SpatialIdentification, weak: float = WEAK) -> Excitation:
     """Measure the excitation of every base parameter; a relative standard deviation above ``weak`` makes it weak.
 
-    The method is that of :func:`mocap_id.dynamics.cautions.classify_parameters`.
-    """
-    return classify_parameters(trial.structure.names, result.fit, result.base_sd, measure_sizes(trial, result), weak)
-
-
-def measure_sizes(trial: SpatialTrial, result: SpatialIdentification) -> FloatArray:
-    """Return the size of each base parameter (b,), SI, with which its standard deviation is compared.
-
-    The size of a first or second moment is the norm of all first or second moments of its segment, because a single
-    component may be zero. The size of the base's first moments is at least the mass times 5 cm.
+    The method is that of :func:`mocap_id.dynamics.cautions.classify_parameters`. The size of a first or second moment,
+    with which its standard deviation is compared, is the norm of all first or second moments of its segment, because a
+    single component may be zero. The size of the base's first moments is at least the mass times 5 cm.
     """
     segment, column = trial.base.kept // 10, trial.base.kept % 10
     order = np.where(column == 0, 0, np.where(column < 4, 1, 2))
@@ -106,7 +101,7 @@ def measure_sizes(trial: SpatialTrial, result: SpatialIdentification) -> FloatAr
         size[i] = np.linalg.norm(result.base[(segment == segment[i]) & (order == order[i])])
         if segment[i] == 0 and order[i] == 1:
             size[i] = max(size[i], _LEAST_LEVER * abs(result.base[0]))
-    return size
+    return classify_parameters(trial.structure.names, result.fit, result.base_sd, size, weak)
 
 
 _RATE = 10.0  # Hz: rate at which the effect of errors of the instruments on torques is evaluated
@@ -127,22 +122,59 @@ class SpatialPrediction:
     torque_sd: FloatArray
 
 
-def predict(trial: SpatialTrial, result: SpatialIdentification) -> SpatialPrediction:
+def predict_in_space(trial: SpatialTrial, result: SpatialIdentification) -> SpatialPrediction:
     """Predict wrench and joint torques at every sample."""
-    own, back = result.residual_covariance, trial.recorded.to_trial
+    recorded, base, own, back = trial.recorded, result.base, result.residual_covariance, trial.recorded.to_trial
     bias = np.zeros(6)
     bias[list(trial.constants)] = result.plate_bias
     measured = trial.measured(result.fit.offset) - bias
-    local = trial.rows @ result.base
-    torque_rows = _compute_torque_rows(trial, trial.recorded.motion)
-    of_wrench, of_torque = _estimate_noise(trial, result, measured - local, torque_rows)
+    local = trial.rows @ base
+    torque_rows = _compute_torque_rows(trial, recorded.motion)
+
+    # Variances of the wrench (T, 6) and of the torques (T, N) from the standard deviations of the accelerations. The
+    # wrench is linear in the accelerations, so a change of each acceleration by 1 rad/s² gives the derivative.
+    of_wrench, of_torque = np.zeros((len(recorded.time), 6)), np.zeros(torque_rows.shape[:2])
+    for j, beyond in enumerate(recorded.motion.beyond):
+        alpha = recorded.alpha + beyond[1:, None] * recorded.motion.axis[:, j, None]
+        moved = move_segments(recorded.chain, recorded.centred, recorded.rotation, recorded.omega, alpha)
+        spread = recorded.alpha_sd[:, int(np.argmax(beyond)) - 1, None] ** 2
+        of_wrench += spread * ((trial.build_rows(moved, trial.settings.gravity) - trial.rows) @ base) ** 2
+        of_torque += spread * ((_compute_torque_rows(trial, moved) - torque_rows) @ base) ** 2
+
+    # As in the plane, they give the course of the variances over time, and the plate gives their size
+    # (:mod:`mocap_id.dynamics.instrument_errors`). The torques are scaled like the moments.
+    residual = measured - local
+    samples = result.fit.in_fit & find_complete_rows(residual)
+    estimates = (estimate_model_error(residual[:, k], of_wrench[:, k], samples, recorded.rate) for k in range(6))
+    errors = [each or ModelError(0.0, 1.0, 1.0) for each in estimates]
+    size = np.nanmean(of_wrench[:, 3:], axis=0)
+    overall = float(np.average([each.overall for each in errors[3:]], weights=np.maximum(size, 1e-300)))
+    of_wrench = of_wrench * [each.scale for each in errors] + [each.steady for each in errors]
+    of_torque = overall * of_torque
+
+    # Variance of the torques from errors of instruments and joint centres: the effects of an error through the
+    # parameters and through the motion are correlated and largely cancel.
+    of_errors = np.full(torque_rows.shape[:2], np.nan)
+    valid = np.flatnonzero(find_complete_rows(trial.regressor))
+    steps = valid[:: max(1, round(recorded.rate / _RATE))]
+    if len(steps):
+        thin_rows = _compute_torque_rows(trial, recorded.motion.at(steps))
+        total = np.zeros(thin_rows.shape[:2])
+        for mode in result.modes:
+            changed = thin_rows @ mode.parameters[: len(base)]
+            if mode.motion is not None:
+                moved_rows = _compute_torque_rows(trial, mode.motion.at(steps))
+                changed = changed + mode.size * ((moved_rows - thin_rows) @ base)
+            total += changed**2
+        of_errors = interpolate_samples(recorded.time, valid, steps, total)
+
     rows = back @ trial.rows
     return SpatialPrediction(
         wrench=local @ back.T,
         wrench_sd=np.sqrt(variance(rows, own) + np.einsum("ij,tj->ti", back**2, of_wrench)),
         measured=measured @ back.T,
-        torque=torque_rows @ result.base,
-        torque_sd=np.sqrt(variance(torque_rows, own) + of_torque + _propagate_errors(trial, result)),
+        torque=torque_rows @ base,
+        torque_sd=np.sqrt(variance(torque_rows, own) + of_torque + of_errors),
     )
 
 
@@ -151,65 +183,6 @@ def _compute_torque_rows(trial: SpatialTrial, motion: SpatialMotion) -> FloatArr
     moved = motion.in_frames(trial.structure.frames)
     regressor = segment_regressor(moved, trial.settings.gravity)
     return torque_regressor(moved, regressor)[:, :, trial.base.kept]
-
-
-def _estimate_noise(
-    trial: SpatialTrial, result: SpatialIdentification, residual: FloatArray, torque_rows: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the variances of the wrench (T, 6) and of the torques (T, N) due to errors of the accelerations.
-
-    As in the plane, the standard deviations of the accelerations give the course of the variances over time, and the
-    plate gives their size (:mod:`mocap_id.dynamics.instrument_errors`). The variances of the torques are scaled like
-    those of the moments.
-    """
-    wrench, torque = _propagate_accelerations(trial, result.base, torque_rows)
-    samples = result.fit.in_fit & find_complete_rows(residual)
-    estimates = (estimate_model_error(residual[:, k], wrench[:, k], samples, trial.recorded.rate) for k in range(6))
-    errors = [each or ModelError(0.0, 1.0, 1.0) for each in estimates]
-    size = np.nanmean(wrench[:, 3:], axis=0)
-    overall = float(np.average([each.overall for each in errors[3:]], weights=np.maximum(size, 1e-300)))
-    scaled = wrench * [each.scale for each in errors] + [each.steady for each in errors]
-    return np.asarray(scaled), np.asarray(overall * torque)
-
-
-def _propagate_accelerations(
-    trial: SpatialTrial, base: FloatArray, torque_rows: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the variances of wrench (T, 6) and torques (T, N) due to the standard deviations of the accelerations.
-
-    The wrench is linear in the accelerations, so a change of each acceleration by 1 rad/s² gives the derivative.
-    """
-    recorded = trial.recorded
-    motion, gravity = recorded.motion, trial.settings.gravity
-    wrench, torque = np.zeros((len(recorded.time), 6)), np.zeros(torque_rows.shape[:2])
-    for j, beyond in enumerate(motion.beyond):
-        alpha = recorded.alpha + beyond[1:, None] * motion.axis[:, j, None]
-        moved = move_segments(recorded.chain, recorded.centred, recorded.rotation, recorded.omega, alpha)
-        spread = recorded.alpha_sd[:, int(np.argmax(beyond)) - 1, None] ** 2
-        wrench += spread * ((trial.build_rows(moved, gravity) - trial.rows) @ base) ** 2
-        torque += spread * ((_compute_torque_rows(trial, moved) - torque_rows) @ base) ** 2
-    return wrench, torque
-
-
-def _propagate_errors(trial: SpatialTrial, result: SpatialIdentification) -> FloatArray:
-    """Return the variance (T, N) of the torques due to errors of instruments and joint centres.
-
-    The effects of an error through the parameters and through the motion are correlated and largely cancel.
-    """
-    recorded = trial.recorded
-    valid = np.flatnonzero(find_complete_rows(trial.regressor))
-    steps = valid[:: max(1, round(recorded.rate / _RATE))]
-    if not len(steps):
-        return np.full((len(recorded.time), recorded.motion.jacobian.shape[2]), np.nan)
-    motion = recorded.motion.at(steps)
-    rows = _compute_torque_rows(trial, motion)
-    total = np.zeros(rows.shape[:2])
-    for mode in result.modes:
-        changed = rows @ mode.parameters[: len(result.base)]
-        if mode.motion is not None:
-            changed = changed + mode.size * ((_compute_torque_rows(trial, mode.motion.at(steps)) - rows) @ result.base)
-        total += changed**2
-    return interpolate_samples(recorded.time, valid, steps, total)
 
 
 _UNKNOWN = 1e-6  # part of a unit vector in the null space above which a parameter is not determined

@@ -12,7 +12,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.fit import Fit
 from mocap_id.dynamics.space.preparation import SpatialMotion, SpatialTrial, move_segments
 from mocap_id.geometry import so3
-from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
+from mocap_id.geometry.spatial_chain import SpatialChain
 
 _STEP = 1e-4  # relative, m or rad: step of numerical derivatives
 
@@ -102,8 +102,9 @@ def _list_motion_errors(trial: SpatialTrial, sd: SpatialCalibration) -> Iterator
             continue
         variance, directions = np.linalg.eigh(_project_covariance(recorded.chain, k))
         for size, direction in zip(np.sqrt(np.maximum(variance, 0.0)), directions.T, strict=True):
-            moved = replace(joint, centre=joint.centre + _STEP * direction)
-            chain = _replace_joint(recorded.chain, k, moved)
+            joints = list(recorded.chain.joints)
+            joints[k] = replace(joint, centre=joint.centre + _STEP * direction)
+            chain = replace(recorded.chain, joints=tuple(joints))
             motion = move_segments(chain, recorded.centred, recorded.rotation, recorded.omega, recorded.alpha)
             yield "centre", motion, float(size)
 
@@ -122,8 +123,3 @@ def _project_covariance(chain: SpatialChain, k: int) -> FloatArray:
     across = null_space(np.array(axes).reshape(-1, 3), rcond=1e-3)
     projection = across @ across.T
     return np.asarray(projection @ joint.covariance @ projection)
-
-
-def _replace_joint(chain: SpatialChain, k: int, joint: SpatialJoint) -> SpatialChain:
-    """Return a copy of the chain in which ``joint`` replaces the k-th joint."""
-    return replace(chain, joints=(*chain.joints[:k], joint, *chain.joints[k + 1 :]))

@@ -77,11 +77,11 @@ class SpatialMotion:
             self,
             rotation=self.rotation @ frames[:, :3, :3],
             origin=self.origin + arm,
-            acceleration=self.acceleration + point_acceleration(arm, self.omega, self.alpha),
+            acceleration=self.acceleration + spatial_point_acceleration(arm, self.omega, self.alpha),
         )
 
 
-def point_acceleration(arm: FloatArray, omega: FloatArray, alpha: FloatArray) -> FloatArray:
+def spatial_point_acceleration(arm: FloatArray, omega: FloatArray, alpha: FloatArray) -> FloatArray:
     """Return the acceleration (..., 3) of a point at ``arm`` (..., 3) in a rotating body, relative to its origin."""
     return np.asarray(np.cross(alpha, arm) + np.cross(omega, np.cross(omega, arm)))
 
@@ -127,13 +127,23 @@ def move_segments(
     origin, acceleration = np.zeros_like(omega), np.zeros_like(omega)
     origin[:, 0] = base[:3, 3]
     centres, axes = [], []
+    beyond = np.zeros((len(chain.joints), len(chain.joints) + 1), dtype=np.bool_)
     for k, joint in enumerate(chain.joints, start=1):
         p = joint.parent
         arm = rotation[:, p] @ joint.centre
         origin[:, k] = origin[:, p] + arm
-        acceleration[:, k] = acceleration[:, p] + point_acceleration(arm, omega[:, p], alpha[:, p])
+        acceleration[:, k] = acceleration[:, p] + spatial_point_acceleration(arm, omega[:, p], alpha[:, p])
         centres += [origin[:, k]] * joint.dimension
-        axes.append(_find_directions(joint, rotation[:, p], rotation[:, k]))
+        # directions (T, d, 3) of the torques of the joint's d coordinates, in the trial's frame
+        if joint.kind == "ball":
+            axes.append(np.swapaxes(rotation[:, p], 1, 2))
+        else:
+            own = [rotation[:, p] @ joint.first_axis]
+            if joint.kind == "two-axis":
+                own.append(rotation[:, k] @ joint.second_axis)
+            axes.append(np.stack(own, axis=1))
+        beyond[:, k] = beyond[:, p]  # the segment is distal to the same joints as its parent, and to its own
+        beyond[k - 1, k] = True
     return SpatialMotion(
         rotation=rotation,
         omega=omega,
@@ -142,7 +152,7 @@ def move_segments(
         acceleration=acceleration,
         joint=np.stack(centres, axis=1),
         axis=np.concatenate(axes, axis=1),
-        beyond=np.repeat(_find_distal(chain), [joint.dimension for joint in chain.joints], axis=0),
+        beyond=np.repeat(beyond, [joint.dimension for joint in chain.joints], axis=0),
     )
 
 
@@ -192,23 +202,6 @@ def _move_child(
     return rotation, omega[..., None], alpha[..., None]
 
 
-def _find_directions(joint: SpatialJoint, parent: FloatArray, child: FloatArray) -> FloatArray:
-    """Return the directions (T, d, 3) of the torques of a joint's d coordinates, in the trial's frame."""
-    if joint.kind == "ball":
-        return np.swapaxes(parent, 1, 2)
-    axes = [parent @ joint.first_axis]
-    return np.stack(axes if joint.kind == "hinge" else [*axes, child @ joint.second_axis], axis=1)
-
-
-def _find_distal(chain: SpatialChain) -> BoolArray:
-    """Return a mask (n, n + 1) of the segments that are distal to each joint."""
-    distal = np.zeros((len(chain.joints), len(chain.joints) + 1), dtype=np.bool_)
-    for k, joint in enumerate(chain.joints):
-        distal[:, k + 1] = distal[:, joint.parent]
-        distal[k, k + 1] = True
-    return distal
-
-
 def rotate_z_to(vector: FloatArray) -> FloatArray:
     """Return the smallest rotation (3, 3) from the z axis to a unit vector (3,)."""
     axis = np.cross([0.0, 0.0, 1.0], vector)
@@ -238,7 +231,7 @@ class SpatialBase:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the base parameters as symbols; "…" replaces regrouped parameters if there are more than three."""
-        symbols = name_parameters(len(self.frames))
+        symbols = name_parameters_in_space(len(self.frames))
         return tuple(
             _format_name(row, int(column), self.base, symbols)
             for row, column in zip(self.base.regrouping, self.base.kept, strict=True)
@@ -250,12 +243,12 @@ class SpatialBase:
         return tuple(_UNITS[column % 10] for column in self.base.kept)
 
 
-def name_parameters(segments: int) -> tuple[str, ...]:
+def name_parameters_in_space(segments: int) -> tuple[str, ...]:
     """Return the names of the full parameters, numbered from 1 for the base: m1, mx1, my1, mz1, Ixx1 … Iyz1, m2 …"""
     return tuple(f"{symbol}{k}" for k in range(1, segments + 1) for symbol in LINK_PARAMETERS)
 
 
-def structural_base(chain: SpatialChain, base: FloatArray) -> SpatialBase:
+def structural_base_in_space(chain: SpatialChain, base: FloatArray) -> SpatialBase:
     """Return the base parameters of a chain in which every joint moves; no trial can determine more parameters.
 
     ``base`` (4, 4) is the pose of the base, which is at rest, in the trial's frame, m.
@@ -414,14 +407,22 @@ class SpatialTrial:
         return self.recorded.regressor(motion, self.structure.frames, gravity)[:, :, self.base.kept]
 
 
-def prepare(recorded: SpatialRecord, settings: FitSettings) -> SpatialTrial:
+def prepare_in_space(recorded: SpatialRecord, settings: FitSettings) -> SpatialTrial:
     """Build the regressor, find the base parameters, filter regressor and wrench, and mark the usable samples.
 
     ``settings.components`` must contain the indices of all six :data:`COMPONENTS`.
     """
-    structure = structural_base(recorded.chain, recorded.centred)
+    structure = structural_base_in_space(recorded.chain, recorded.centred)
     regressor = recorded.regressor(recorded.motion, structure.frames, settings.gravity)
-    cutoff = settings.cutoff or choose_cutoff(_find_fast_velocities(recorded), recorded.rate)
+    cutoff = settings.cutoff
+    if not cutoff:
+        # velocities of the fast coordinates, rad/s; the spectrum of slow ones contains only noise
+        motion, joints = recorded.motion, recorded.chain.joints
+        relative = motion.omega[:, 1:] - motion.omega[:, [joint.parent for joint in joints]]
+        each = np.repeat(relative, [joint.dimension for joint in joints], axis=1)
+        speeds = np.sum(each * motion.axis, axis=2)
+        size = np.nanstd(speeds, axis=0)
+        cutoff = choose_cutoff(speeds[:, size >= _FAST * size.max()], recorded.rate)
     lowpass = LowPass(cutoff, recorded.rate)
     filtered_wrench = undo_averaging(lowpass(recorded.plate_wrench), recorded.averaged * recorded.rate)
     observed = find_complete_rows(regressor) & recorded.observed
@@ -442,13 +443,3 @@ def shift_wrench(arm: FloatArray) -> FloatArray:
     matrix = np.eye(6)
     matrix[3:, :3] = so3.hat(arm)
     return matrix
-
-
-def _find_fast_velocities(recorded: SpatialRecord) -> FloatArray:
-    """Return the velocities (T, c), rad/s, of the c fast coordinates; the spectrum of slow ones contains only noise."""
-    motion, joints = recorded.motion, recorded.chain.joints
-    relative = motion.omega[:, 1:] - motion.omega[:, [joint.parent for joint in joints]]
-    each = np.repeat(relative, [joint.dimension for joint in joints], axis=1)
-    speeds = np.sum(each * motion.axis, axis=2)
-    size = np.nanstd(speeds, axis=0)
-    return np.asarray(speeds[:, size >= _FAST * size.max()])

@@ -16,7 +16,7 @@ from mocap_id.dynamics.consistency import ConsistentSolution, PointGrid
 from mocap_id.dynamics.fit import describe_clock
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.measured_motion import ChainMap
-from mocap_id.dynamics.prediction import Prediction, centre_of_pressure, compare
+from mocap_id.dynamics.prediction import Prediction, centre_of_pressure, compare_wrenches
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData, measure_arcs
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, planar_regressor
 from mocap_id.dynamics.space.consistency import SemidefiniteSolution
@@ -232,7 +232,7 @@ def make_facts(result: IdentifiedDynamics, joints: Sequence[str]) -> dict[str, A
         "clock_offset_s": fit.total_offset if fit.offset_known else None,
         "clock_offset_sd_s": found.offset_sd if fit.offset_known else None,
         "clock": describe_clock(prepared, fit),
-        **describe_comparison(compare(model, measured, samples, threshold)),
+        **describe_comparison(compare_wrenches(model, measured, samples, threshold)),
         "samples": int(samples.sum()),
         "reference_table": result.references.chosen.table,
         "rivals": compare_references(result.references, rows, measured, samples, threshold, external=elsewhere),

@@ -14,8 +14,8 @@ from mocap_id.dynamics.base_parameters import BaseSet
 from mocap_id.dynamics.consistency import PointGrid
 from mocap_id.dynamics.identification import ChosenCutoffs, Identification, choose_cutoffs, identify, score_left_out
 from mocap_id.dynamics.instrument_errors import (
-    Calibration,
     KinematicError,
+    PlanarCalibration,
     PoseEffect,
     PoseErrors,
     ScaleCause,
@@ -25,7 +25,7 @@ from mocap_id.dynamics.instrument_errors import (
     propagate_slides,
 )
 from mocap_id.dynamics.measured_motion import USUAL, ChainMap, map_to_chain, propagate_centres, propagate_to_base
-from mocap_id.dynamics.prediction import PredictionNoise, compare, estimate_residual_noise
+from mocap_id.dynamics.prediction import PredictionNoise, compare_wrenches, estimate_residual_noise
 from mocap_id.dynamics.preparation import PreparedTrial, SampledWrench
 from mocap_id.dynamics.priors import BodyPrior, compute_reference_sd
 from mocap_id.dynamics.scale_check import check_scales, find_body_ratios
@@ -49,13 +49,13 @@ _PERSON, _ROBOT = 0.005, 0.001  # m: standard deviation of a plate's position un
 _LEAST_JOINTS = 2  # ankle and knee, because the ratios of a person need a shank
 
 
-def read_calibration(context: Context) -> Calibration:
+def read_calibration(context: Context) -> PlanarCalibration:
     """Return the standard deviations of the errors of scale of plate and cameras, from the settings."""
     settings: IdentifyDimSettings = context.settings
     position = settings.plate_position_sd_m
     if position is None:
         position = _ROBOT if context.trial.protocol == "robot-joint" else _PERSON
-    return Calibration(
+    return PlanarCalibration(
         gain=settings.plate_gain_sd,
         moments=settings.plate_moments_sd,
         lengths=settings.camera_scale_sd,
@@ -462,8 +462,8 @@ def compare_motions(
     return {
         "why": None,
         "samples": int(both.sum()),
-        "chain": describe_comparison(compare(model, measured, both, threshold)),
-        "segments": describe_comparison(compare(bodies.filtered, bodies.filtered_measured, both, threshold)),
+        "chain": describe_comparison(compare_wrenches(model, measured, both, threshold)),
+        "segments": describe_comparison(compare_wrenches(bodies.filtered, bodies.filtered_measured, both, threshold)),
         "clock_offset_s": _get_offset(pinned),
     }
 

@@ -16,12 +16,18 @@ from mocap_id.dynamics.preparation import FitSettings
 from mocap_id.dynamics.space.identification import (
     SpatialIdentification,
     SpatialPrediction,
-    identify,
+    identify_parameters_in_space,
     measure_excitation_in_space,
-    predict,
+    predict_in_space,
 )
 from mocap_id.dynamics.space.instrument_errors import SpatialCalibration
-from mocap_id.dynamics.space.preparation import COMPONENTS, SpatialRecord, SpatialTrial, name_parameters, prepare
+from mocap_id.dynamics.space.preparation import (
+    COMPONENTS,
+    SpatialRecord,
+    SpatialTrial,
+    name_parameters_in_space,
+    prepare_in_space,
+)
 from mocap_id.geometry import se3, so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.stages.base import Context, Outputs
@@ -64,9 +70,9 @@ def _make_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
 
 def _identify(context: Context, inputs: SpatialInputs, trial: SpatialTrial) -> tuple[Table, Tree]:
     settings = context.settings
-    found = identify(trial, np.ones(len(inputs.time), dtype=np.bool_), read_calibration(settings))
+    found = identify_parameters_in_space(trial, np.ones(len(inputs.time), dtype=np.bool_), read_calibration(settings))
     excited = measure_excitation_in_space(trial, found, settings.weak_share or WEAK)
-    model = predict(trial, found)
+    model = predict_in_space(trial, found)
     facts = make_facts(trial, found, model, read_cop_threshold(context))
     reasons = find_cautions_in_space(trial, found, excited, _ADVICE) + _check_explained_force(found)
     tree = Tree(DYNAMICS_TREE, make_data(trial, found, excited), facts, reasons)
@@ -170,7 +176,7 @@ def read_spatial_inputs(context: Context) -> SpatialInputs:
     plate = None if centre is None else np.array(centre)
     record = replace(_make_record(poses, inputs, base), plate=plate, clock=clock)
     width = recording.compute_averaging_width(wrench.facts["analog_rate_hz"], record.rate)
-    trial = prepare(replace(record, averaged=width), _make_fit_settings(settings, clock.search))
+    trial = prepare_in_space(replace(record, averaged=width), _make_fit_settings(settings, clock.search))
     return replace(inputs, trial=trial, obstacle=_check_excitation(settings, trial))
 
 
@@ -399,7 +405,7 @@ def make_empty_data(segments: int, mass: float | None) -> dict[str, dict[str, An
     regrouping[0, ::10] = 1.0
     return _make_groups(full, 1) | {
         "base": {
-            "name": np.array(["+".join(name_parameters(segments)[::10])], dtype=object),
+            "name": np.array(["+".join(name_parameters_in_space(segments)[::10])], dtype=object),
             "value": value,
             "sd": absent,
             "covariance": absent[:, None],
@@ -419,7 +425,7 @@ def _make_groups(full: FloatArray, base: int) -> dict[str, dict[str, Any]]:
     absent = np.full(len(full), np.nan)
     return {
         "full": {
-            "name": np.array(name_parameters(len(full) // 10), dtype=object),
+            "name": np.array(name_parameters_in_space(len(full) // 10), dtype=object),
             "value": full,
             "reference": absent,
         },

@@ -12,7 +12,7 @@ from mocap_id import recording
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.fit import LEAST_SECONDS, Fit, determines_parameters, fit, select_samples
 from mocap_id.dynamics.instrument_errors import KinematicError, propagate_to_parameters
-from mocap_id.dynamics.prediction import Comparison, compare
+from mocap_id.dynamics.prediction import WrenchAgreement, compare_wrenches
 from mocap_id.dynamics.preparation import CoarseClock, FitSettings, PreparedTrial, TrialData, measure_arcs, prepare
 from mocap_id.dynamics.priors import TableName, compute_foot_sd, compute_reference_sd, estimate_height, look_up_table
 from mocap_id.dynamics.regressor import SEAT, WRENCH_COMPONENTS, ExternalWrench
@@ -259,7 +259,7 @@ def compare_references(
         return None
     found = {}
     for body in bodies.every:
-        compared = compare(regressor @ body.parameters - external, measured, samples, threshold)
+        compared = compare_wrenches(regressor @ body.parameters - external, measured, samples, threshold)
         found[str(body.table)] = {
             "height_m": body.height,
             "mass_kg": body.mass,
@@ -269,7 +269,7 @@ def compare_references(
     return found
 
 
-def describe_comparison(compared: Comparison) -> dict[str, Any]:
+def describe_comparison(compared: WrenchAgreement) -> dict[str, Any]:
     """Return JSON about a comparison of wrenches and centres of pressure."""
     wrench = {name: None if one is None else asdict(one) for name, one in compared.wrench.items()}
     return {"wrench": wrench, "cop_rms_m": compared.cop_rms}
