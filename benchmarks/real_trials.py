@@ -114,14 +114,15 @@ def compare_steps(trial: Trial) -> dict[str, list[str]]:
     assert prepared is not None
     tables, recorded = build_reference_bodies(context, prepared.recorded, movement), prepared.recorded
     chain = fit_chain(context, prepared, movement, read.grid, tables)
-    apart = read.body_sets[0]
+    apart = read.bodies
+    assert apart is not None
     table, segments = context.table("poses.parquet"), range(len(recorded.centres) + 1)
     chosen = bridge_gaps(read_bodies(table, recorded.centres, trial.done.facts["motion"]["used"]))  # no joint is pinned
     bare, with_others = (read_bodies(table, recorded.centres, [*segments, *more]) for more in ([], apart.used[-1:]))
     every = chosen.poses.joints
 
     def fitted(way: MeasuredBodies, rival: ReferenceBodies = tables) -> SegmentFit:
-        return fit_segments(context, [way], prepared, movement, pinned=chain, tables=rival)
+        return fit_segments(context, way, prepared, movement, pinned=chain, tables=rival)
 
     ways = [move_to_chain(bare, recorded.q), move_to_chain(with_others, recorded.q)]
     ways += [replace(chosen, poses=close_gaps(chosen.poses, joints)) for joints in (every, every[:2], [])]

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.priors import look_up_arm
 from mocap_id.geometry import so3
 from mocap_id.protocols.curl import (
-    Compensation,
     Curl,
     CurlRules,
     ElbowTorque,
@@ -68,14 +66,26 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
     end = find_trial_end(time, axis, curls, rules)
     channels, in_step = _collect_angles(context, poses, curls), None
     if _AXIAL in channels:
-        covariance = _find_axis_covariance(skeleton)
+        covariance = None  # of the elbow's axis along x and y of the upper arm, (2, 2) rad²
+        if "forearm" in skeleton.segments:
+            covariance = skeleton.chain.joints[skeleton.segments.index("forearm") - 1].axes_covariance[0, :2, :2]
+            covariance = covariance if np.isfinite(covariance).all() else None
         in_step = fit_part_in_step(time, *channels[_AXIAL], angles[_FLEXION], covariance, curls)
         if in_step is not None:
             channels[_AXIAL] = (channels[_AXIAL][0] - in_step.curve, in_step.rest_sd)
     moved = {name: measure_compensation(time, *channel, curls, rules) for name, channel in channels.items()}
-    torque = compute_curl_torques(context, poses, skeleton, axis)
-    if not isinstance(torque, str):
-        torque = torque.leave_out(~poses.find_measured("upper_arm", "forearm", "hand"))
+    torque = _compute_torques(context, poses, skeleton, axis)
+
+    # what may change with fatigue: one value for every complete curl
+    done = [k for k, curl in enumerate(curls) if curl.complete]
+    quantities = {
+        "duration_s": np.array([curls[k].end - curls[k].start for k in done]),
+        "amplitude_rad": np.array([curls[k].amplitude for k in done]),
+    }
+    for name, found in moved.items():
+        ranges = [one.range if one is not None else np.nan for one in (found[k] for k in done)]
+        quantities[f"{name}_range_rad"] = np.array(ranges)
+    trends = {name: fit_trend(values) for name, values in quantities.items()}
     counted = [curl.complete and np.nanmin([curl.start, curl.top, curl.end, np.inf]) < end.time for curl in curls]
     facts: dict[str, Any] = {
         "why": "" if any(counted) else "no complete curl was found",
@@ -85,11 +95,29 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
         "end": {"time_s": end.time, "rule": end.rule, "why": end.why},
         "condition": keys.condition,
         "tempo_s": [float(curl.end - curl.start) if curl.timed else None for curl in curls],
-        "compensation": {name: [_describe_compensation(one) for one in found] for name, found in moved.items()},
+        "compensation": {
+            name: [
+                None
+                if one is None
+                else {
+                    "range_rad": one.range,
+                    "interval_rad": list(one.range_interval),
+                    "offset_rad": one.offset,
+                    "offset_sd_rad": one.offset_sd,
+                    "floor_rad": one.floor,
+                    "sustained_s": one.sustained,
+                }
+                for one in found
+            ]
+            for name, found in moved.items()
+        },
         "in_step": {},
         "torque": None,
         "torque_why": "",
-        "fatigue": {name: _describe_trend(values) for name, values in _collect_quantities(curls, moved).items()},
+        "fatigue": {
+            name: None if one is None else {"slope": one.slope, "interval": list(one.interval), "count": one.count}
+            for name, one in trends.items()
+        },
     }
     if in_step is not None:
         facts["in_step"] = {_AXIAL: {"range_rad": in_step.range, "interval_rad": list(in_step.interval)}}
@@ -97,7 +125,11 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
     if isinstance(torque, str):
         return _make_table(curls, facts | {"torque_why": torque}, reasons), {}
     facts["torque"] = [_find_peak_torques(time, torque, curl) for curl in curls]
-    return _make_table(curls, facts, reasons), torque.columns()
+    columns: dict[str, FloatArray] = {}
+    for part, one in torque.items():
+        suffix = f"_{part}" if part else ""
+        columns |= {f"elbow_torque{suffix}": one.torque, f"sd_elbow_torque{suffix}": one.sd}
+    return _make_table(curls, facts, reasons), columns
 
 
 def _find_elbow_axis(poses: SegmentPoses, skeleton: SpatialSkeleton) -> FloatArray:
@@ -111,14 +143,6 @@ def _find_elbow_axis(poses: SegmentPoses, skeleton: SpatialSkeleton) -> FloatArr
         if joint.kind != "ball":
             axis = joint.first_axis * (1.0 if joint.first_axis[2] >= 0 else -1.0)
     return np.asarray(poses.rotation[:, poses.segments.index("upper_arm")] @ axis)
-
-
-def _find_axis_covariance(skeleton: SpatialSkeleton) -> FloatArray | None:
-    """Return the covariance (2, 2) of the elbow's axis along x and y of the upper arm, rad²; None if unknown."""
-    if "forearm" not in skeleton.segments:
-        return None
-    covariance = skeleton.chain.joints[skeleton.segments.index("forearm") - 1].axes_covariance[0, :2, :2]
-    return covariance if np.isfinite(covariance).all() else None
 
 
 def _collect_angles(
@@ -147,54 +171,23 @@ def _collect_angles(
     return channels
 
 
-def _find_peak_torques(time: FloatArray, torques: CurlTorques, curl: Curl) -> dict[str, float | None] | None:
+def _find_peak_torques(
+    time: FloatArray, torques: Mapping[str, ElbowTorque], curl: Curl
+) -> dict[str, float | None] | None:
     """Return the peaks of total and person's torque in a curl and their standard deviations, N·m; None if unknown.
 
     A curl in part of which the arm is not measured has no peak.
     """
     within = (time >= curl.start) & (time <= (curl.end if np.isfinite(curl.end) else time[-1]))
-    if not np.isfinite(torques.total.torque[within]).all():
+    if not np.isfinite(torques[""].torque[within]).all():
         return None
     found: dict[str, float | None] = {}
-    for name, one in (("", torques.total), ("person_", torques.person)):
+    for name, one in (("", torques[""]), ("person_", torques["person"])):
         there = np.flatnonzero(within & np.isfinite(one.torque))
         k = there[np.argmax(one.torque[there])] if len(there) else None
         found[f"{name}peak_Nm"] = None if k is None else float(one.torque[k])
         found[f"{name}sd_Nm"] = None if k is None else float(one.sd[k])
     return found if found["peak_Nm"] is not None else None
-
-
-def _collect_quantities(
-    curls: Sequence[Curl], moved: dict[str, tuple[Compensation | None, ...]]
-) -> dict[str, FloatArray]:
-    """Return the quantities that may change with fatigue by name, each with one value for every complete curl."""
-    done = [k for k, curl in enumerate(curls) if curl.complete]
-    quantities = {
-        "duration_s": np.array([curls[k].end - curls[k].start for k in done]),
-        "amplitude_rad": np.array([curls[k].amplitude for k in done]),
-    }
-    for name, found in moved.items():
-        ranges = [one.range if one is not None else np.nan for one in (found[k] for k in done)]
-        quantities[f"{name}_range_rad"] = np.array(ranges)
-    return quantities
-
-
-def _describe_compensation(one: Compensation | None) -> dict[str, Any] | None:
-    if one is None:
-        return None
-    return {
-        "range_rad": one.range,
-        "interval_rad": list(one.range_interval),
-        "offset_rad": one.offset,
-        "offset_sd_rad": one.offset_sd,
-        "floor_rad": one.floor,
-        "sustained_s": one.sustained,
-    }
-
-
-def _describe_trend(values: FloatArray) -> dict[str, Any] | None:
-    trend = fit_trend(values)
-    return None if trend is None else {"slope": trend.slope, "interval": list(trend.interval), "count": trend.count}
 
 
 def _make_table(curls: Sequence[Curl], facts: dict[str, Any], reasons: tuple[Reason, ...]) -> Table:
@@ -216,47 +209,30 @@ def _make_table(curls: Sequence[Curl], facts: dict[str, Any], reasons: tuple[Rea
 _ADDED_SD, _TABLE_SD = 0.02, 0.15  # relative standard deviation of a mass: weighed, and from a table
 
 
-@dataclass(frozen=True)
-class CurlTorques:
-    """Torques about the elbow's axis; ``device`` and ``person`` are NaN if the trial has no file of a device."""
-
-    total: ElbowTorque
-    device: ElbowTorque
-    person: ElbowTorque
-
-    def columns(self) -> dict[str, FloatArray]:
-        """Return the torques and their standard deviations as columns of dynamics.parquet."""
-        columns: dict[str, FloatArray] = {}
-        for suffix, one in (("", self.total), ("_device", self.device), ("_person", self.person)):
-            columns |= {f"elbow_torque{suffix}": one.torque, f"sd_elbow_torque{suffix}": one.sd}
-        return columns
-
-    def leave_out(self, unknown: BoolArray) -> CurlTorques:
-        """Return the torques with NaN in the samples ``unknown`` (T,)."""
-        parts = (self.total, self.device, self.person)
-        return CurlTorques(
-            *(ElbowTorque(*(np.where(unknown, np.nan, each) for each in (one.torque, one.sd))) for one in parts)
-        )
-
-
-def compute_curl_torques(
+def _compute_torques(
     context: Context, poses: SegmentPoses, skeleton: SpatialSkeleton, axis: FloatArray
-) -> CurlTorques | str:
+) -> dict[str, ElbowTorque] | str:
     """Return the torques about the elbow's axis, or a text that says why they are unknown.
 
-    The torque of the person is the total torque minus the torque of the device.
+    The names are "" for the total torque, and "device" and "person" for its two parts, which are NaN if the trial has
+    no file of a device.
     """
     total = _compute_total_torque(context, poses, skeleton, axis)
     if isinstance(total, str):
         return total
     keys, angles = context.trial.curl, context.table("angles.parquet")
-    if keys.device is None:
-        unknown = np.full(len(poses.time), np.nan)
-        return CurlTorques(total, ElbowTorque(unknown, unknown), ElbowTorque(unknown, unknown))
-    file = DeviceFile.model_validate(keys.device)
-    angle_sd = np.hypot(angles["sd_elbow_flexion"], angles["constant_sd_elbow_flexion"])
-    device = ElbowTorque(*file.torque(file.sealed, angles["elbow_flexion"], angles["delbow_flexion"], angle_sd))
-    return CurlTorques(total, device, ElbowTorque(total.torque - device.torque, np.hypot(total.sd, device.sd)))
+    unknown = np.full(len(poses.time), np.nan)
+    device = person = ElbowTorque(unknown, unknown)
+    if keys.device is not None:
+        file = DeviceFile.model_validate(keys.device)
+        angle_sd = np.hypot(angles["sd_elbow_flexion"], angles["constant_sd_elbow_flexion"])
+        device = ElbowTorque(*file.torque(file.sealed, angles["elbow_flexion"], angles["delbow_flexion"], angle_sd))
+        person = ElbowTorque(total.torque - device.torque, np.hypot(total.sd, device.sd))
+    hidden = ~poses.find_measured("upper_arm", "forearm", "hand")
+    return {
+        name: ElbowTorque(*(np.where(hidden, np.nan, each) for each in (one.torque, one.sd)))
+        for name, one in (("", total), ("device", device), ("person", person))
+    }
 
 
 def _compute_total_torque(

@@ -15,7 +15,6 @@ from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.protocols.five_times import (
     LOAD_PHASES,
     REQUIRED_RISES,
-    Attempt,
     LoadShare,
     Spread,
     compute_five_times,
@@ -25,7 +24,6 @@ from mocap_id.protocols.five_times import (
 )
 from mocap_id.protocols.movement import (
     GRID,
-    Agreement,
     Averaged,
     Movement,
     average_repetitions,
@@ -102,27 +100,29 @@ def make_sit_to_stand_events(
         if measured[np.searchsorted(recorded.time, each.time_s)]
     )
     load_share, shares = _share_load(plates, recorded, posture, movement, stamped)
-    rises = tuple(
-        replace(
-            _describe_rise(k, recorded.time, movement, vertical, share=share, measured=measured, modelled=modelled),
-            attempts=_count_attempts_before(k, repetitions, attempts),
+    time, rises = recorded.time, []
+    for k, each in enumerate(repetitions):
+        model = float("nan") if contact is None else find_model_agreement(time, contact.above_noise, each)
+        at = int(np.searchsorted(time, model))  # the end if NaN
+        rising = (time >= each.start) & (time <= each.stand)
+        since = repetitions[k - 1].stand if k else -np.inf
+        rise = RiseDetails(
+            seat_off_72=find_share_crossing(time, vertical, share, each) if chair is True else float("nan"),
+            seat_off_model=model if at < len(time) and modelled[at] else float("nan"),
+            reached=find_greatest_height(time, posture, each, measured),
+            held=measure_paused_time(time, posture, each) if measured[rising].all() else float("nan"),
+            # failed attempts between the stand of the previous repetition and that of this one
+            attempts=sum(since < attempt.time_s < each.stand for attempt in attempts),
             left_seated=float(shares["seated"][k]),
             left_rising=float(shares["rising"][k]),
             left_standing=float(shares["standing"][k]),
         )
-        for k in range(len(repetitions))
-    )
-    if missing and chair is not None:
-        rises = tuple(
-            replace(
-                rise,
-                support=min(
-                    measure_support(recorded.time, posture, force, weight, each, seat_measured=seat_measured)
-                    for force in missing
-                ),
-            )
-            for each, rise in zip(repetitions, rises, strict=True)
-        )
+        if missing and chair is not None:
+            supports = [
+                measure_support(time, posture, force, weight, each, seat_measured=seat_measured) for force in missing
+            ]
+            rise = replace(rise, support=min(supports))
+        rises.append(rise)
     by_forces = contact is not None and contact.rule in {"seat-plate", "weight"}
     seat = () if by_forces else ("seat_off", "seat_on")
     repetitions = tuple(
@@ -133,55 +133,20 @@ def make_sit_to_stand_events(
     if speed_sd is not None and chair is not False:
         above_noise = None if contact is None else contact.above_noise
         event_sd = estimate_event_sd(recorded.time, posture, repetitions, speed_sd, above_noise)
-    five_times = compute_five_times(repetitions, rises, chair=chair, event_sd=event_sd)
+    five_times = compute_five_times(repetitions, tuple(rises), chair=chair, event_sd=event_sd)
     facts = {
         "five_times": {"asked": REQUIRED_RISES, **five_times.model_dump()},
         "attempts": [attempt.model_dump() for attempt in attempts],
         "load_share": load_share.model_dump(),
     }
     reasons = explain_repetitions(repetitions, rises, attempts, posture)
-    return Table(EVENTS, _make_columns(repetitions, rises), facts, reasons)
-
-
-def _count_attempts_before(k: int, repetitions: Sequence[Repetition], attempts: Sequence[Attempt]) -> int:
-    """Return the number of failed attempts between the stand of the previous repetition and the stand of ``k``."""
-    since = repetitions[k - 1].stand if k else -np.inf
-    return sum(since < attempt.time_s < repetitions[k].stand for attempt in attempts)
-
-
-def _describe_rise(
-    k: int,
-    time: FloatArray,
-    movement: Movement,
-    vertical: FloatArray,
-    *,
-    share: float,
-    measured: BoolArray,
-    modelled: BoolArray,
-) -> RiseDetails:
-    """Return the details of repetition ``k``; ``vertical`` (T,) is the vertical force as a share of the weight."""
-    assert movement.posture is not None
-    each, contact = movement.repetitions[k], movement.contact
-    chair = contact is not None and contact.chair is True
-    model = float("nan") if contact is None else find_model_agreement(time, contact.above_noise, each)
-    at = int(np.searchsorted(time, model))  # the end if NaN
-    rising = (time >= each.start) & (time <= each.stand)
-    return RiseDetails(
-        seat_off_72=find_share_crossing(time, vertical, share, each) if chair else float("nan"),
-        seat_off_model=model if at < len(time) and modelled[at] else float("nan"),
-        reached=find_greatest_height(time, movement.posture, each, measured),
-        held=measure_paused_time(time, movement.posture, each) if measured[rising].all() else float("nan"),
-    )
+    rows = [{**asdict(add_remarks(each, rise)), **asdict(rise)} for each, rise in zip(repetitions, rises, strict=True)]
+    return Table(EVENTS, _stack_rows(rows, (*EVENTS.columns, *RISE)), facts, reasons)
 
 
 def make_events(repetitions: Sequence[Repetition]) -> Table:
     """Return events.parquet of a movement other than sit-to-stand, one row for each repetition."""
     return Table(EVENTS, _stack_rows([asdict(each) for each in repetitions], EVENTS.columns))
-
-
-def _make_columns(repetitions: Sequence[Repetition], rises: Sequence[RiseDetails]) -> dict[str, Any]:
-    rows = [{**asdict(add_remarks(each, rise)), **asdict(rise)} for each, rise in zip(repetitions, rises, strict=True)]
-    return _stack_rows(rows, (*EVENTS.columns, *RISE))
 
 
 def _stack_rows(rows: Sequence[Mapping[str, Any]], columns: Sequence[Column]) -> dict[str, Any]:
@@ -340,7 +305,20 @@ def average_signals(
     RecordingError
         The file under ``compare:`` cannot be used or does not overlap with the recording.
     """
-    signals, compared = list(_list_signals(context.table("states.parquet"), dynamics, zeros)), []
+    states = context.table("states.parquet")
+    time, wrench_time, joints = states["time"], dynamics["time"], range(1, joint_count(states) + 1)
+    angles = {joint: _get_angle(states, joint) for joint in joints}
+    signals = [(f"theta_{joint}", "rad", time, angle) for joint, angle in angles.items()]
+    signals += [
+        (f"{name}{source}", unit, wrench_time, dynamics[f"{name}{source}"])
+        for name, unit in _WRENCH.items()
+        for source in _SOURCES
+    ]
+    signals += [(f"tau_{joint}", "N*m", wrench_time, dynamics[f"tau_{joint}"]) for joint in joints]
+    signals += [
+        (f"angle_{joint}", "rad", time, angles[joint] - zero["zero"]) for joint, zero in enumerate(zeros, start=1)
+    ]
+    compared = []
     for name, unit, time, values, facts in _read_other_system(context):
         signals.append((name, unit, time, values))
         compared.append(facts)
@@ -354,33 +332,13 @@ def average_signals(
             averages.append((span, name, unit, average_repetitions(resample_repetitions(time, values, bounds))))
     why = None if any(counts.values()) else "no repetition has both its beginning and its end in the recording"
     facts = {"repetitions": counts, "compared": compared, "why": why, "zeros": list(zeros)}
-    return Table(PHASES, _make_average_columns(averages), facts, reasons)
-
-
-def _make_average_columns(averages: Sequence[tuple[str, str, str, Averaged]]) -> dict[str, Any]:
-    """Return the columns of phases.parquet, with 101 rows for each pair of span and quantity."""
+    # 101 rows for each pair of span and quantity
     columns: dict[str, Any] = {"percent": np.tile(100 * GRID, len(averages))}
     for k, name in enumerate(("span", "quantity", "unit")):
         columns[name] = np.repeat(np.array([row[k] for row in averages], dtype=object), len(GRID))
     for name in ("mean", "sd", "count"):
         columns[name] = np.concatenate([np.zeros(0), *(getattr(each, name) for *_, each in averages)])
-    return columns
-
-
-def _list_signals(
-    states: Table, dynamics: Table, zeros: Sequence[Mapping[str, Any]]
-) -> Iterator[tuple[str, str, FloatArray, FloatArray]]:
-    """Yield name, unit, times (T,), s, and values (T,) of each signal; joint angles are NaN where not observed."""
-    for joint in range(1, joint_count(states) + 1):
-        yield f"theta_{joint}", "rad", states["time"], _get_angle(states, joint)
-    wrench_time = dynamics["time"]
-    for name, unit in _WRENCH.items():
-        for source in _SOURCES:
-            yield f"{name}{source}", unit, wrench_time, dynamics[f"{name}{source}"]
-    for joint in range(1, joint_count(states) + 1):
-        yield f"tau_{joint}", "N*m", wrench_time, dynamics[f"tau_{joint}"]
-    for joint, zero in enumerate(zeros, start=1):
-        yield f"angle_{joint}", "rad", states["time"], _get_angle(states, joint) - zero["zero"]
+    return Table(PHASES, columns, facts, reasons)
 
 
 def _read_other_system(context: Context) -> Iterator[tuple[str, str, FloatArray, FloatArray, dict[str, Any]]]:
@@ -400,21 +358,18 @@ def _read_other_system(context: Context) -> Iterator[tuple[str, str, FloatArray,
         number = joints.index(joint) + 1
         values = interpolate_at(table.time, sign * table.angles[column], time)
         agreement = compare_angles(_get_angle(states, number), values)
-        yield f"theta_{number}_other", "rad", time, values, _describe_agreement(joint, given, agreement)
+        known = bool(np.isfinite(agreement.r))
+        facts = {
+            "joint": joint,
+            "column": given,
+            "r": agreement.r if known else None,
+            "offset_rad": agreement.offset if known else None,
+            "rmse_rad": agreement.rmse if known else None,
+            "samples": agreement.samples,
+            "why": None if known else "the two systems have no common time in which the joint moves",
+        }
+        yield f"theta_{number}_other", "rad", time, values, facts
 
 
 def _get_angle(states: Table, joint: int) -> FloatArray:
     return np.where(states[f"observed_{joint}"], states[f"theta_{joint}"], np.nan)
-
-
-def _describe_agreement(joint: str, column: str, agreement: Agreement) -> dict[str, Any]:
-    known = bool(np.isfinite(agreement.r))
-    return {
-        "joint": joint,
-        "column": column,
-        "r": agreement.r if known else None,
-        "offset_rad": agreement.offset if known else None,
-        "rmse_rad": agreement.rmse if known else None,
-        "samples": agreement.samples,
-        "why": None if known else "the two systems have no common time in which the joint moves",
-    }

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from mocap_id.arrays import NORMAL_95, FloatArray
-from mocap_id.protocols.reach.reachable_set import Surface, VisitedRegion, compute_reach_surface, find_visited_region
+from mocap_id.protocols.reach.reachable_set import compute_reach_surface, find_visited_region
 from mocap_id.protocols.reach.reaches import Reach, compute_level_heights, find_reaches, locate_body_targets
 from mocap_id.protocols.reach.workspace import (
     ANGLES,
@@ -17,7 +17,6 @@ from mocap_id.protocols.reach.workspace import (
     RecordedArm,
     UnknownReach,
     Volume,
-    Workspace,
     compute_workspace,
     find_usable_samples,
     get_angle,
@@ -48,15 +47,39 @@ def find_reach_events(context: Context) -> Table:
     try:
         arm = measure_arm(angles, poses, skeleton, context.trial.subject.height)
         reaches = find_reaches(angles.time, arm)
-        facts |= _describe_arm(arm) | {
+        misses: dict[str, list[float]] = {}
+        for one in reaches:
+            if one.target != "none":
+                misses.setdefault(one.target, []).append(one.miss)
+        facts |= {
+            "lengths_m": {"upper_arm": float(np.linalg.norm(arm.arm.elbow)), "forearm": arm.arm.forearm},
+            "arm_length_m": arm.arm.length,
+            "shoulder_m": arm.shoulder.tolist(),
+            "glide_m": arm.glide.tolist(),
+            "view": _describe_view(arm),
             "heights": _measure_heights(angles.time, arm),
-            "tasks": _group_by_target(reaches),
+            "tasks": {
+                name: {"count": len(each), "best_miss_m": min(each), "median_miss_m": float(np.median(each))}
+                for name, each in misses.items()
+            },
         }
         facts |= _compute_volumes(angles, poses, arm, ranges)
     except UnknownReach as unknown:
         facts["why"] = str(unknown)
     reasons = (Reason("no-reach", f"the reachable volume is unknown: {facts['why']}"),) if facts["why"] else ()
-    return Table(EVENTS, _make_columns(reaches), {"reach": facts}, reasons)
+    numbers = {"start": "start", "top": "top", "end": "end", "miss_m": "miss"}
+    columns = {
+        "kind": np.array(["reach"] * len(reaches), dtype=object),
+        **{
+            column: np.array([getattr(one, name) for one in reaches], dtype=np.float64)
+            for column, name in numbers.items()
+        },
+        **dict.fromkeys(("seat_off", "stand", "seat_on"), np.full(len(reaches), np.nan)),
+        "target": np.array([one.target for one in reaches], dtype=object),
+        "complete": np.array([one.complete for one in reaches], dtype=np.bool_),
+        "why": np.array([one.why for one in reaches], object),
+    }
+    return Table(EVENTS, columns, {"reach": facts}, reasons)
 
 
 def _describe_range(one: AngleRange) -> dict[str, Any]:
@@ -70,17 +93,6 @@ def _describe_range(one: AngleRange) -> dict[str, Any]:
         "low_sd_deg": low_sd,
         "high_sd_deg": high_sd,
         "used_share": one.used_share,
-    }
-
-
-def _describe_arm(arm: RecordedArm) -> dict[str, Any]:
-    upper = float(np.linalg.norm(arm.arm.elbow))
-    return {
-        "lengths_m": {"upper_arm": upper, "forearm": arm.arm.forearm},
-        "arm_length_m": arm.arm.length,
-        "shoulder_m": arm.shoulder.tolist(),
-        "glide_m": arm.glide.tolist(),
-        "view": _describe_view(arm),
     }
 
 
@@ -126,17 +138,6 @@ def _measure_heights(time: FloatArray, arm: RecordedArm) -> dict[str, Any]:
     }
 
 
-def _group_by_target(reaches: Sequence[Reach]) -> dict[str, Any]:
-    found: dict[str, list[float]] = {}
-    for one in reaches:
-        if one.target != "none":
-            found.setdefault(one.target, []).append(one.miss)
-    return {
-        name: {"count": len(misses), "best_miss_m": min(misses), "median_miss_m": float(np.median(misses))}
-        for name, misses in found.items()
-    }
-
-
 def _compute_volumes(
     angles: SpatialAngles, poses: SegmentPoses, arm: RecordedArm, ranges: Mapping[str, AngleRange]
 ) -> dict[str, Any]:
@@ -165,6 +166,27 @@ def _compute_volumes(
     surfaces = {"box": compute_reach_surface(arm.arm, limits)}
     if region is not None:
         surfaces["visited"] = compute_reach_surface(arm.arm, region.limits, region.planes)
+
+    # the part of the box between the recorded postures
+    visited: dict[str, Any] = dict.fromkeys(("volume_m3", "interval_m3", "share"))
+    visited |= {"meaning": _NO_REGION, "why": _NO_REGION}
+    if found.visited is not None and region is not None:
+        share = found.visited.volume / found.box.volume
+        visited = _describe_volume(found.visited) | {
+            "share": share,
+            "why": None,
+            "meaning": (
+                "In the box, every angle has its whole range at all values of the other angles. The postures between "
+                f"the recorded postures reach {100 * share:.0f} % of its volume; whether the rest can be reached is "
+                "unknown. The true volume is between both volumes, nearer to the box if the angles can be combined "
+                "more freely."
+            ),
+        }
+    directions = {"theta_deg": surfaces["box"].polar, "psi_deg": surfaces["box"].azimuth}
+    radii = {
+        f"{name}_m": [[round(r, 3) if np.isfinite(r) else None for r in row] for row in one.radius.tolist()]
+        for name, one in surfaces.items()
+    }
     return {
         **_describe_volume(found.box),
         "sd_m3": found.sd,
@@ -173,9 +195,9 @@ def _compute_volumes(
         "box_deg": {
             name.split("_")[1]: np.degrees(pair).tolist() for name, pair in zip(ANGLES, found.limits, strict=True)
         },
-        "visited": _describe_visited(found, region),
+        "visited": visited,
         "surface": {name: one.areas for name, one in surfaces.items()},
-        "mesh": _make_mesh(surfaces),
+        "mesh": {name: np.degrees(each).round(2).tolist() for name, each in directions.items()} | radii,
     }
 
 
@@ -185,45 +207,4 @@ def _describe_volume(one: Volume) -> dict[str, Any]:
         "interval_m3": list(one.interval),
         "discretisation_m3": one.discretisation,
         "convergence_m3": list(one.convergence),
-    }
-
-
-def _describe_visited(found: Workspace, region: VisitedRegion | None) -> dict[str, Any]:
-    if found.visited is None or region is None:
-        return {"volume_m3": None, "interval_m3": None, "share": None, "meaning": _NO_REGION, "why": _NO_REGION}
-    share = found.visited.volume / found.box.volume
-    return _describe_volume(found.visited) | {
-        "share": share,
-        "why": None,
-        "meaning": (
-            "In the box, every angle has its whole range at all values of the other angles. The postures between the "
-            f"recorded postures reach {100 * share:.0f} % of its volume; whether the rest can be reached is unknown. "
-            "The true volume is between both volumes, nearer to the box if the angles can be combined more freely."
-        ),
-    }
-
-
-def _make_mesh(surfaces: Mapping[str, Surface]) -> dict[str, Any]:
-    first = surfaces["box"]
-    radii = {
-        f"{name}_m": [[round(r, 3) if np.isfinite(r) else None for r in row] for row in one.radius.tolist()]
-        for name, one in surfaces.items()
-    }
-    angles = {"theta_deg": first.polar, "psi_deg": first.azimuth}
-    return {name: np.degrees(each).round(2).tolist() for name, each in angles.items()} | radii
-
-
-def _make_columns(reaches: Sequence[Reach]) -> dict[str, Any]:
-    nothing = np.full(len(reaches), np.nan)
-    numbers = {"start": "start", "top": "top", "end": "end", "miss_m": "miss"}
-    return {
-        "kind": np.array(["reach"] * len(reaches), dtype=object),
-        **{
-            column: np.array([getattr(one, name) for one in reaches], dtype=np.float64)
-            for column, name in numbers.items()
-        },
-        **dict.fromkeys(("seat_off", "stand", "seat_on"), nothing),
-        "target": np.array([one.target for one in reaches], dtype=object),
-        "complete": np.array([one.complete for one in reaches], dtype=np.bool_),
-        "why": np.array([one.why for one in reaches], object),
     }

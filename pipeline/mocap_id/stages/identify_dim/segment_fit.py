@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -12,19 +12,18 @@ from mocap_id import recording
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.base_parameters import BaseSet
 from mocap_id.dynamics.consistency import PointGrid
-from mocap_id.dynamics.identification import ChosenCutoffs, Identification, choose_cutoffs, identify, score_left_out
+from mocap_id.dynamics.identification import ChosenCutoffs, Identification, choose_cutoffs, identify
 from mocap_id.dynamics.instrument_errors import (
     KinematicError,
     PlanarCalibration,
     PoseEffect,
     PoseErrors,
     ScaleCause,
-    SlidingBody,
     propagate_calibration,
     propagate_pose_errors,
     propagate_slides,
 )
-from mocap_id.dynamics.measured_motion import USUAL, ChainMap, map_to_chain, propagate_centres, propagate_to_base
+from mocap_id.dynamics.measured_motion import ChainMap, map_to_chain, propagate_centres, propagate_to_base
 from mocap_id.dynamics.prediction import PredictionNoise, compare_wrenches, estimate_residual_noise
 from mocap_id.dynamics.preparation import PreparedTrial, SampledWrench
 from mocap_id.dynamics.priors import BodyPrior, compute_reference_sd
@@ -211,7 +210,6 @@ class SegmentFit:
     prior: BodyPrior  # prior of the bodies' parameters
     cutoffs: ChosenCutoffs  # cut-offs of the poses
     references: ReferenceBodies  # reference bodies, with parameters of these bodies
-    chain_reference: FloatArray  # parameters of the chosen reference body with the chain
     prior_share: FloatArray  # (b,) share of the precision of each base parameter that comes from the prior, 0 … 1
     chain_map: ChainMap  # map from parameters of the bodies to parameters of the chain
     grid: PointGrid  # point masses of the bodies
@@ -228,7 +226,7 @@ class SegmentFit:
             share = 0.0
         else:
             measured = self.prepared.measured(found.fit.offset) - (found.plate_bias or 0.0) * np.array([1.0, 0.0, 0.0])
-            residual = self._on_fit(measured - self.prepared.rows @ found.base)
+            residual = np.where(found.fit.in_fit[:, None], measured - self.prepared.rows @ found.base, np.nan)
             seconds = float(found.fit.in_fit.sum()) / self.prepared.recorded.rate
             share = len(found.base) / max(3 * seconds / _CORRELATED, 1.0)
         return estimate_residual_noise(
@@ -242,7 +240,7 @@ class SegmentFit:
 
     def filtered(self, parameters: FloatArray) -> FloatArray:
         """Return the filtered wrench (T, 3) of bodies with the given parameters; NaN outside the samples of the fit."""
-        return self._on_fit(self.prepared.filtered @ parameters)
+        return np.where(self.found.fit.in_fit[:, None], self.prepared.filtered @ parameters, np.nan)
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -258,13 +256,10 @@ class SegmentFit:
             "bodies_condition_number_scaled": self.found.fit.condition_scaled,
         }
 
-    def _on_fit(self, wrench: FloatArray) -> FloatArray:
-        return np.where(self.found.fit.in_fit[:, None], wrench, np.nan)
-
 
 def fit_segments(
     context: Context,
-    body_sets: Sequence[MeasuredBodies],
+    bodies: MeasuredBodies,
     prepared: PreparedTrial,
     movement: Movement,
     *,
@@ -275,8 +270,8 @@ def fit_segments(
 
     Parameters
     ----------
-    body_sets : sequence of MeasuredBodies
-        Divisions of the person; the division that predicts left-out repetitions best is used.
+    bodies : MeasuredBodies
+        Bodies, pinned at the joints that hold.
     pinned : Identification
         Identification of the pinned chain.
     tables : ReferenceBodies
@@ -284,119 +279,47 @@ def fit_segments(
     """
     settings, recorded, reference = context.settings, prepared.recorded, tables.chosen.parameters
     mass = float(pinned.full[::4].sum()) if tables.chosen.mass is None else tables.chosen.mass
-    bodies, prior, cutoffs = _choose_bodies(body_sets, prepared, movement, tables.chosen, mass)
+    prior = make_body_prior(bodies, recorded.q, movement, tables.chosen, mass)
+    cutoffs = choose_cutoffs(RepetitionPredictor(prepared, movement, bodies, prior).predict_on_poses)
     ready = prepare_bodies(bodies, recorded, prepared.settings, prior, cutoffs.bands)
-    found = _identify_bodies(context, ready, movement, prior, grid := bodies.grid(settings.grid))
-    effect = propagate_pose_errors(
-        ready, found.fit, found.base, PoseErrors(bodies.poses, _describe_skin(context, bodies), cutoffs.bands)
+    found = identify(
+        ready,
+        movement.free,
+        grid := bodies.grid(settings.grid),
+        prior.mean,
+        KinematicError.none(recorded.q.shape[1]),
+        consistency=settings.consistency or "cone",
+        reference_sd=settings.reference_sd,
     )
-    found, angles = _add_effect(found, effect), recorded.q[found.fit.in_fit]
-    usual = compute_reference_sd(reference, settings.reference_sd)
-    chain_map = map_to_chain(bodies.poses, recorded.q, found.fit.in_fit, reference, usual)
+    own, angles = slice(found.fit.base), recorded.q[found.fit.in_fit]
+
+    # errors of the poses; markers that are not in skin.h5 have the variance of the body's residual
+    skin = context.tree("skin.h5")
+    size = dict(zip(skin.texts("markers/name"), skin.numbers("markers/variance"), strict=True))
+    joints, slides = len(bodies.poses.centres), []
+    for body, markers in enumerate(bodies.markers):
+        usual = bodies.residual[body] ** 2 / 2
+        variance = np.array([size.get(label, usual) for label in markers])
+        segments = np.flatnonzero(bodies.poses.body == body).tolist()
+        near = {joint for k in segments for joint in (k - 1, k) if 0 <= joint < joints}
+        slides.append(propagate_slides(np.array([*markers.values()]), variance, tuple(sorted(near)) or (joints - 1,)))
+    effect = propagate_pose_errors(ready, found.fit, found.base, PoseErrors(bodies.poses, tuple(slides), cutoffs.bands))
+    covariance = found.covariance + effect.parameters[own] @ effect.parameters[own].T
+    found = replace(found, covariance=covariance, base_sd=np.sqrt(np.diag(covariance)))
+
+    # errors of scale
+    usual_sd = compute_reference_sd(reference, settings.reference_sd)
+    chain_map = map_to_chain(bodies.poses, recorded.q, found.fit.in_fit, reference, usual_sd)
     plain = prepare_bodies(bodies, recorded, prepared.settings, prior, _UNSMOOTHED)
     on_chain = (prepared.base, chain_map)
     found = check_and_calibrate(context, ready, movement, found, reference, chain=on_chain, unsmoothed=plain)
-    in_chain, share = _convert_to_chain(
-        prepared, pinned, found, chain_map, compute_centre_covariance(context, bodies, angles)
-    )
-    return SegmentFit(
-        bodies=bodies,
-        prepared=ready,
-        found=found,
-        in_chain=in_chain,
-        prior=prior,
-        cutoffs=cutoffs,
-        references=_convert_references(
-            tables, lambda table: make_body_prior(bodies, recorded.q, movement, table, mass).mean
-        ),
-        chain_reference=reference,
-        prior_share=share,
-        chain_map=chain_map,
-        grid=grid,
-        validation=validation.validate(ready, movement, found, np.zeros((len(recorded.time), 3))),
-        centre_sd=compute_position_sd(context, bodies, angles),
-        effect=effect,
-    )
 
-
-def _identify_bodies(
-    context: Context, ready: PreparedTrial, movement: Movement, prior: BodyPrior, grid: PointGrid
-) -> Identification:
-    """Return the identification of the bodies; its covariance does not contain errors of the poses."""
-    return identify(
-        ready,
-        movement.free,
-        grid,
-        prior.mean,
-        KinematicError.none(ready.recorded.q.shape[1]),
-        consistency=context.settings.consistency or "cone",
-        reference_sd=context.settings.reference_sd,
-    )
-
-
-def _convert_references(tables: ReferenceBodies, mean: Callable[[ReferenceBody], FloatArray]) -> ReferenceBodies:
-    """Return the reference bodies with their parameters replaced by ``mean(body)``; NaN without a reference body."""
-    every = tuple(replace(each, parameters=mean(each)) for each in tables.every)
-    chosen = mean(tables.chosen)
-    known = np.isfinite(tables.chosen.parameters).all()
-    return ReferenceBodies(replace(tables.chosen, parameters=np.where(known, chosen, np.nan)), every)
-
-
-def _choose_bodies(
-    body_sets: Sequence[MeasuredBodies], prepared: PreparedTrial, movement: Movement, table: ReferenceBody, mass: float
-) -> tuple[MeasuredBodies, BodyPrior, ChosenCutoffs]:
-    """Return the bodies that best predict left-out repetitions with usual cut-offs, their prior and best cut-offs."""
-    candidates = []
-    for bodies in body_sets:
-        prior = make_body_prior(bodies, prepared.recorded.q, movement, table, mass)
-        candidates.append((bodies, prior, RepetitionPredictor(prepared, movement, bodies, prior)))
-    bodies, prior, predictor = min(
-        reversed(candidates), key=lambda each: score_left_out(each[2].predict_on_poses(USUAL))
-    )
-    return bodies, prior, choose_cutoffs(predictor.predict_on_poses)
-
-
-def filter_measured(prepared: PreparedTrial, found: Identification) -> FloatArray:
-    """Return the filtered measured wrench (T, 3) without the plate's bias; NaN outside the samples of the fit."""
-    used = np.flatnonzero(found.fit.in_fit)
-    out = np.full((len(prepared.recorded.time), 3), np.nan)
-    out[used] = prepared.filtered_measured(used, prepared.recorded.time[used] - found.fit.offset)
-    out[:, 0] -= found.plate_bias or 0.0
-    return out
-
-
-def _add_effect(found: Identification, effect: PoseEffect) -> Identification:
-    """Return the identification with the effect of pose errors added to its covariance."""
-    own = slice(found.fit.base)
-    covariance = found.covariance + effect.parameters[own] @ effect.parameters[own].T
-    return replace(found, covariance=covariance, base_sd=np.sqrt(np.diag(covariance)))
-
-
-def _describe_skin(context: Context, bodies: MeasuredBodies) -> tuple[SlidingBody, ...]:
-    """Return the skin motion of each body; markers that are not in skin.h5 have the variance of the body's residual."""
-    skin = context.tree("skin.h5")
-    size = dict(zip(skin.texts("markers/name"), skin.numbers("markers/variance"), strict=True))
-    joints = len(bodies.poses.centres)
-    found = []
-    for body, markers in enumerate(bodies.markers):
-        own = np.flatnonzero(bodies.poses.body == body)
-        usual = bodies.residual[body] ** 2 / 2
-        variance = np.array([size.get(label, usual) for label in markers])
-        near = {joint for k in own.tolist() for joint in (k - 1, k) if 0 <= joint < joints}
-        found.append(propagate_slides(np.array(list(markers.values())), variance, tuple(sorted(near)) or (joints - 1,)))
-    return tuple(found)
-
-
-def _convert_to_chain(
-    prepared: PreparedTrial, pinned: Identification, found: Identification, chain_map: ChainMap, centres: FloatArray
-) -> tuple[Identification, FloatArray]:
-    """Return the identification of the chain from that of the bodies, and ``prior_share`` of :class:`SegmentFit`."""
-    own, recorded = slice(found.fit.base), prepared.recorded
+    # the chain's parameters from those of the bodies, and the share of their precision that comes from the prior
     covariance = propagate_to_base(chain_map, prepared.base, found.covariance)
     residual = propagate_to_base(chain_map, prepared.base, found.residual_covariance)
     chain = chain_map.apply(found.full)
-    mean = np.nanmean(recorded.q[found.fit.in_fit], axis=0)
-    moved = propagate_centres(prepared.base, recorded.centres, mean, chain)
+    moved = propagate_centres(prepared.base, recorded.centres, np.nanmean(angles, axis=0), chain)
+    centres = compute_centre_covariance(context, bodies, angles)
     covariance = covariance + np.einsum("bjx,jxy,cjy->bc", moved, centres, moved)
     rows = prepared.base.regrouping @ chain_map.matrix
     design = found.fit.design.reshape(-1, found.fit.design.shape[-1])
@@ -412,7 +335,38 @@ def _convert_to_chain(
         residual_covariance=residual,
         solution=replace(pinned.solution, full=chain, masses=np.full(len(pinned.solution.masses), np.nan)),
     )
-    return in_chain, np.clip(share, 0.0, 1.0)
+
+    # the reference bodies with parameters of these bodies; NaN without a reference body
+    def convert(table: ReferenceBody) -> ReferenceBody:
+        return replace(table, parameters=make_body_prior(bodies, recorded.q, movement, table, mass).mean)
+
+    chosen = convert(tables.chosen)
+    if not np.isfinite(reference).all():
+        chosen = replace(chosen, parameters=np.full(len(chosen.parameters), np.nan))
+    return SegmentFit(
+        bodies=bodies,
+        prepared=ready,
+        found=found,
+        in_chain=in_chain,
+        prior=prior,
+        cutoffs=cutoffs,
+        references=ReferenceBodies(chosen, tuple(convert(each) for each in tables.every)),
+        prior_share=np.clip(share, 0.0, 1.0),
+        chain_map=chain_map,
+        grid=grid,
+        validation=validation.validate(ready, movement, found, np.zeros((len(recorded.time), 3))),
+        centre_sd=compute_position_sd(context, bodies, angles),
+        effect=effect,
+    )
+
+
+def filter_measured(prepared: PreparedTrial, found: Identification) -> FloatArray:
+    """Return the filtered measured wrench (T, 3) without the plate's bias; NaN outside the samples of the fit."""
+    used = np.flatnonzero(found.fit.in_fit)
+    out = np.full((len(prepared.recorded.time), 3), np.nan)
+    out[used] = prepared.filtered_measured(used, prepared.recorded.time[used] - found.fit.offset)
+    out[:, 0] -= found.plate_bias or 0.0
+    return out
 
 
 ASKED_FOR = "asked for"
@@ -454,9 +408,9 @@ def compare_motions(
         Largest vertical force without a centre of pressure, N.
     """
     chain, bodies = predict_on_chain(prepared, pinned, movement, segments), segments.validation.held_out
+    offset = pinned.fit.total_offset if pinned.fit.offset_known else None
     if chain is None or bodies is None:
-        why = segments.validation.why
-        return {"why": why, "chain": None, "segments": None, "clock_offset_s": _get_offset(pinned)}
+        return {"why": segments.validation.why, "chain": None, "segments": None, "clock_offset_s": offset}
     both, model, measured = chain
     both = both & np.isfinite(model).all(axis=1)
     return {
@@ -464,60 +418,44 @@ def compare_motions(
         "samples": int(both.sum()),
         "chain": describe_comparison(compare_wrenches(model, measured, both, threshold)),
         "segments": describe_comparison(compare_wrenches(bodies.filtered, bodies.filtered_measured, both, threshold)),
-        "clock_offset_s": _get_offset(pinned),
+        "clock_offset_s": offset,
     }
-
-
-def _get_offset(found: Identification) -> float | None:
-    """Return the clock offset, s; None if the trial does not determine it."""
-    return found.fit.total_offset if found.fit.offset_known else None
 
 
 def explain_motion(facts: Mapping[str, Any]) -> tuple[Reason, ...]:
     """Return reasons about the gaps of joints and the clock offset, from the facts of dynamics.h5."""
-    return (*_explain_gaps(facts["motion"]), *_check_clocks(facts.get("held_out") or {}))
-
-
-def _explain_gaps(motion: Mapping[str, Any]) -> Iterator[Reason]:
-    """Yield a note about joints whose two sides separate more than the noise, or a caution if a setting pins them."""
+    motion, reasons = facts["motion"], []
     loose = {name: gap for name, gap in (motion.get("joints") or {}).items() if not gap["pinned"]}
     asked_for = motion["source"] == "chain" and motion["why"] == ASKED_FOR
-    if not loose or not (asked_for or motion["source"] == "segments"):
-        return
-    listed = ", ".join(f"{name} {1e3 * gap['gap_m']:.1f} mm" for name, gap in loose.items())
-    observation = f"the two sides of a joint separate by more than the noise (rms): {listed}"
-    largest = max(gap["gap_m"] for gap in loose.values())
-    if asked_for:
-        yield Reason(
-            "pinned-joint-gives-way",
-            f"{observation}, and `identify-dim: {{motion: chain}}` pins this joint. The masses then move differently "
-            "from the model, in the same way in every repetition, so the standard deviations of parameters and torques "
-            "are too small. Remove the setting to use the measured pose of every segment",
-            value=largest,
-        )
-        return
-    yield Reason(
-        "joint-gives-way",
-        f"{observation}. The dynamics therefore use the measured pose of every segment; lengths and angles still come "
-        "from the chain. Set `identify-dim: {motion: chain}` to use the chain",
-        value=largest,
-        level="ok",
-    )
+    if loose and (asked_for or motion["source"] == "segments"):
+        listed = ", ".join(f"{name} {1e3 * gap['gap_m']:.1f} mm" for name, gap in loose.items())
+        observation = f"the two sides of a joint separate by more than the noise (rms): {listed}"
+        largest = max(gap["gap_m"] for gap in loose.values())
+        if asked_for:
+            text = (
+                f"{observation}, and `identify-dim: {{motion: chain}}` pins this joint. The masses then move "
+                "differently from the model, in the same way in every repetition, so the standard deviations of "
+                "parameters and torques are too small. Remove the setting to use the measured pose of every segment"
+            )
+            reasons.append(Reason("pinned-joint-gives-way", text, value=largest))
+        else:
+            text = (
+                f"{observation}. The dynamics therefore use the measured pose of every segment; lengths and angles "
+                "still come from the chain. Set `identify-dim: {motion: chain}` to use the chain"
+            )
+            reasons.append(Reason("joint-gives-way", text, value=largest, level="ok"))
 
-
-def _check_clocks(held_out: Mapping[str, Any]) -> Iterator[Reason]:
-    """Yield a caution if the clock offsets of the fits without each of the repetitions differ too much."""
-    offsets = np.asarray(held_out.get("clock_offset_s") or [], dtype=np.float64)
+    # the clock offsets of the fits without each of the repetitions
+    offsets = np.asarray((facts.get("held_out") or {}).get("clock_offset_s") or [], dtype=np.float64)
     apart = float(np.ptp(offsets)) if len(offsets) > 1 else 0.0
     if apart > _CLOCKS_APART:
-        yield Reason(
-            "clocks-disagree",
+        text = (
             f"the clock offset between cameras and plate depends on the repetitions it is estimated from: it differs "
             f"by {1e3 * apart:.0f} ms, expected at most {1e3 * _CLOCKS_APART:.0f} ms. One of the clocks drifts, or "
-            "the model does not fit the movement: check the synchronisation of cameras and plate",
-            value=apart,
-            limit=_CLOCKS_APART,
+            "the model does not fit the movement: check the synchronisation of cameras and plate"
         )
+        reasons.append(Reason("clocks-disagree", text, value=apart, limit=_CLOCKS_APART))
+    return tuple(reasons)
 
 
 def compare_torque(context: Context, dynamics: Mapping[str, FloatArray]) -> dict[str, Any] | None:

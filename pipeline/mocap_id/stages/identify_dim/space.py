@@ -1,4 +1,4 @@
-"""Function of the stage identify-dim in space: its inputs, the identification, and its artefacts."""
+"""Stage identify-dim in space: its inputs, the identification, and its artefacts."""
 
 from __future__ import annotations
 
@@ -9,13 +9,12 @@ import numpy as np
 
 from mocap_id import recording
 from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
-from mocap_id.dynamics.cautions import WEAK, Excitation, find_cautions_in_space
+from mocap_id.dynamics.cautions import WEAK, find_cautions_in_space
 from mocap_id.dynamics.fit import LEAST_SECONDS, describe_clock, determines_parameters, select_samples
 from mocap_id.dynamics.prediction import agreement, centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.preparation import FitSettings
 from mocap_id.dynamics.space.identification import (
     SpatialIdentification,
-    SpatialPrediction,
     identify_parameters_in_space,
     measure_excitation_in_space,
     predict_in_space,
@@ -32,7 +31,13 @@ from mocap_id.geometry import se3, so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.identify_dim import IdentifyDimSettings
-from mocap_id.stages.identify_dim.dynamics_artefacts import describe_solver, make_empty_facts
+from mocap_id.stages.identify_dim.dynamics_artefacts import (
+    NO_FACTS,
+    describe_solver,
+    make_base,
+    make_columns,
+    make_data,
+)
 from mocap_id.stages.identify_dim.events import make_events
 from mocap_id.stages.identify_dim.trial_data import NotIdentifiable, read_common_time, read_cop_threshold, read_wrench
 from mocap_id.store import Table, Tree
@@ -41,82 +46,139 @@ from mocap_id.store.views import SpatialSkeleton
 from mocap_id.verdict import Reason
 
 _EXPLAINED = 0.5  # smallest share of the variance of the horizontal force that the model explains
+_PLANAR = [COMPONENTS.index(name) for name in ("Fx", "Fy", "tauz")]
 _ADVICE = "Larger angles and higher speeds of all joints, one after the other and together, determine them better."
 
 
 def identify_in_space(context: Context) -> Outputs:
     """Return events.parquet, dynamics.parquet, dynamics.h5 and phases.parquet of a trial in space."""
     inputs = read_spatial_inputs(context)
-    events, torques = _make_events(context)
+    events = make_events(())
+    torques: dict[str, FloatArray] = {}
+    if context.trial.protocol == "curl":
+        from mocap_id.stages.identify_dim.curls import find_curl_events  # noqa: PLC0415  only for curls
+
+        events, torques = find_curl_events(context)
+    elif context.trial.protocol == "reach":
+        from mocap_id.stages.identify_dim.reaches import find_reach_events  # noqa: PLC0415  only for reaches
+
+        events = find_reach_events(context)
     if inputs.trial is None or inputs.obstacle is not None:
         table, tree = _explain_obstacle(context, inputs)
     else:
         table, tree = _identify(context, inputs, inputs.trial)
-    return events, replace(table, columns={**table.columns, **torques}), tree, make_no_averages()
-
-
-def _make_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
-    """Return events.parquet and additional columns of dynamics.parquet, as the protocol requires."""
-    if context.trial.protocol == "curl":
-        from mocap_id.stages.identify_dim.curls import find_curl_events  # noqa: PLC0415  only for curls
-
-        return find_curl_events(context)
-    if context.trial.protocol == "reach":
-        from mocap_id.stages.identify_dim.reaches import find_reach_events  # noqa: PLC0415  only for reaches
-
-        return find_reach_events(context), {}
-    return make_events(()), {}
+    names, empty = np.zeros(0, dtype=object), np.zeros(0)
+    averages = {"span": names, "percent": empty, "quantity": names, "unit": names, "mean": empty, "sd": empty}
+    why = "the repetitions of a trial in space are not averaged"
+    phases = Table(PHASES, averages | {"count": empty}, {"repetitions": {}, "compared": [], "why": why})
+    return events, replace(table, columns={**table.columns, **torques}), tree, phases
 
 
 def _identify(context: Context, inputs: SpatialInputs, trial: SpatialTrial) -> tuple[Table, Tree]:
-    settings = context.settings
+    settings, threshold, structure = context.settings, read_cop_threshold(context), trial.structure
     found = identify_parameters_in_space(trial, np.ones(len(inputs.time), dtype=np.bool_), read_calibration(settings))
     excited = measure_excitation_in_space(trial, found, settings.weak_share or WEAK)
-    model = predict_in_space(trial, found)
-    facts = make_facts(trial, found, model, read_cop_threshold(context))
-    reasons = find_cautions_in_space(trial, found, excited, _ADVICE) + _check_explained_force(found)
-    tree = Tree(DYNAMICS_TREE, make_data(trial, found, excited), facts, reasons)
-    return Table(DYNAMICS_TABLE, _columns(context, inputs, model, found)), tree
+    model, fit = predict_in_space(trial, found), found.fit
+    cop = centre_of_pressure(model.measured[:, _PLANAR], threshold)
+    model_cop = centre_of_pressure(model.wrench[:, _PLANAR], threshold)
 
-
-def _columns(
-    context: Context, inputs: SpatialInputs, model: SpatialPrediction, found: SpatialIdentification
-) -> dict[str, Any]:
-    return make_columns(
+    # dynamics.parquet
+    units = np.broadcast_to(np.eye(3), (len(inputs.time), 3, 3))
+    change = centre_of_pressure_rows(units, model.wrench[:, _PLANAR], threshold)
+    cop_sd = np.sqrt(np.sum((change * model.wrench_sd[:, _PLANAR]) ** 2, axis=1))
+    columns = make_columns(
         inputs.time,
-        measured=model.measured,
-        model=model.wrench,
-        model_sd=model.wrench_sd,
+        COMPONENTS,
+        {"{}": (model.measured, cop), "{}_model": (model.wrench, model_cop), "sd_{}_model": (model.wrench_sd, cop_sd)},
         torque=model.torque,
         torque_sd=model.torque_sd,
-        in_fit=found.fit.in_fit,
-        threshold=read_cop_threshold(context),
+        in_fit=fit.in_fit,
     )
+
+    # dynamics.h5
+    base = make_base(
+        structure.names,
+        found.base,
+        found.base_sd,
+        found.covariance,
+        units=structure.units,
+        regrouping=structure.mapping,
+        excitation=excited,
+        prior_share=np.zeros(len(found.base)),
+    )
+    compared = {
+        name: agreement(model.wrench[:, k], model.measured[:, k], fit.in_fit) for k, name in enumerate(COMPONENTS)
+    }
+    apart = agreement(model_cop, cop, fit.in_fit)
+    facts = _make_common_facts(inputs.chain, None) | {
+        "condition_number": fit.condition,
+        "condition_number_scaled": fit.condition_scaled,
+        "clock_offset_s": fit.total_offset if fit.offset_known else None,
+        "clock_offset_sd_s": found.offset_sd if fit.offset_known else None,
+        "clock": describe_clock(trial, fit),
+        "wrench": {name: None if one is None else asdict(one) for name, one in compared.items()},
+        "cop_rms_m": None if apart is None else float(np.hypot(apart.bias, apart.sd)),
+        "samples": int(fit.in_fit.sum()),
+        "consistency": "cone",
+        "solver": describe_solver(found.solution, "cone"),
+        "reference_pulls": False,
+        "cutoff_hz": trial.lowpass.cutoff,
+        "plate_bias": {COMPONENTS[k]: float(value) for k, value in zip(trial.constants, found.plate_bias, strict=True)},
+        "residual_covariance": found.residual_covariance.tolist(),
+        "unit_covariance": found.unit_covariance.tolist(),
+        "error_modes": [[mode.name, mode.parameters[: len(found.base)].tolist()] for mode in found.modes],
+        "frames": structure.frames[:, :3, :3].tolist(),
+        "moments_about_m": trial.recorded.base[:3, 3].tolist(),
+    }
+    data = make_data(base, name_parameters_in_space(len(found.full) // 10), found.full)
+    reasons = find_cautions_in_space(trial, found, excited, _ADVICE) + _check_explained_force(found)
+    return Table(DYNAMICS_TABLE, columns), Tree(DYNAMICS_TREE, data, facts, reasons)
 
 
 def _explain_obstacle(context: Context, inputs: SpatialInputs) -> tuple[Table, Tree]:
     """Return dynamics.parquet and dynamics.h5 of a trial without an identification."""
-    obstacle = inputs.obstacle
+    obstacle, segments = inputs.obstacle, len(inputs.segments)
     assert obstacle is not None
-    coordinates = sum(joint.dimension for joint in inputs.chain.joints)
     absent = np.full((len(inputs.time), len(COMPONENTS)), np.nan)
-    torque = np.full((len(inputs.time), coordinates), np.nan)
+    torque = np.full((len(inputs.time), sum(joint.dimension for joint in inputs.chain.joints)), np.nan)
     columns = make_columns(
         inputs.time,
-        measured=inputs.wrench,
-        model=absent,
-        model_sd=absent,
+        COMPONENTS,
+        {
+            "{}": (inputs.wrench, centre_of_pressure(inputs.wrench[:, _PLANAR], read_cop_threshold(context))),
+            "{}_model": (absent, absent[:, 0]),
+            "sd_{}_model": (absent, absent[:, 0]),
+        },
         torque=torque,
         torque_sd=torque,
         in_fit=np.zeros(len(inputs.time), dtype=np.bool_),
-        threshold=read_cop_threshold(context),
     )
-    data = make_empty_data(len(inputs.segments), obstacle.mass)
+    # the only base parameter is the mass
+    names, regrouping = name_parameters_in_space(segments), np.zeros((1, 10 * segments))
+    regrouping[0, ::10] = 1.0
+    mass, unknown = np.array([np.nan if obstacle.mass is None else obstacle.mass]), np.full((1, 1), np.nan)
+    base = make_base(["+".join(names[::10])], mass, unknown[0], unknown, units=["kg"], regrouping=regrouping)
+    data = make_data(base, names, np.full(10 * segments, np.nan))
     expected = context.trial.protocol in ("reach", "curl")  # usually recorded without plates
     reasons = (Reason(obstacle.code, obstacle.why, level="ok" if expected else "caution"),)
-    return Table(DYNAMICS_TABLE, columns), Tree(
-        DYNAMICS_TREE, data, make_empty_facts_in_space(inputs.chain, obstacle.why), reasons
-    )
+    facts = _make_common_facts(inputs.chain, obstacle.why)
+    return Table(DYNAMICS_TABLE, columns), Tree(DYNAMICS_TREE, data, facts, reasons)
+
+
+def _make_common_facts(chain: SpatialChain, why: str | None) -> dict[str, Any]:
+    """Return the facts of dynamics.h5 that do not depend on a fit; ``why`` says why there is none.
+
+    The fact ``torques`` contains the joint, from 1, and the direction of the torque in each column ``tau_k``.
+    """
+    words = {
+        "hinge": ("axis",),
+        "two-axis": ("first axis", "second axis"),
+        "ball": ("x of the parent", "y of the parent", "z of the parent"),
+    }
+    every = [(k, word) for k, joint in enumerate(chain.joints, start=1) for word in words[joint.kind]]
+    torques = [{"column": f"tau_{k}", "joint": joint, "about": word} for k, (joint, word) in enumerate(every, 1)]
+    motion = {"source": "chain", "why": "the joints of a chain in space are pinned"}
+    return {**NO_FACTS, "why": why, "motion": motion, "rivals": {}, "torques": torques}
 
 
 def _check_explained_force(found: SpatialIdentification) -> tuple[Reason, ...]:
@@ -162,21 +224,67 @@ def read_spatial_inputs(context: Context) -> SpatialInputs:
     """Return a trial in space, prepared if possible; StoreError if poses and wrench have different times."""
     settings: IdentifyDimSettings = context.settings
     poses = context.table("poses.parquet")
-    wrench, clock = read_wrench(context)
+    table, clock = read_wrench(context)
     time = read_common_time(context, "poses.parquet")
     skeleton = SpatialSkeleton.from_tree(context.tree("chain.h5"))
-    inputs = SpatialInputs(time, skeleton.chain, skeleton.segments, _read_wrench(wrench))
-    obstacle = _check_wrench(context, inputs) or _check_base(context, inputs)
-    if obstacle is not None:
-        return replace(inputs, obstacle=obstacle)
+    wrench = np.full((table.length, len(COMPONENTS)), np.nan)
+    if set(COMPONENTS) <= set(table.names):  # a plate may measure fewer components
+        wrench = np.where(table["plate_ok"][:, None], table.stack(COMPONENTS), np.nan)
+    inputs = SpatialInputs(time, skeleton.chain, skeleton.segments, wrench)
+    if not find_complete_rows(wrench).any():
+        facts = context.table("wrench.parquet").facts
+        why = facts.get("unusable") or facts.get("why") or "the recording has no usable force plate"
+        text = f"the inertial parameters need the ground's wrench: {why}"
+        return replace(inputs, obstacle=NotIdentifiable("no-wrench", text))
+
+    # the plates must measure only bodies of the chain
+    person = context.trial.protocol in _OF_PERSONS or inputs.segments[0] == _PERSON
+    if person or not all(joint.known and not joint.glide.any() for joint in inputs.chain.joints):
+        carrier = (
+            "a person's thorax" if person else "connected to the chain by joints whose centres are unknown or move"
+        )
+        text = (
+            f"the base is {carrier}, so the plates also measure segments without markers; the parameters are "
+            "identified only if a plate carries the base, as under a robot"
+        )
+        return replace(inputs, obstacle=NotIdentifiable("base-not-carried", text))
     base = _find_base_at_rest(poses, inputs)
     if isinstance(base, NotIdentifiable):
         return replace(inputs, obstacle=base)
-    centre = wrench.facts.get("centre_m")
-    plate = None if centre is None else np.array(centre)
-    record = replace(_make_record(poses, inputs, base), plate=plate, clock=clock)
-    width = recording.compute_averaging_width(wrench.facts["analog_rate_hz"], record.rate)
-    trial = prepare_in_space(replace(record, averaged=width), _make_fit_settings(settings, clock.search))
+
+    # motion of the other segments
+    moving = range(1, len(inputs.segments))
+    each = [_read_segment_poses(poses, inputs.segments, k) for k in moving]
+    names = [_find_column_prefix(poses, inputs.segments, k) for k in moving]
+    omega, alpha = (
+        np.stack([poses.stack([f"{name}_{rate}_{axis}" for axis in "xyz"]) for name in names], axis=1)
+        for rate in ("omega", "alpha")
+    )
+    centre = table.facts.get("centre_m")
+    record = SpatialRecord(
+        time=time,
+        chain=inputs.chain,
+        base=base,
+        rotation=np.stack([rotation for rotation, _, _ in each], axis=1),
+        omega=omega,
+        alpha=alpha,
+        alpha_sd=poses.stack([f"sd_{name}_alpha" for name in names]),
+        observed=np.logical_and.reduce([seen for _, _, seen in each]),
+        wrench=wrench,
+        plate=None if centre is None else np.array(centre),
+        clock=clock,
+    )
+    record = replace(record, averaged=recording.compute_averaging_width(table.facts["analog_rate_hz"], record.rate))
+    fitted = FitSettings(
+        components=tuple(range(len(COMPONENTS))),
+        cutoff=settings.cutoff_hz,
+        offset_limit=clock.search,
+        apply_offset=settings.apply_clock_offset,
+        plate_bias=settings.plate_bias,
+        block=settings.block_s,
+        gravity=settings.gravity,
+    )
+    trial = prepare_in_space(record, fitted)
     return replace(inputs, trial=trial, obstacle=_check_excitation(settings, trial))
 
 
@@ -192,46 +300,6 @@ def read_calibration(settings: IdentifyDimSettings) -> SpatialCalibration:
         yaw=2 * position / _PLATE_WIDTH,
         lengths=settings.camera_scale_sd,
         tilt=float(np.radians(settings.camera_tilt_sd_deg)),
-    )
-
-
-def _make_fit_settings(settings: IdentifyDimSettings, search: float) -> FitSettings:
-    return FitSettings(
-        components=tuple(range(len(COMPONENTS))),
-        cutoff=settings.cutoff_hz,
-        offset_limit=search,
-        apply_offset=settings.apply_clock_offset,
-        plate_bias=settings.plate_bias,
-        block=settings.block_s,
-        gravity=settings.gravity,
-    )
-
-
-def _read_wrench(table: Table) -> FloatArray:
-    """Return the wrench of the ground (T, 6), N and N·m; NaN where it is not valid or has fewer components."""
-    if not set(COMPONENTS) <= set(table.names):
-        return np.full((table.length, len(COMPONENTS)), np.nan)
-    return np.where(table["plate_ok"][:, None], table.stack(COMPONENTS), np.nan)
-
-
-def _check_wrench(context: Context, inputs: SpatialInputs) -> NotIdentifiable | None:
-    if find_complete_rows(inputs.wrench).any():
-        return None
-    facts = context.table("wrench.parquet").facts
-    why = facts.get("unusable") or facts.get("why") or "the recording has no usable force plate"
-    return NotIdentifiable("no-wrench", f"the inertial parameters need the ground's wrench: {why}")
-
-
-def _check_base(context: Context, inputs: SpatialInputs) -> NotIdentifiable | None:
-    """Return the reason why the plates also measure bodies that are not in the chain; None if they do not."""
-    person = context.trial.protocol in _OF_PERSONS or inputs.segments[0] == _PERSON
-    if not person and all(joint.known and not joint.glide.any() for joint in inputs.chain.joints):
-        return None
-    base = "a person's thorax" if person else "connected to the chain by joints whose centres are unknown or move"
-    return NotIdentifiable(
-        "base-not-carried",
-        f"the base is {base}, so the plates also measure segments without markers; the parameters are identified only "
-        "if a plate carries the base, as under a robot",
     )
 
 
@@ -254,27 +322,6 @@ def _find_base_at_rest(poses: Table, inputs: SpatialInputs) -> FloatArray | NotI
         f"the base moves by {1e3 * distance:.0f} mm and {np.degrees(angle):.1f}°, expected a base at rest on the plate "
         f"(up to {1e3 * _AT_REST[0]:g} mm and {np.degrees(_AT_REST[1]):g}°). Fix the base; if it is fixed, the plates "
         "also carry other segments",
-    )
-
-
-def _make_record(poses: Table, inputs: SpatialInputs, base: FloatArray) -> SpatialRecord:
-    moving = range(1, len(inputs.segments))
-    each = [_read_segment_poses(poses, inputs.segments, k) for k in moving]
-    names = [_find_column_prefix(poses, inputs.segments, k) for k in moving]
-    omega, alpha = (
-        np.stack([poses.stack([f"{name}_{rate}_{axis}" for axis in "xyz"]) for name in names], axis=1)
-        for rate in ("omega", "alpha")
-    )
-    return SpatialRecord(
-        time=inputs.time,
-        chain=inputs.chain,
-        base=base,
-        rotation=np.stack([rotation for rotation, _, _ in each], axis=1),
-        omega=omega,
-        alpha=alpha,
-        alpha_sd=poses.stack([f"sd_{name}_alpha" for name in names]),
-        observed=np.logical_and.reduce([seen for _, _, seen in each]),
-        wrench=inputs.wrench,
     )
 
 
@@ -305,7 +352,11 @@ def _check_excitation(settings: IdentifyDimSettings, trial: SpatialTrial) -> Not
             f"{trial.lowpass.reach:.2f} s away, because the low-pass spreads gaps. Record longer or with fewer gaps",
         )
     mass = float(np.nanmedian(recorded.wrench[chosen, 1])) / settings.gravity
-    arc = float(np.degrees(_measure_rotations(recorded, chosen).max()))
+    # range of rotation of each moving segment, from the 2.5 to the 97.5 % quantile
+    rotation = recorded.rotation[chosen]
+    turned = so3.log(np.swapaxes(rotation[:1], -1, -2) @ rotation)
+    low, high = np.quantile(turned, [0.025, 0.975], axis=0)
+    arc = float(np.degrees(np.linalg.norm(high - low, axis=-1).max()))
     if arc < settings.still_arc_deg:
         return NotIdentifiable(
             "standing-still",
@@ -321,176 +372,3 @@ def _check_excitation(settings: IdentifyDimSettings, trial: SpatialTrial) -> Not
             mass,
         )
     return None
-
-
-def _measure_rotations(recorded: SpatialRecord, chosen: BoolArray) -> FloatArray:
-    """Return the range of rotation (n,) of each moving segment, from the 2.5 to the 97.5 % quantile, rad."""
-    rotation = recorded.rotation[chosen]
-    turned = so3.log(np.swapaxes(rotation[:1], -1, -2) @ rotation)
-    low, high = np.quantile(turned, [0.025, 0.975], axis=0)
-    return np.asarray(np.linalg.norm(high - low, axis=-1))
-
-
-_PLANAR = [COMPONENTS.index(name) for name in ("Fx", "Fy", "tauz")]
-
-
-def make_columns(
-    time: FloatArray,
-    *,
-    measured: FloatArray,
-    model: FloatArray,
-    model_sd: FloatArray,
-    torque: FloatArray,
-    torque_sd: FloatArray,
-    in_fit: BoolArray,
-    threshold: float,
-) -> dict[str, Any]:
-    """Return the columns of dynamics.parquet.
-
-    Parameters
-    ----------
-    time : (T,) array
-        Sample times, s.
-    measured, model, model_sd : (T, 6) arrays
-        Wrench of the ground about the origin of the trial's axes, N and N·m.
-    torque, torque_sd : (T, N) arrays
-        Torque of each joint coordinate, N·m.
-    in_fit : (T,) bool array
-        Samples of the fit.
-    threshold : float
-        Largest vertical force without a centre of pressure, N.
-    """
-    absent = np.full(len(time), np.nan)
-    found: dict[str, Any] = {"time": time}
-    for prefix, suffix, wrench in (("", "", measured), ("", "_model", model), ("sd_", "_model", model_sd)):
-        found |= {f"{prefix}{name}{suffix}": wrench[:, k] for k, name in enumerate(COMPONENTS)}
-    found["cop_x"] = centre_of_pressure(measured[:, _PLANAR], threshold)
-    found["cop_x_model"] = centre_of_pressure(model[:, _PLANAR], threshold)
-    units = np.broadcast_to(np.eye(3), (len(time), 3, 3))
-    change = centre_of_pressure_rows(units, model[:, _PLANAR], threshold)
-    found["sd_cop_x_model"] = np.sqrt(np.sum((change * model_sd[:, _PLANAR]) ** 2, axis=1))
-    for suffix in ("_reference", "_held_out"):
-        found |= {f"{name}{suffix}": absent for name in ("Fx", "Fy", "tauz", "cop_x")}
-    for j in range(torque.shape[1]):
-        found[f"tau_{j + 1}"], found[f"sd_tau_{j + 1}"] = torque[:, j], torque_sd[:, j]
-    return found | {"in_fit": in_fit}
-
-
-def make_data(trial: SpatialTrial, found: SpatialIdentification, excited: Excitation) -> dict[str, dict[str, Any]]:
-    """Return the datasets of dynamics.h5."""
-    structure = trial.structure
-    return _make_groups(found.full, len(found.base)) | {
-        "base": {
-            "name": np.array(structure.names, dtype=object),
-            "value": found.base,
-            "sd": found.base_sd,
-            "covariance": found.covariance,
-            "unit": np.array(structure.units, dtype=object),
-            "verdict": np.array(excited.verdict, dtype=object),
-            "excitation": excited.own,
-            "own_share": excited.share,
-            "relative_sd": excited.relative_sd,
-            "prior_share": np.zeros(len(found.base)),
-            "regrouping": structure.mapping,
-        }
-    }
-
-
-def make_empty_data(segments: int, mass: float | None) -> dict[str, dict[str, Any]]:
-    """Return the datasets of dynamics.h5 of a trial without an identification; ``mass``, kg, is None if unknown."""
-    value = np.array([np.nan if mass is None else mass])
-    absent = np.full(1, np.nan)
-    full = np.full(10 * segments, np.nan)
-    regrouping = np.zeros((1, 10 * segments))
-    regrouping[0, ::10] = 1.0
-    return _make_groups(full, 1) | {
-        "base": {
-            "name": np.array(["+".join(name_parameters_in_space(segments)[::10])], dtype=object),
-            "value": value,
-            "sd": absent,
-            "covariance": absent[:, None],
-            "unit": np.array(["kg"], dtype=object),
-            "verdict": np.array(["not identifiable" if mass is None else "known"], dtype=object),
-            "excitation": absent,
-            "own_share": absent,
-            "relative_sd": absent,
-            "prior_share": absent,
-            "regrouping": regrouping,
-        }
-    }
-
-
-def _make_groups(full: FloatArray, base: int) -> dict[str, dict[str, Any]]:
-    """Return the groups of dynamics.h5 except ``base``, without a reference body and a grid."""
-    absent = np.full(len(full), np.nan)
-    return {
-        "full": {
-            "name": np.array(name_parameters_in_space(len(full) // 10), dtype=object),
-            "value": full,
-            "reference": absent,
-        },
-        "bodies": {"value": full, "reference": absent, "covariance": np.full((len(full), len(full)), np.nan)},
-        "grid": {"segment": np.zeros(0, dtype=np.int64), "position": np.zeros((0, 2)), "mass": np.zeros(0)},
-        "held_out": {"base": np.zeros((0, base)), "clock_offset": np.zeros(0)},
-    }
-
-
-def make_facts(
-    trial: SpatialTrial, found: SpatialIdentification, model: SpatialPrediction, threshold: float
-) -> dict[str, Any]:
-    """Return the facts of dynamics.h5 about an identification."""
-    fit = found.fit
-    compared = {
-        name: agreement(model.wrench[:, k], model.measured[:, k], fit.in_fit) for k, name in enumerate(COMPONENTS)
-    }
-    cop = agreement(
-        centre_of_pressure(model.wrench[:, _PLANAR], threshold),
-        centre_of_pressure(model.measured[:, _PLANAR], threshold),
-        fit.in_fit,
-    )
-    bias = {COMPONENTS[k]: float(value) for k, value in zip(trial.constants, found.plate_bias, strict=True)}
-    return make_empty_facts_in_space(trial.recorded.chain, None) | {
-        "condition_number": fit.condition,
-        "condition_number_scaled": fit.condition_scaled,
-        "clock_offset_s": fit.total_offset if fit.offset_known else None,
-        "clock_offset_sd_s": found.offset_sd if fit.offset_known else None,
-        "clock": describe_clock(trial, fit),
-        "wrench": {name: None if one is None else asdict(one) for name, one in compared.items()},
-        "cop_rms_m": None if cop is None else float(np.hypot(cop.bias, cop.sd)),
-        "samples": int(fit.in_fit.sum()),
-        "consistency": "cone",
-        "solver": describe_solver(found.solution, "cone"),
-        "reference_pulls": False,
-        "cutoff_hz": trial.lowpass.cutoff,
-        "plate_bias": bias,
-        "residual_covariance": found.residual_covariance.tolist(),
-        "unit_covariance": found.unit_covariance.tolist(),
-        "error_modes": [[mode.name, mode.parameters[: len(found.base)].tolist()] for mode in found.modes],
-        "frames": trial.structure.frames[:, :3, :3].tolist(),
-        "moments_about_m": trial.recorded.base[:3, 3].tolist(),
-    }
-
-
-def make_empty_facts_in_space(chain: SpatialChain, why: str | None) -> dict[str, Any]:
-    """Return the facts of dynamics.h5 without an identification; ``why`` says why there is none.
-
-    The fact ``torques`` contains the joint, from 1, and the direction of the torque in each column ``tau_k``.
-    """
-    words = {
-        "hinge": ("axis",),
-        "two-axis": ("first axis", "second axis"),
-        "ball": ("x of the parent", "y of the parent", "z of the parent"),
-    }
-    every = [(k, word) for k, joint in enumerate(chain.joints, start=1) for word in words[joint.kind]]
-    torques = [{"column": f"tau_{k}", "joint": joint, "about": word} for k, (joint, word) in enumerate(every, 1)]
-    motion = {"source": "chain", "why": "the joints of a chain in space are pinned"}
-    return make_empty_facts(why) | {"motion": motion, "rivals": {}, "torques": torques}
-
-
-def make_no_averages() -> Table:
-    """Return phases.parquet without rows, because trials in space are not averaged."""
-    empty = np.zeros(0)
-    names = np.zeros(0, dtype=object)
-    values = {"span": names, "percent": empty, "quantity": names, "unit": names, "mean": empty, "sd": empty}
-    why = "the repetitions of a trial in space are not averaged"
-    return Table(PHASES, values | {"count": empty}, {"repetitions": {}, "compared": [], "why": why})

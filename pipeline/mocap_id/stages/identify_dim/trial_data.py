@@ -10,7 +10,7 @@ import numpy as np
 
 from mocap_id import recording
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.fit import LEAST_SECONDS, Fit, determines_parameters, fit, select_samples
+from mocap_id.dynamics.fit import LEAST_SECONDS, determines_parameters, fit, select_samples
 from mocap_id.dynamics.instrument_errors import KinematicError, propagate_to_parameters
 from mocap_id.dynamics.prediction import WrenchAgreement, compare_wrenches
 from mocap_id.dynamics.preparation import CoarseClock, FitSettings, PreparedTrial, TrialData, measure_arcs, prepare
@@ -286,18 +286,6 @@ _FITTED = 0.9  # smallest r² of tauz; in simulations at least 0.98 for the righ
 _OPPOSITE = {"forwards": "backwards", "backwards": "forwards", "left": "right", "right": "left"}
 
 
-@dataclass(frozen=True)
-class _Shift:
-    """Shift of the board along the motion for which the model fits best and its standard deviation, m.
-
-    ``misfit`` is the remaining sum of squares divided by the degrees of freedom.
-    """
-
-    value: float
-    sd: float
-    misfit: float
-
-
 def locate_board(
     context: Context, prepared: PreparedTrial, movement: Movement
 ) -> tuple[PreparedTrial, dict[str, Any] | None]:
@@ -311,15 +299,16 @@ def locate_board(
         return prepared, None
     shift = _estimate_shift(context, prepared, movement)
     mirrored = None if shift is None else _estimate_shift(context, _change_moment(prepared, -1.0), movement)
-    worse = None if shift is None or mirrored is None else mirrored.misfit / shift.misfit
+    worse = None if shift is None or mirrored is None else mirrored[2] / shift[2]
     if board["centre_given"] or shift is None:
         sd, by = (_GIVEN_SD, "configuration") if board["centre_given"] else (_FEET_SD, "feet")
         return _change_moment(prepared, sd=sd), {"shift_m": 0.0, "sd_m": sd, "by": by, "mirrored_misfit": worse}
     total = 0.0
     for _ in range(_ROUNDS):
-        total, prepared = total + shift.value, _change_moment(prepared, shift=shift.value, sd=shift.sd)
+        value, sd, _ = shift
+        total, prepared = total + value, _change_moment(prepared, shift=value, sd=sd)
         shift = _estimate_shift(context, prepared, movement) or shift
-    return prepared, {"shift_m": total, "sd_m": shift.sd, "by": "model", "mirrored_misfit": worse}
+    return prepared, {"shift_m": total, "sd_m": shift[1], "by": "model", "mirrored_misfit": worse}
 
 
 def explain_board(context: Context, facts: dict[str, Any]) -> tuple[Reason, ...]:
@@ -363,8 +352,11 @@ def _change_moment(
     return prepare(replace(prepared.recorded, wrench=wrench, position_sd=sd), prepared.settings)
 
 
-def _estimate_shift(context: Context, prepared: PreparedTrial, movement: Movement) -> _Shift | None:
+def _estimate_shift(context: Context, prepared: PreparedTrial, movement: Movement) -> tuple[float, float, float] | None:
     """Return the board's shift for which the fitted first moments agree best with the reference body; None if unknown.
+
+    The result is the shift along the motion and its standard deviation, m, and the misfit: the remaining sum of squares
+    divided by the degrees of freedom.
 
     Fit and reference body are weighted by their covariances. The data determine trunk and thigh, whose angles change
     most; the reference body determines foot and shank, whose first moments along the motion are small. Moments of
@@ -382,22 +374,18 @@ def _estimate_shift(context: Context, prepared: PreparedTrial, movement: Movemen
     kept = np.asarray(prepared.base.kept)
     spread[kept == 1, kept == 1] += (prepared.settings.plate_zero[1] / prepared.settings.gravity) ** 2
     used = np.flatnonzero(kept % 4 != _INERTIA)
-    response, spread = _compute_response(prepared, found)[used], spread[np.ix_(used, used)]
+    # change of the fitted base parameters for a board that is one metre away from its position
+    row = prepared.settings.components.index(_TAUZ)
+    moment = np.zeros((*found.target.shape, 1))
+    stamped = prepared.recorded.time[found.samples] - found.offset
+    moment[:, row, 0] = prepared.filtered_measured(found.samples, stamped)[:, 1] * found.weights[row]
+    response, spread = found.response(moment)[: found.base, 0][used], spread[np.ix_(used, used)]
     away = (values - base @ reference)[used]
     precision = float(response @ np.linalg.solve(spread, response))
     excess = float(response @ np.linalg.solve(spread, away)) / precision
     rest = away - excess * response
     misfit = float(rest @ np.linalg.solve(spread, rest)) / max(len(used) - 1, 1)
-    return _Shift(-excess, float(np.sqrt(_REPEATED_SD**2 + max(misfit, 1.0) / precision)), misfit)
-
-
-def _compute_response(prepared: PreparedTrial, found: Fit) -> FloatArray:
-    """Return the change of the fitted base parameters (b,) for a board that is one metre away from its position."""
-    row = prepared.settings.components.index(_TAUZ)
-    stamped = prepared.recorded.time[found.samples] - found.offset
-    moment = np.zeros((*found.target.shape, 1))
-    moment[:, row, 0] = prepared.filtered_measured(found.samples, stamped)[:, 1] * found.weights[row]
-    return found.response(moment)[: found.base, 0]
+    return -excess, float(np.sqrt(_REPEATED_SD**2 + max(misfit, 1.0) / precision)), misfit
 
 
 MASS_CONTRADICTS = 0.2
@@ -535,7 +523,10 @@ def check_excitation(context: Context, prepared: PreparedTrial, movement: Moveme
         )
     arc = np.degrees(np.max(measure_arcs(recorded.q, chosen)))
     if arc < settings.still_arc_deg:
-        if mass is None and _is_contact_excluded(context, movement, recorded.seat is not None):
+        # whether measurements, and not only assumptions, exclude contacts with unmeasured force
+        excluded = context.trial.protocol == "robot-joint" or recorded.seat is not None
+        excluded = excluded or (movement.contact is not None and movement.contact.chair is not None)
+        if mass is None and excluded:
             mass = float(np.nanmedian(recorded.surroundings[chosen, 1])) / settings.gravity
         result = "nothing" if mass is None else "only the mass"
         return NotIdentifiable(
@@ -552,10 +543,3 @@ def check_excitation(context: Context, prepared: PreparedTrial, movement: Moveme
             mass,
         )
     return None
-
-
-def _is_contact_excluded(context: Context, movement: Movement, seat_measured: bool) -> bool:
-    """Return whether measurements, and not only assumptions, exclude contacts with unmeasured force."""
-    if context.trial.protocol == "robot-joint" or seat_measured:
-        return True
-    return movement.contact is not None and movement.contact.chair is not None

@@ -66,8 +66,7 @@ class TrialInputs:
     movement: Movement  # repetitions, contact and usable samples
     grid: PointGrid  # point masses of the chain's segments
     obstacle: NotIdentifiable | None  # reason why nothing can be identified; None if there is none
-    # bodies with measured poses, pinned at the joints that hold; empty if the pinned chain is used
-    body_sets: tuple[MeasuredBodies, ...]
+    bodies: MeasuredBodies | None  # bodies with measured poses, pinned at the joints that hold; None for the chain
     motion_facts: dict[str, Any]  # JSON about the choice between chain and poses
     centre_sd: FloatArray  # (n,) standard deviation of each joint centre from the gap of its joint, m
     # fact ``board`` of dynamics.h5: position of a balance board; None without a board
@@ -83,7 +82,7 @@ def read_inputs(context: Context) -> TrialInputs:
     prepared: PreparedTrial | None = None
     chair_reasons: tuple[Reason, ...] = ()
     if obstacle is None:
-        prepared, chair_reasons = check_chair(prepare(recorded, make_fit_settings(settings, recorded)))
+        prepared, chair_reasons = _check_chair(prepare(recorded, make_fit_settings(settings, recorded)))
         recorded = prepared.recorded
     grid = build_grid(chain.centres, chain.marker_segment, chain.local, settings.grid)
     movement = _find_movement(context, recorded, prepared, chair_reasons)
@@ -93,28 +92,44 @@ def read_inputs(context: Context) -> TrialInputs:
         if obstacle is None:
             prepared, board = locate_board(context, prepared, movement)
             recorded = prepared.recorded
-    body_sets, facts, centre_sd = _choose_motion(context, recorded)
-    inputs = TrialInputs(chain, recorded, prepared, movement, grid, obstacle, body_sets, facts, centre_sd, board)
-    if prepared is None or obstacle is not None or not body_sets:
-        return replace(inputs, body_sets=())
-    bodies = _choose_bodies(context, inputs, prepared)
+    candidates, facts, centre_sd = _choose_motion(context, recorded)
+    inputs = TrialInputs(chain, recorded, prepared, movement, grid, obstacle, None, facts, centre_sd, board)
+    if prepared is None or obstacle is not None or not candidates:
+        return inputs
+
+    # the bodies that predict left-out repetitions best with the usual cut-offs
+    standing: float | None = context.table("wrench.parquet").facts.get("mass_kg")
+    mass = standing or float(np.nanmedian(recorded.surroundings[:, 1])) / float(settings.gravity)
+    on_chain, table = prepared, build_reference_bodies(context, recorded, movement).chosen
+
+    def predict_with(bodies: MeasuredBodies) -> RepetitionPredictor:
+        prior = make_body_prior(bodies, recorded.q, movement, table, mass if table.mass is None else table.mass)
+        return RepetitionPredictor(on_chain, movement, bodies, prior)
+
+    bodies = candidates[0]
+    if len(candidates) > 1:
+
+        def cost(each: MeasuredBodies) -> float:
+            return score_left_out(predict_with(pin_joints(each)).predict_on_poses(USUAL))
+
+        bodies = min(reversed(candidates), key=cost)
+
+    # pins of the joints that hold; if all hold, the chain is used
     if settings.motion == "segments":
         bodies = pin_joints(bodies)
     else:
         hip = chain.joints.index("hip") if "hip" in chain.joints else None
-        bodies = pin_joints_that_hold(bodies, lambda each: _make_predictor(context, inputs, prepared, each), hip)
+        bodies = pin_joints_that_hold(bodies, predict_with, hip)
     if settings.motion == "chain" or not bodies.loose:
         why = "the gap of a joint is above the noise, but left-out repetitions are not predicted better without its pin"
         why = ASKED_FOR if settings.motion else why
-        joints = describe_gaps(bodies, read_joint_names(context))
-        return replace(inputs, body_sets=(), motion_facts=facts | {"source": "chain", "why": why, "joints": joints})
-    inputs = replace(inputs, body_sets=(bodies,))
-    even = build_even_prior(_estimate_mass(context, recorded), bodies.poses.centroid)
-    on_poses = prepare_bodies(bodies, recorded, prepared.settings, even)
-    movement = _find_movement(context, recorded, on_poses, chair_reasons)
-    if check_excitation(context, prepared, movement) is not None:
-        return inputs
-    return replace(inputs, movement=movement)
+        joints = describe_gaps(bodies, chain.joint_names)
+        return replace(inputs, motion_facts=facts | {"source": "chain", "why": why, "joints": joints})
+    on_poses = prepare_bodies(bodies, recorded, prepared.settings, build_even_prior(mass, bodies.poses.centroid))
+    on_bodies = _find_movement(context, recorded, on_poses, chair_reasons)
+    if check_excitation(context, prepared, on_bodies) is not None:
+        on_bodies = movement
+    return replace(inputs, bodies=bodies, movement=on_bodies)
 
 
 def _find_movement(
@@ -132,26 +147,6 @@ def _find_movement(
         stands=context.table("wrench.parquet").facts.get("mass_kg") is not None,
     )
     return replace(movement, reasons=(*chair_reasons, *movement.reasons))
-
-
-def _choose_bodies(context: Context, inputs: TrialInputs, prepared: PreparedTrial) -> MeasuredBodies:
-    """Return the bodies that predict left-out repetitions best with the usual cut-offs."""
-    if len(inputs.body_sets) == 1:
-        return inputs.body_sets[0]
-
-    def cost(bodies: MeasuredBodies) -> float:
-        return score_left_out(_make_predictor(context, inputs, prepared, pin_joints(bodies)).predict_on_poses(USUAL))
-
-    return min(reversed(inputs.body_sets), key=cost)
-
-
-def _make_predictor(
-    context: Context, inputs: TrialInputs, prepared: PreparedTrial, bodies: MeasuredBodies
-) -> RepetitionPredictor:
-    table = build_reference_bodies(context, prepared.recorded, inputs.movement).chosen
-    mass = _estimate_mass(context, prepared.recorded) if table.mass is None else table.mass
-    prior = make_body_prior(bodies, prepared.recorded.q, inputs.movement, table, mass)
-    return RepetitionPredictor(prepared, inputs.movement, bodies, prior)
 
 
 def _choose_motion(
@@ -207,18 +202,12 @@ def describe_gaps(bodies: MeasuredBodies, names: Sequence[str]) -> dict[str, Any
     }
 
 
-def _estimate_mass(context: Context, recorded: TrialData) -> float:
-    """Return the mass of the standing person or, if unknown, the median vertical force divided by gravity, kg."""
-    standing: float | None = context.table("wrench.parquet").facts.get("mass_kg")
-    return standing or float(np.nanmedian(recorded.surroundings[:, 1])) / float(context.settings.gravity)
-
-
 _SENSOR_RANGE = 1.0  # s, largest clock offset of a sensor that is tried, in both directions
 _SENSOR_LEAST = 2.0  # s, shortest duration of the samples for this
 _SENSOR_LATE, _SENSOR_BETTER = 0.02, 1.2  # smallest offset that is reported, s, and smallest ratio of the residuals
 
 
-def check_chair(prepared: PreparedTrial) -> tuple[PreparedTrial, tuple[Reason, ...]]:
+def _check_chair(prepared: PreparedTrial) -> tuple[PreparedTrial, tuple[Reason, ...]]:
     """Return the trial, without the chair's wrench if it contradicts the body's motion, and a note or caution.
 
     Without a plate under the chair, the trial is unchanged and the tuple is empty.

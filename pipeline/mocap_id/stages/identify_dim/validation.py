@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray, IntArray, as_complex, find_complete_rows
+from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray, as_complex, find_complete_rows
 from mocap_id.dynamics.consistency import PointGrid, build_grid
 from mocap_id.dynamics.fit import Fit, fit, number_parts, shorten_rests
 from mocap_id.dynamics.identification import (
@@ -149,20 +149,6 @@ def _measure_coverage(left_out: LeftOutPrediction, threshold: float) -> dict[str
     return dict(zip([SERIES[k] for k in seen], np.nanmean(within, axis=0).tolist(), strict=True))
 
 
-def get_wrench(validation: Validation, samples: int) -> FloatArray:
-    """Return the wrench (T, 3) predicted for left-out repetitions; NaN in other samples."""
-    left_out = validation.held_out
-    return np.full((samples, 3), np.nan) if left_out is None else left_out.wrench
-
-
-def get_parameters(validation: Validation, base: int) -> dict[str, FloatArray]:
-    """Return base parameters and clock offsets of the models of the cross-validation, one row for each model."""
-    left_out = validation.held_out
-    if left_out is None:
-        return {"base": np.zeros((0, base)), "clock_offset": np.zeros(0)}
-    return {"base": left_out.base, "clock_offset": left_out.offset}
-
-
 def explain_validation(found: Mapping[str, Any]) -> tuple[Reason, ...]:
     """Return cautions about the model, from the facts of :func:`make_facts`."""
     if found["model"] is None:
@@ -273,7 +259,8 @@ class RepetitionPredictor:
         self._observed, self._free = bodies.observed[some], movement.free[some].copy()
         usable = np.flatnonzero(self._free & np.isfinite(self._recorded.dq).all(axis=1))
         self._free[usable[~shorten_rests(self._recorded.dq[usable])]] = False
-        self._part = _number_repetitions(prepared, movement)[some]
+        spans, part = find_spans(movement), np.zeros(len(recorded.time), dtype=np.int64)
+        self._part = (number_parts(recorded.time, np.array(spans)) if len(spans) > 1 else part)[some]
         self._settings, self._prior = prepared.settings, prior
         self._first: Fit | None = None
         self._found: dict[Cutoffs, LeftOutPrediction | None] = {}
@@ -364,12 +351,6 @@ def _stretches(bodies: MeasuredBodies, hip: int) -> bool:
         skin += max(bodies.residual[body] ** 2 - noise, 0.0)
     found = measure_stretch(poses, hip)
     return found.above_noise > max(_STRETCHED * found.noise, _STRETCHED_SKIN * float(np.sqrt(skin)))
-
-
-def _number_repetitions(prepared: PreparedTrial, movement: Movement) -> IntArray:
-    """Return the number (T,) of the repetition of each sample; zeros with fewer than two repetitions."""
-    spans, time = find_spans(movement), prepared.recorded.time
-    return number_parts(time, np.array(spans)) if len(spans) > 1 else np.zeros(len(time), dtype=np.int64)
 
 
 _LEAST_RESIDUAL = 1e-4  # m, smallest residual in the weights
@@ -478,6 +459,11 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int], camera: 
         if "joint_m" in body:
             joint = min(body["segments"]) - 1
             (before[joint], after[joint]), placed[joint] = body["joint_m"], float(body["joint_sd_m"])
+    shift = np.zeros((len(centres), 2))  # of the joint before the first segment of a body
+    for body in bodies:
+        first = min(body["segments"], default=0)
+        if first > 0:
+            shift[first - 1] = body.get("joint_shift_m", [0.0, 0.0])
     poses = BodyPoses(
         time=table["time"],
         position=np.stack([series("x"), series("y")], axis=-1),
@@ -486,7 +472,7 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int], camera: 
         information=np.array([[len(p) / n, s / n] for p, s, n in zip(local, spread, noise, strict=True)]),
         body=np.array([owner[k] for k in range(len(centres) + 1)], dtype=np.int64),
         centres=before,
-        shift=np.array([_find_shift(bodies[owner[k + 1]], k + 1) for k in range(len(centres))]),
+        shift=shift,
         beyond=after,
         camera=camera**2 * np.array([[1 / len(p), 1 / s] for p, s in zip(local, spread, strict=True)]),
     )
@@ -500,12 +486,6 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int], camera: 
         used=tuple(used),
         placed=placed,
     )
-
-
-def _find_shift(body: Mapping[str, Any], segment: int) -> list[float]:
-    """Return the shift of the joint before a segment, m; it is zero unless this is the first segment of the body."""
-    shift: list[float] = body.get("joint_shift_m", [0.0, 0.0])
-    return shift if segment == min(body["segments"]) else [0.0, 0.0]
 
 
 def make_body_prior(
@@ -602,7 +582,8 @@ def estimate_hidden_gaps(poses: BodyPoses, loose: Sequence[int]) -> FloatArray:
     angle = poses.angle[samples]
     flat, spread = differentiate_gaps(poses, joints, angle)
     weight = np.linalg.inv(spread @ np.swapaxes(flat, 1, 2))  # (t, 2j, 2j) weight of the gaps
-    before, after = (_make_rotations(angle[:, poses.body[[joint + side for joint in joints]]]) for side in (0, 1))
+    sides = (angle[:, poses.body[[joint + side for joint in joints]]] for side in (0, 1))
+    before, after = (np.stack([planar.rotate(each, axis) for axis in np.eye(2)], axis=-1) for each in sides)
     design = np.zeros((len(samples), len(joints), 2, len(joints), 4))  # columns: dn and df of every joint
     for row in range(len(joints)):
         design[:, row, :, row] = np.concatenate([-before[:, row], after[:, row]], axis=-1)
@@ -640,11 +621,6 @@ def _estimate_gap(gap: FloatArray, turned: FloatArray, angle: FloatArray) -> tup
         return shapes, 0.0
     seen = basis[:, size > _SHAPED * size[0]].T @ left[:, -1]
     return shapes, min(float(np.sqrt(np.sum(seen**2) / share)), _LARGEST * half)
-
-
-def _make_rotations(angle: FloatArray) -> FloatArray:
-    """Return the rotation matrices (..., 2, 2) of angles, rad."""
-    return np.stack([planar.rotate(angle, axis) for axis in np.eye(2)], axis=-1)
 
 
 def _estimate_motion_variance(context: Context, bodies: MeasuredBodies, q: FloatArray) -> FloatArray:
