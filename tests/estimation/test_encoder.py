@@ -7,7 +7,13 @@ import pytest
 
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation.encoder_clock import match_encoder
-from mocap_id.estimation.encoder_smoothing import START_SD, EncoderNoise, EncoderStates, estimate_noise, smooth_encoder
+from mocap_id.estimation.encoder_smoothing import (
+    START_SD,
+    EncoderNoise,
+    EncoderStates,
+    estimate_encoder_noise,
+    smooth_encoder,
+)
 
 RATE, OFFSET = 125.0, 0.0137
 NOISE = EncoderNoise(1e-4, 1e-3, 20.0)
@@ -102,20 +108,20 @@ def test_noise_is_recovered_from_a_record_drawn_from_the_process() -> None:
     time = step * np.arange(3000)
     position = states[:, 0] + rng.normal(0, true.position_sd, 3000)
     velocity = states[:, 1] + rng.normal(0, true.velocity_sd, 3000)
-    found = estimate_noise(time, position, velocity)
+    found = estimate_encoder_noise(time, position, velocity)
     assert found.position_sd == pytest.approx(true.position_sd, rel=0.1)
     assert found.velocity_sd == pytest.approx(true.velocity_sd, rel=0.1)
     assert found.density == pytest.approx(true.density, rel=0.2)
     at_truth = smooth_encoder(time, position, velocity, true).log_likelihood
     assert smooth_encoder(time, position, velocity, found).log_likelihood >= at_truth - 0.05
-    given = estimate_noise(time, position, velocity, position_sd=1e-3)
+    given = estimate_encoder_noise(time, position, velocity, position_sd=1e-3)
     assert given.position_sd == 1e-3
 
 
 def test_states_of_a_swing_are_right_within_their_standard_deviations() -> None:
     time, position, velocity = record(2)
     at = np.arange(0.5, 7.5, 1 / 480.0)
-    found = smooth_encoder(time, position, velocity, estimate_noise(time, position, velocity), at=at)
+    found = smooth_encoder(time, position, velocity, estimate_encoder_noise(time, position, velocity), at=at)
     truth = np.column_stack([swing(at, order) for order in range(3)])
     share = np.mean(np.abs(found.mean - truth) < 1.96 * found.sd, axis=0)
     assert (share > 0.85).all()

@@ -241,16 +241,15 @@ def _rank_simple_movements(family: MovementFamily) -> list[SimpleMovement]:
     for each in sorted(
         list_simple_movements(family), key=lambda each: scorer.quick_value(each.trajectory, each.seconds)
     ):
-        chosen.setdefault(_identify_kind(each), each)
+        # changes that differ only in speed and amplitude are of one kind
+        kind: object
+        if each.change is not None:
+            kind = each.change.change, each.change.joint
+        else:
+            moved = [tuple(np.flatnonzero(np.any(waves.amplitude != 0.0, axis=1)).tolist()) for waves in each.waves]
+            kind = tuple(moved), each.shared
+        chosen.setdefault(kind, each)
     return list(chosen.values())
-
-
-def _identify_kind(each: SimpleMovement) -> object:
-    """Return a key that is the same for changes that differ only in speed and amplitude."""
-    if each.change is not None:
-        return each.change.change, each.change.joint
-    moved = [tuple(np.flatnonzero(np.any(waves.amplitude != 0.0, axis=1)).tolist()) for waves in each.waves]
-    return tuple(moved), each.shared
 
 
 def _evaluate_exactly(family: MovementFamily, each: SimpleMovement) -> Proposal:

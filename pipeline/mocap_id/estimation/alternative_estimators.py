@@ -30,7 +30,7 @@ Derivatives = Callable[[FloatArray, BoolArray, float], FloatArray]
 """Function from an angle (F,), rad, flags of its known samples (F,) and the time step, s, to the states (F, 4)."""
 
 
-class Estimate(NamedTuple):
+class AngleEstimate(NamedTuple):
     """Estimated states of all joints, from any method."""
 
     mean: FloatArray  # (F, n, 4) rad and s
@@ -40,7 +40,7 @@ class Estimate(NamedTuple):
     filled: BoolArray | None = None  # (F, n) states extrapolated backwards from later frames; None: no state
 
 
-def average_two_passes(problem: FilterProblem, run_filter: Callable[[FilterProblem], Track]) -> Estimate:
+def average_two_passes(problem: FilterProblem, run_filter: Callable[[FilterProblem], Track]) -> AngleEstimate:
     """Return the average of a filter pass over the series and a pass over the reversed series (ch. 3.2.6).
 
     The errors of the two passes have an unknown correlation, because both use the frame itself. For any correlation,
@@ -55,10 +55,12 @@ def average_two_passes(problem: FilterProblem, run_filter: Callable[[FilterProbl
     other, other_sd = (each[::-1] for each in back.by_joint())
     other = other * _REVERSED
     other[..., 0] -= 2.0 * np.pi * np.round((other[..., 0] - mean[..., 0]) / (2.0 * np.pi))
-    return Estimate(0.5 * (mean + other), 0.5 * (sd + other_sd), ahead.used | back.used[::-1], ahead.log_likelihood)
+    return AngleEstimate(
+        0.5 * (mean + other), 0.5 * (sd + other_sd), ahead.used | back.used[::-1], ahead.log_likelihood
+    )
 
 
-def smooth_butterworth(anchors: Anchors, dt: float, cutoff: float) -> Estimate:
+def smooth_butterworth(anchors: Anchors, dt: float, cutoff: float) -> AngleEstimate:
     """Smooth the angles of single frames by a zero-phase Butterworth low-pass, then differentiate them.
 
     ``cutoff`` is the cut-off of each of the two passes, Hz; both passes together halve the amplitude at this frequency.
@@ -89,7 +91,7 @@ def smooth_butterworth(anchors: Anchors, dt: float, cutoff: float) -> Estimate:
     return _smooth_joints(anchors, dt, derivatives)
 
 
-def smooth_spline(anchors: Anchors, dt: float) -> Estimate:
+def smooth_spline(anchors: Anchors, dt: float) -> AngleEstimate:
     """Smooth the angles of single frames by a quintic spline (ch. 5.5, :mod:`mocap_id.estimation.quintic_spline`).
 
     Long gaps are NaN, as are all standard deviations.
@@ -97,7 +99,7 @@ def smooth_spline(anchors: Anchors, dt: float) -> Estimate:
     return _smooth_joints(anchors, dt, fit_smoothing_spline)
 
 
-def _smooth_joints(anchors: Anchors, dt: float, derivatives: Derivatives) -> Estimate:
+def _smooth_joints(anchors: Anchors, dt: float, derivatives: Derivatives) -> AngleEstimate:
     """Apply ``derivatives`` to each joint's angles between its long gaps; the result is NaN in these gaps."""
     mean = np.full((*anchors.angles.shape, ORDER), np.nan)
     for j in range(mean.shape[1]):
@@ -106,7 +108,7 @@ def _smooth_joints(anchors: Anchors, dt: float, derivatives: Derivatives) -> Est
         angle[seen] = np.unwrap(angle[seen])
         for part in _find_stretches(seen, BRIDGE_LIMIT / dt):
             mean[part, j] = derivatives(angle[part], seen[part], dt)
-    return Estimate(mean, np.full(mean.shape, np.nan), anchors.used.copy(), np.nan)
+    return AngleEstimate(mean, np.full(mean.shape, np.nan), anchors.used.copy(), np.nan)
 
 
 def _find_stretches(seen: BoolArray, limit: float) -> Iterator[slice]:

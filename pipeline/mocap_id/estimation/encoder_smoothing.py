@@ -74,7 +74,7 @@ def smooth_encoder(
     return EncoderStates(times[order][kept], mean[kept], sd[kept], float(likelihood))
 
 
-def estimate_noise(
+def estimate_encoder_noise(
     time: FloatArray,
     position: FloatArray,
     velocity: FloatArray,
@@ -87,8 +87,11 @@ def estimate_noise(
     ``time``, ``position`` and ``velocity`` (K,) are as for :func:`smooth_encoder`. ``position_sd``, rad, and
     ``velocity_sd``, rad/s, are estimated if None. Of a long record, only the part with the most movement is used.
     """
-    part = _choose_part(velocity)
-    time, position, velocity = time[part], position[part], velocity[part]
+    if len(velocity) > _ENOUGH:  # the successive samples with the most movement
+        travelled = np.concatenate([[0.0], np.cumsum(np.abs(velocity))])
+        begin = int(np.argmax(travelled[_ENOUGH:] - travelled[:-_ENOUGH]))
+        part = slice(begin, begin + _ENOUGH)
+        time, position, velocity = time[part], position[part], velocity[part]
     given = np.array([position_sd or math.nan, velocity_sd or math.nan, math.nan])
     floor = np.array([_POSITION_SD_FLOOR, _VELOCITY_SD_FLOOR, _DENSITY_BOUNDS[0]])
     ceiling = np.array([10.0, 100.0, _DENSITY_BOUNDS[1]])
@@ -110,15 +113,6 @@ def estimate_noise(
     options: Any = {"initial_simplex": simplex, "xatol": 0.005, "fatol": 0.01, "maxfev": 400}
     found = noise(minimize(cost, first, method="Nelder-Mead", options=options).x)
     return EncoderNoise(float(found[0]), float(found[1]), float(found[2]))
-
-
-def _choose_part(velocity: FloatArray) -> slice:
-    """Return the :data:`_ENOUGH` successive samples with the most movement; all samples of a shorter record."""
-    if len(velocity) <= _ENOUGH:
-        return slice(None)
-    travelled = np.concatenate([[0.0], np.cumsum(np.abs(velocity))])
-    start = int(np.argmax(travelled[_ENOUGH:] - travelled[:-_ENOUGH]))
-    return slice(start, start + _ENOUGH)
 
 
 def _guess_noise(time: FloatArray, position: FloatArray, velocity: FloatArray) -> FloatArray:

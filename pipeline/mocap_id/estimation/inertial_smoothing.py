@@ -16,8 +16,8 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray, as_complex, find_ru
 from mocap_id.errors import NumericalError
 from mocap_id.estimation.filter_kernels import Inertial
 from mocap_id.estimation.inertial import (
+    MotionFromMarkers,
     PreparedSensor,
-    SegmentMotion,
     SensorCalibration,
     SensorResult,
     SensorSignals,
@@ -81,7 +81,7 @@ def smooth_with_sensors(
     return replace(both, sd=_add_drift(both, worn, 1.0 / rate)), results
 
 
-def compute_segment_motions(states: States, rate: float) -> list[SegmentMotion]:
+def compute_segment_motions(states: States, rate: float) -> list[MotionFromMarkers]:
     """Return the motion of every segment, base first, in its own axes; NaN where markers do not determine it."""
     known = find_observed_segments(_find_determined(states), rate)
     still = np.zeros((len(states.mean), 1))
@@ -96,7 +96,7 @@ def compute_segment_motions(states: States, rate: float) -> list[SegmentMotion]:
     for s in range(angle.shape[1]):
         rates = np.where(known[:, s, None], np.stack([speed[:, s], acceleration[:, s]], axis=1), np.nan)
         own = np.stack([force[:, s].real, force[:, s].imag, none], axis=1)
-        motions.append(SegmentMotion(rates[:, :1] * _NORMAL, rates[:, 1:] * _NORMAL, own, none, none, _UP))
+        motions.append(MotionFromMarkers(rates[:, :1] * _NORMAL, rates[:, 1:] * _NORMAL, own, none, none, _UP))
     return motions
 
 
@@ -120,7 +120,7 @@ def calibrate_worn_sensor(  # noqa: PLR0917
     signals: SensorSignals,
     s: int,
     found: SensorCalibration,
-    motion: SegmentMotion,
+    motion: MotionFromMarkers,
     states: States,
     time: FloatArray,
 ) -> WornSensor:

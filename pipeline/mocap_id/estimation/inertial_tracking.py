@@ -20,7 +20,7 @@ from mocap_id.errors import NumericalError
 from mocap_id.estimation import filter_problem
 from mocap_id.estimation.filter_kernels import Inertial
 from mocap_id.estimation.filter_problem import Anchors, FilterProblem, SigmaPoints
-from mocap_id.estimation.inertial import SegmentMotion, SensorSignals, calibrate_all, prepare_sensor
+from mocap_id.estimation.inertial import MotionFromMarkers, SensorSignals, calibrate_all, prepare_sensor
 from mocap_id.estimation.inertial.signals import GRAVITY
 from mocap_id.estimation.inertial_smoothing import SHARES, WornSensor, calibrate_worn_sensor, compute_segment_motions
 from mocap_id.estimation.smoothing import States
@@ -119,7 +119,7 @@ class DeadReckoning:
         They are corrected by the biases of the calibration. ``shift`` is the sensor's clock relative to the first, s.
         """
         still, none = np.zeros(len(self.time)), np.zeros((len(self.time), 3))
-        motion = SegmentMotion(none, none, none, still, still, np.array([0.0, 1.0, 0.0]))
+        motion = MotionFromMarkers(none, none, none, still, still, np.array([0.0, 1.0, 0.0]))
         found = self.chain.sensors[k].calibration
         found = replace(found, clock=replace(found.clock, offset=-shift, drift=0.0))
         prepared = prepare_sensor(self._signals[k], found, motion, self.time, still == 0.0, SHARES)

@@ -188,19 +188,13 @@ def _find_angle(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: in
 
     It is NaN without such markers. ``origin`` (f, 2) is the position of the segment's joint, m.
     """
-    turned = _fit_markers(observed, used, chain, j, origin)
+    own = chain.segment == j + 1
+    arm = np.where(used[:, own, None], observed[:, own] - origin[:, None], 0.0)
+    turned = np.where(used[:, own].any(axis=1), _fit_rotation(chain.local[own][None], arm), np.nan)
     unseen = np.flatnonzero(np.isnan(turned))
     if unseen.size and j + 1 < len(chain.centres):
         turned[unseen] = _point_at_next(observed[unseen], used[unseen], chain, j, origin[unseen])
     return turned
-
-
-def _fit_markers(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: int, origin: FloatArray) -> FloatArray:
-    """Return the absolute angle (f,), rad, that rotates segment j + 1 about its joint onto its markers; NaN without."""
-    own = chain.segment == j + 1
-    arm = np.where(used[:, own, None], observed[:, own] - origin[:, None], 0.0)
-    turned = _fit_rotation(chain.local[own][None], arm)
-    return np.where(used[:, own].any(axis=1), turned, np.nan)
 
 
 def _point_at_next(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: int, origin: FloatArray) -> FloatArray:
@@ -237,7 +231,13 @@ def _estimate_scale(residual: FloatArray, used: BoolArray, segment: IntArray) ->
     A marker with more bursts of errors than the quantile allows would raise its own limit. Its value is therefore
     limited by its median and by the markers of its segment. It is NaN if the marker is never used.
     """
-    scale, middle = _estimate_from_quantiles(residual, used, (_QUANTILE, 0.5))
+    shares = (_QUANTILE, 0.5)
+    quantiles = np.full((len(shares), residual.shape[1]), np.nan)
+    for m in np.flatnonzero(used.any(axis=0)):
+        own = residual[used[:, m], m]
+        quantiles[:, m] = np.quantile(own[:: max(1, len(own) // _ENOUGH)], shares)
+    # the errors of both coordinates are assumed to be normal, so the distances have a Rayleigh distribution
+    scale, middle = quantiles / np.sqrt(-2.0 * np.log(1.0 - np.array(shares)))[:, None]
     limit = np.full(len(scale), np.nan)
     for s in np.unique(segment):
         own = (segment == s) & np.isfinite(scale)
@@ -245,16 +245,3 @@ def _estimate_scale(residual: FloatArray, used: BoolArray, segment: IntArray) ->
             continue
         limit[own] = _BEYOND * np.fmax(middle[own], np.median(scale[own]))
     return np.asarray(np.fmin(scale, limit))
-
-
-def _estimate_from_quantiles(residual: FloatArray, used: BoolArray, shares: tuple[float, ...]) -> FloatArray:
-    """Estimate the standard deviation (S, M), m, of each marker's coordinates from S quantiles of its residual.
-
-    ``residual`` are distances, the errors of the coordinates are assumed to be normal, and ``shares`` are the
-    probabilities of the quantiles. The result is NaN if a marker is never used.
-    """
-    quantiles = np.full((len(shares), residual.shape[1]), np.nan)
-    for m in np.flatnonzero(used.any(axis=0)):
-        own = residual[used[:, m], m]
-        quantiles[:, m] = np.quantile(own[:: max(1, len(own) // _ENOUGH)], shares)
-    return quantiles / np.sqrt(-2.0 * np.log(1.0 - np.array(shares)))[:, None]

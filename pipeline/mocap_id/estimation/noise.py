@@ -50,16 +50,12 @@ def estimate_marker_noise(frames: FrameAngles, floor: float) -> float:
     which have almost no noise.
     """
     sound: BoolArray = np.all(frames.reliable, axis=1)
-    lost_freedom = np.concatenate([_count_freedom(frames.information[s]) for s in chunks(len(sound))])
+    n, lost_freedom = frames.information.shape[1], np.empty(len(sound))
+    for s in chunks(len(sound)):
+        kept = np.linalg.inv(np.eye(n) + frames.information[s] / _LEVER_SQUARED)
+        lost_freedom[s] = n - np.trace(kept, axis1=1, axis2=2)
     freedom = 2.0 * np.count_nonzero(frames.used[sound]) - float(np.sum(lost_freedom[sound]))
     return max(floor, math.sqrt(frames.squares / freedom)) if freedom >= 1.0 else floor
-
-
-def _count_freedom(information: FloatArray) -> FloatArray:
-    """Return the degrees of freedom (f,) that the angles of each frame use, from Jᵀ J (f, n, n)."""
-    n = information.shape[1]
-    kept = np.linalg.inv(np.eye(n) + information / _LEVER_SQUARED)
-    return np.asarray(n - np.trace(kept, axis1=1, axis2=2))
 
 
 def estimate_process_noise(anchors: Anchors, dt: float) -> FloatArray:

@@ -14,7 +14,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
 from mocap_id.estimation import alternative_estimators, filter_problem
-from mocap_id.estimation.alternative_estimators import Estimate
+from mocap_id.estimation.alternative_estimators import AngleEstimate
 from mocap_id.estimation.filter_kernels import Inertial
 from mocap_id.estimation.filter_problem import FilterProblem, SigmaPoints, Track, noise_shape, transition
 from mocap_id.estimation.inverse_kinematics import FrameAngles, MarkerChain, find_determined_angles, find_frame_angles
@@ -110,7 +110,10 @@ def compensate_dropouts(
     some = np.flatnonzero(~frames.used.all(axis=1) & anchors.observed.any(axis=1))
     if not some.size:
         return frames
-    response = _invert_information(frames.information[some], anchors.observed[some])
+    # inverse of Jᵀ J over the observed joints; its other entries are zero
+    both = anchors.observed[some, :, None] & anchors.observed[some, None, :]
+    inverse = np.linalg.inv(np.where(both, frames.information[some], np.eye(anchors.observed.shape[1])))
+    response = np.where(both, inverse, 0.0)
     angles = frames.angles.copy()
     markers = [
         _GappedMarker.of(observed, frames, chain, marker, SKIN_MEMORY * rate) for marker in range(observed.shape[1])
@@ -162,13 +165,6 @@ def compute_forgotten_share(used: BoolArray, frames: IntArray, rate: float) -> F
             share[gaps.missing] = np.expm1(-2 * s) * np.expm1(-2 * u) / -np.expm1(-2 * (s + u))
             unknown[:, marker] = share[frames]
     return unknown
-
-
-def _invert_information(information: FloatArray, observed: BoolArray) -> FloatArray:
-    """Return the inverse (f, n, n) of Jᵀ J (f, n, n) over the observed joints (f, n); its other entries are zero."""
-    both = observed[:, :, None] & observed[:, None, :]
-    inverse = np.linalg.inv(np.where(both, information, np.eye(observed.shape[1])))
-    return np.where(both, inverse, 0.0)
 
 
 @dataclass(frozen=True)
@@ -334,9 +330,18 @@ class PreparedStates:
         problem = self.problem if inertial is None else replace(self.problem, inertial=inertial)
         estimate = _estimate(problem, self.settings)
         mean, sd = estimate.mean, estimate.sd
-        determined = _find_determined(estimate, problem, self.noise, self.settings)
+        # angles that the markers used in the same frame determine
+        if self.settings.method in FRAMEWISE:  # these start from the frames' own angles and bridge no long gap
+            determined = np.asarray(problem.anchors.observed & np.isfinite(mean[..., 0]))
+        else:
+            moving = MarkerChain(problem.centres, problem.segment, problem.local)
+            determined = find_determined_angles(mean[..., 0], estimate.used, moving, self.noise.marker_sd)
+            if estimate.filled is not None:
+                determined = np.asarray(determined & ~estimate.filled)
         mean[sd[..., 0] > self.settings.angle_sd_limit] = math.nan
-        mean[..., 0] -= _find_whole_rotations(mean[..., 0])
+        # whole rotations are removed, so that the first finite angle of each joint is in (-π, π]
+        first = mean[np.isfinite(mean[..., 0]).argmax(axis=0), np.arange(mean.shape[1]), 0]
+        mean[..., 0] -= np.where(np.isfinite(first), 2.0 * math.pi * np.round(first / (2.0 * math.pi)), 0.0)
         used = np.zeros((len(mean), len(self.chain.segment)), dtype=np.bool_)
         used[:, self.chain.segment > 0] = estimate.used
         return States(mean, sd, determined, used, self.noise, estimate.log_likelihood, self.chain)
@@ -382,7 +387,7 @@ def prepare_states(
     return PreparedStates(problem, FilterNoise(marker_sd, sigma_v), MarkerChain(centres, segment, local), settings)
 
 
-def _estimate(problem: FilterProblem, settings: FilterSettings) -> Estimate:
+def _estimate(problem: FilterProblem, settings: FilterSettings) -> AngleEstimate:
     engine: ModuleType = filter_problem
     if settings.engine == "filterpy":
         from mocap_id.estimation import filterpy_engine as engine  # noqa: PLC0415  slow import, seldom used
@@ -395,21 +400,4 @@ def _estimate(problem: FilterProblem, settings: FilterSettings) -> Estimate:
     track = engine.smooth_backwards(problem, engine.filter_forwards(problem))
     mean, sd = track.by_joint()
     filled = backfill(problem, track, mean, sd)
-    return Estimate(mean, sd, track.used, track.log_likelihood, filled)
-
-
-def _find_determined(
-    estimate: Estimate, problem: FilterProblem, noise: FilterNoise, settings: FilterSettings
-) -> BoolArray:
-    """Return which angles (F, n) are determined by the markers that are used in the same frame."""
-    if settings.method in FRAMEWISE:  # these start from the frames' own angles and bridge no long gap
-        return np.asarray(problem.anchors.observed & np.isfinite(estimate.mean[..., 0]))
-    chain = MarkerChain(problem.centres, problem.segment, problem.local)
-    determined = find_determined_angles(estimate.mean[..., 0], estimate.used, chain, noise.marker_sd)
-    return determined if estimate.filled is None else np.asarray(determined & ~estimate.filled)
-
-
-def _find_whole_rotations(angles: FloatArray) -> FloatArray:
-    """Return the multiples of 2π (n,), rad, that bring each joint's first finite angle (F, n) into (-π, π]."""
-    first = angles[np.isfinite(angles).argmax(axis=0), np.arange(angles.shape[1])]
-    return np.where(np.isfinite(first), 2.0 * math.pi * np.round(first / (2.0 * math.pi)), 0.0)
+    return AngleEstimate(mean, sd, track.used, track.log_likelihood, filled)

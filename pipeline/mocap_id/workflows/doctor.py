@@ -25,7 +25,7 @@ from mocap_id import __version__, runner
 from mocap_id.config import load
 from mocap_id.errors import MocapIdError, first_line
 from mocap_id.estimation import filter_kernels, smooth
-from mocap_id.estimation.encoder_smoothing import estimate_noise, smooth_encoder
+from mocap_id.estimation.encoder_smoothing import estimate_encoder_noise, smooth_encoder
 from mocap_id.estimation.space import smooth_in_space
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
@@ -217,7 +217,7 @@ def compile_filter() -> Finding:
     local = np.array([[0.1, 0.05], [0.3, -0.05], [0.1, 0.05], [0.3, -0.05]])
     smooth(marker_positions(angles, centres, segment, local), _RATE, centres, segment, local)
     encoder = (time_s, angles[:, 0], 3.0 * np.cos(3.0 * time_s))
-    smooth_encoder(*encoder, estimate_noise(*encoder))
+    smooth_encoder(*encoder, estimate_encoder_noise(*encoder))
     hinge = SpatialJoint("hinge", 0, np.zeros(3))
     corners = np.array([[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]])
     chain = SpatialChain((hinge,), np.repeat([0, 1], 3), np.tile(corners, (2, 1)), np.zeros(6, dtype=np.bool_))

@@ -11,7 +11,7 @@ from spatial_cases import UP, mixed_chain, true_chain
 from mocap_id.estimation.inertial import SensorSignals
 from mocap_id.estimation.space import SpatialStates, smooth_in_space
 from mocap_id.estimation.space.frame_poses import degrees_of_freedom, make_chain_model, make_track
-from mocap_id.estimation.space.inertial_fusion import SensorResult, smooth_with_sensors
+from mocap_id.estimation.space.inertial_fusion import SensorResult, fuse_in_space
 from mocap_id.estimation.space.space_kernels import Pose, Sensors, predict_sensors
 from mocap_id.geometry import so3
 from mocap_id.stages.skin_motion import add_axial_rotation_errors
@@ -36,7 +36,7 @@ def fused(
 ) -> tuple[SpatialStates, dict[int, SensorResult]]:
     seen = trial.positions @ UP.T if points is None else points
     given = {s: SensorSignals(each.time, each.gyro, each.acc) for s, each in sensors.items()}
-    return smooth_with_sensors(seen, trial.time, true_chain(trial), given)
+    return fuse_in_space(seen, trial.time, true_chain(trial), given)
 
 
 @pytest.fixture(scope="module")

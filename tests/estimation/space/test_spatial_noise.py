@@ -8,7 +8,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation.space.frame_poses import FramePoses, make_chain_model, make_track
-from mocap_id.estimation.space.spatial_noise import estimate_process_noise
+from mocap_id.estimation.space.spatial_noise import estimate_snaps
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 from mocap_id_simulation.motion import draw_sway, draw_tremor
 
@@ -26,7 +26,7 @@ def found_snap(angle: FloatArray) -> float:
     variance, nothing = np.full((len(angle), 7), NOISE**2), np.zeros((len(angle), 0))
     observed = np.ones((len(angle), 2), dtype=np.bool_)
     frames = FramePoses(track, variance, observed, nothing, nothing, nothing, nothing)
-    return float(estimate_process_noise(model, frames, DT)[0][6])
+    return float(estimate_snaps(model, frames, DT)[0][6])
 
 
 def acceleration_errors(angle: FloatArray, noise: FloatArray, snaps: FloatArray) -> FloatArray:

@@ -7,7 +7,12 @@ import pytest
 
 from mocap_id.errors import Refused
 from mocap_id.estimation.space.frame_poses import make_chain_model, predict_positions
-from mocap_id.estimation.space.skeleton_smoothing import LEAST_FLEXION, bridge_gaps, find_skeleton_poses, remove_jumps
+from mocap_id.estimation.space.skeleton_smoothing import (
+    LEAST_FLEXION,
+    bridge_short_gaps,
+    find_skeleton_poses,
+    remove_jumps,
+)
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 from mocap_id.kinematics.space.skeleton import SensorNoise, fit_bone, fit_sensor_noise, fit_trunk
@@ -113,6 +118,6 @@ def test_jumps_are_left_out_and_short_gaps_are_filled() -> None:
     hit[40, 0] += 0.1
     kept = remove_jumps(hit, np.array([0.04]))
     assert np.flatnonzero(np.isnan(kept[:, 0, 0])).tolist() == [40]
-    assert np.allclose(bridge_gaps(kept, 3), points, atol=2e-3)
+    assert np.allclose(bridge_short_gaps(kept, 3), points, atol=2e-3)
     kept[50:60] = np.nan
-    assert np.isnan(bridge_gaps(kept, 3)[50:60]).all()
+    assert np.isnan(bridge_short_gaps(kept, 3)[50:60]).all()

@@ -14,12 +14,12 @@ from mocap_id.estimation.inertial.calibration import (
     find_observed_segments,
     prepare_sensor,
 )
-from mocap_id.estimation.inertial.signals import SegmentMotion, SensorSignals
+from mocap_id.estimation.inertial.signals import MotionFromMarkers, SensorSignals
 
 __all__ = [
     "Clock",
+    "MotionFromMarkers",
     "PreparedSensor",
-    "SegmentMotion",
     "SensorCalibration",
     "SensorResult",
     "SensorSignals",

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.estimation.inertial.signals import GRAVITY, SegmentMotion, SensorSignals
+from mocap_id.estimation.inertial.signals import GRAVITY, MotionFromMarkers, SensorSignals
 from mocap_id.geometry import so3
 
 OBSERVABLE_SD = 2e-3  # largest standard deviation, s, of a clock that the motion determines
@@ -44,7 +44,7 @@ class Clock:
         return np.asarray((time - self.offset) / (1.0 + self.drift))
 
 
-def find_clock(signals: SensorSignals, motion: SegmentMotion, time: FloatArray) -> tuple[float, float]:
+def find_clock(signals: SensorSignals, motion: MotionFromMarkers, time: FloatArray) -> tuple[float, float]:
     """Return the clock offset, s, at which angular speeds of sensor and segment correlate best, and the correlation.
 
     ``time`` (F,) are uniform times of the cameras, s. Both are zero if the motion is known in no frame.
@@ -128,7 +128,7 @@ class SensorCalibration:
 
 def calibrate_sensor(
     signals: SensorSignals,
-    motion: SegmentMotion,
+    motion: MotionFromMarkers,
     time: FloatArray,
     clock: Clock,
     *,
@@ -188,7 +188,7 @@ def _prior(clock: Clock, follows: bool) -> FloatArray:
 
 
 def _guess_mounting(
-    signals: SensorSignals, motion: SegmentMotion, time: FloatArray, clock: Clock, frame: float
+    signals: SensorSignals, motion: MotionFromMarkers, time: FloatArray, clock: Clock, frame: float
 ) -> SensorCalibration:
     """Return start values: the mounting that fits both signals best, the gyroscope's bias, other errors zero."""
     gyro, acc = signals.at(clock.stamps(time), frame)
@@ -203,7 +203,12 @@ def _guess_mounting(
 
 
 def _residuals(  # noqa: PLR0917
-    signals: SensorSignals, motion: SegmentMotion, time: FloatArray, frame: float, at: SensorCalibration, middle: float
+    signals: SensorSignals,
+    motion: MotionFromMarkers,
+    time: FloatArray,
+    frame: float,
+    at: SensorCalibration,
+    middle: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return derivatives (F, 6, p) of the expected signals by p parameters, residuals (F, 6), and weights (F, 2).
 
@@ -307,7 +312,7 @@ class PreparedSensor:
 def prepare_sensor(  # noqa: PLR0917
     signals: SensorSignals,
     found: SensorCalibration,
-    motion: SegmentMotion,
+    motion: MotionFromMarkers,
     time: FloatArray,
     seen: BoolArray,
     shares: tuple[float, float] = SHARES,
@@ -381,7 +386,7 @@ class SensorResult:
 
 
 def calibrate_all(
-    sensors: Mapping[int, SensorSignals], motions: Sequence[SegmentMotion], time: FloatArray
+    sensors: Mapping[int, SensorSignals], motions: Sequence[MotionFromMarkers], time: FloatArray
 ) -> dict[int, SensorResult]:
     """Calibrate all sensors; return the results by segment, like ``sensors``.
 
@@ -408,7 +413,7 @@ def calibrate_all(
 
 
 def _find_better_segment(
-    signals: SensorSignals, motions: Sequence[SegmentMotion], time: FloatArray, own: int, found: SensorCalibration
+    signals: SensorSignals, motions: Sequence[MotionFromMarkers], time: FloatArray, own: int, found: SensorCalibration
 ) -> int | None:
     """Return the segment whose motion the sensor fits much better than that of its segment; None if there is none."""
     best, least = None, 0.5 * float(found.residual[0])

@@ -19,7 +19,7 @@ _PINNED = 3  # number of successive samples at the largest value of a channel fr
 
 
 @dataclass(frozen=True)
-class SegmentMotion:
+class MotionFromMarkers:
     """Motion of a segment at F frames, in its own axes; NaN where unknown."""
 
     omega: FloatArray  # (F, 3) angular velocity, rad/s
@@ -34,7 +34,7 @@ class SegmentMotion:
         """Whether (F,) the motion is known in a frame."""
         return np.asarray(np.isfinite(self.omega[:, 0] + self.alpha[:, 0] + self.force[:, 0] + self.axial_rate))
 
-    def select(self, frames: IntArray) -> SegmentMotion:
+    def select(self, frames: IntArray) -> MotionFromMarkers:
         """Return the motion in the chosen frames."""
         names = ("omega", "alpha", "force", "axial", "axial_rate")
         return replace(self, **{name: getattr(self, name)[frames] for name in names})
@@ -94,11 +94,9 @@ class SensorSignals:
             both = (total(time + frame / 2, order) - total(time - frame / 2, order)) / frame
         else:
             both = self._splines(time, order)
-        both[~self._is_covered(time)] = np.nan
-        return both[:, :3], both[:, 3:]
-
-    def _is_covered(self, time: FloatArray) -> BoolArray:
         after = np.searchsorted(self.time, time).clip(1, len(self.time) - 1)
-        near = self.time[after] - self.time[after - 1] < _GAP / self.rate
-        near &= (time >= self.time[0]) & (time <= self.time[-1])
-        return np.asarray(near & ~self.saturated[after] & ~self.saturated[after - 1])
+        covered = self.time[after] - self.time[after - 1] < _GAP / self.rate
+        covered &= (time >= self.time[0]) & (time <= self.time[-1])
+        covered &= ~self.saturated[after] & ~self.saturated[after - 1]
+        both[~covered] = np.nan
+        return both[:, :3], both[:, 3:]

@@ -8,7 +8,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.estimation.smoothing import PAIRS, SKIN_MEMORY, find_gaps, find_rejected_segments, split_variance
-from mocap_id.estimation.space.space_kernels import ChainModel, Found, Pose, Search, find_poses, predict_markers
+from mocap_id.estimation.space.space_kernels import ChainModel, Found, Pose, Search, find_poses, place_markers
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 
@@ -97,7 +97,10 @@ def find_visible_clusters(chain: SpatialChain, points: FloatArray) -> BoolArray:
     found = np.zeros((len(points), len(chain.joints) + 1), dtype=np.bool_)
     for k in range(found.shape[1]):
         own = _own_markers(chain, k)
-        if len(own) >= LEAST_MARKERS and _measure_spread(chain.local[own]) > _LEAST_SPREAD:
+        if len(own) < LEAST_MARKERS:
+            continue
+        centred = chain.local[own] - chain.local[own].mean(axis=0)
+        if float(np.linalg.svd(centred, compute_uv=False)[1]) > _LEAST_SPREAD:
             found[:, k] = seen[:, own].sum(axis=1) >= LEAST_MARKERS
     return found
 
@@ -143,10 +146,6 @@ def estimate_start_poses(
 
 def _own_markers(chain: SpatialChain, k: int) -> IntArray:
     return np.flatnonzero((chain.segment == k) & ~chain.on_glide)
-
-
-def _measure_spread(local: FloatArray) -> float:
-    return float(np.linalg.svd(local - local.mean(axis=0), compute_uv=False)[1])
 
 
 def _fit_rotations(local: FloatArray, seen: FloatArray, known: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -198,7 +197,9 @@ def estimate_slips(residual: FloatArray, used: BoolArray, rate: float) -> FloatA
     for m in np.flatnonzero(~used.all(axis=0) & used.any(axis=0)).tolist():
         own, there = residual[:, m], used[:, m]
         gaps = find_gaps(there, SKIN_MEMORY * rate)
-        lasting, noise = _split_variance(own, there)
+        pairs = np.flatnonzero(there[1:] & there[:-1])
+        pairs = pairs[:: max(1, len(pairs) // PAIRS)]
+        lasting, noise = split_variance(own[pairs], own[pairs + 1]) if pairs.size else (0.0, 1.0)
         slips[gaps.missing, m] = gaps.bridge(*(_shrink_mean(own, there, at, lasting, noise) for at in gaps.beside))
     return slips
 
@@ -213,14 +214,6 @@ def remove_fast_part(series: FloatArray, rate: float, seconds: float = _SLOW) ->
         total = np.concatenate([np.zeros((1, *slow.shape[1:])), np.cumsum(slow, axis=0)])
         slow = (total[high] - total[low]) / count
     return slow
-
-
-def _split_variance(own: FloatArray, there: BoolArray) -> tuple[float, float]:
-    pairs = np.flatnonzero(there[1:] & there[:-1])
-    if not pairs.size:
-        return 0.0, 1.0
-    pairs = pairs[:: max(1, len(pairs) // PAIRS)]
-    return split_variance(own[pairs], own[pairs + 1])
 
 
 def _shrink_mean(own: FloatArray, there: BoolArray, at: IntArray, lasting: float, noise: float) -> FloatArray:
@@ -402,7 +395,7 @@ def remove_displacements(
 def predict_positions(model: ChainModel, track: Pose) -> FloatArray:
     """Return the positions (F, M, 3) of all markers on the chain, m."""
     predicted = np.empty((len(track.origin), len(model.segment), 3))
-    predict_markers(model, track, predicted, np.empty((0, len(model.segment), 3, track.rate.shape[2])))
+    place_markers(model, track, predicted, np.empty((0, len(model.segment), 3, track.rate.shape[2])))
     return predicted
 
 
@@ -451,11 +444,6 @@ def _search(
     found = Found(make_track(model, frames), used, np.empty((frames, d)), np.empty((frames, count)))
     find_poses(model, search, np.ascontiguousarray(points), slips, start, started, found)
     residual = points - predict_positions(model, found.track)
-    observed = _find_observed(model, found.variance)
+    weak = found.variance > OBSERVED_SD**2
+    observed = np.asarray(~np.logical_or.reduceat(weak, np.concatenate([[0], model.first[1:]]), axis=1), dtype=np.bool_)
     return FramePoses(found.track, found.variance, observed, used, residual, found.leverage, slips)
-
-
-def _find_observed(model: ChainModel, variance: FloatArray) -> BoolArray:
-    weak = variance > OBSERVED_SD**2
-    first = np.concatenate([[0], model.first[1:]])
-    return np.asarray(~np.logical_or.reduceat(weak, first, axis=1), dtype=np.bool_)

@@ -15,8 +15,8 @@ from mocap_id.arrays import BoolArray, FloatArray, chunks, find_runs
 from mocap_id.errors import NumericalError
 from mocap_id.estimation.filter_problem import ORDER
 from mocap_id.estimation.inertial import (
+    MotionFromMarkers,
     PreparedSensor,
-    SegmentMotion,
     SensorCalibration,
     SensorResult,
     SensorSignals,
@@ -30,7 +30,6 @@ from mocap_id.estimation.space.space_kernels import ChainModel, Sensors
 from mocap_id.estimation.space.space_smoothing import (
     SpatialSettings,
     SpatialStates,
-    SpatialTrack,
     collect_states,
     estimate_noise,
     filter_and_smooth,
@@ -49,7 +48,7 @@ _WORSE = 1.5  # times the residual of the markers alone, at which the sensors co
 _LEAST_USED = 0.8  # least fraction of the samples that must pass the gate
 
 
-def smooth_with_sensors(
+def fuse_in_space(
     points: FloatArray,
     time: FloatArray,
     chain: SpatialChain,
@@ -75,7 +74,7 @@ def smooth_with_sensors(
         return {s: prepare_sensor(sensors[s], kept[s], motions[s], time, seen[:, s], axial=axial[s]) for s in kept}
 
     alone = trial.smooth({}, {})
-    motions = compute_segment_motions(chain, alone, rate, find_observed_segments(frames.observed, rate))
+    motions = compute_motions_from_markers(chain, alone, rate, find_observed_segments(frames.observed, rate))
     results = calibrate_all(sensors, motions, time)
     kept = {s: each.used for s, each in results.items() if each.used is not None}
     if not kept:
@@ -84,8 +83,11 @@ def smooth_with_sensors(
         both = trial.smooth(kept, prepare([None] * len(motions)))
         if not _measure_residual(both, points) < _WORSE * _measure_residual(alone, points):
             raise NumericalError("the sensors pull the chain away from the markers")
-        if _is_hidden_for_long(frames.observed, kept, rate):
-            both = trial.smooth(kept, prepare(_compute_axial_rotations(chain, both)))
+        # a segment whose skin lags may be hidden for too long to interpolate its axial rotation
+        soft = [s for s, each in kept.items() if each.lag]
+        if any(run.stop - run.start > _LONG * rate for s in soft for run in find_runs(~frames.observed[:, s])):
+            turns = [_unwrap(joint.twist(both.joint_rotations[:, k])) for k, joint in enumerate(chain.joints)]
+            both = trial.smooth(kept, prepare([None, *turns]))
     except NumericalError as error:
         return alone, {s: replace(each, why=each.why or str(error)) for s, each in results.items()}
     return replace(both, noise=noise), results
@@ -109,39 +111,28 @@ class _Smoothing:
         sensors, followed = None, None
         if ready:
             sensors, followed = _collect_signals(self.chain, found, ready), _find_followed(model, list(ready))
-            noise = _adapt_noise(noise, followed)
+            errors = noise.errors.copy()
+            errors[1:, followed] = np.nan  # the sensors measure these rates
+            noise = replace(noise, snap=np.where(followed, _SNAP, 1.0) * noise.snap, errors=errors)
         gate = self.settings.gate
         track = filter_and_smooth(model, self.steady, dt, self.frames, noise, gate=gate, sensors=sensors)
-        _check_gate(track, sensors)
+        if sensors is not None:
+            given = np.isfinite(sensors.gyro[..., 0]).mean(axis=0)
+            if np.any(track.sensed[:, :, 0].mean(axis=0) < _LEAST_USED * given):
+                raise NumericalError("most samples of a gyroscope contradict the markers and the other sensors")
         lost = find_uncertain_segments(self.chain, model, track, self.settings)
         scale_to_movement(track, noise.errors)
         if followed is not None:
-            _shrink_accelerations(track.covariance, followed)
+            scale = np.ones(ORDER * len(followed))
+            scale[2 * len(followed) : 3 * len(followed)][followed] = _ACCELERATION_SHARE
+            for part in chunks(len(track.covariance)):
+                track.covariance[part] *= scale[:, None] * scale
             _add_lasting_errors(track.covariance, model, self.frames.observed, ready, dt)
-        counted = _find_counted_segments(self.chain, list(ready))
+        # segments with a sensor, and with skin whose axial rotation has an estimated uncertainty
+        every, skin = np.arange(len(self.chain.joints) + 1), self.chain.skin
+        soft = self.chain.segment[skin != 0] if len(self.chain.skin_sd) else every[:0]
+        counted = np.isin(every, list(ready)) & np.isin(every, soft)
         return collect_states(self.chain, model, self.frames, track, noise, lost, counted=counted)
-
-
-def _find_counted_segments(chain: SpatialChain, own: Sequence[int]) -> BoolArray:
-    """Return which segments (n + 1,) have a sensor, and skin whose axial rotation has an estimated uncertainty."""
-    every = np.arange(len(chain.joints) + 1)
-    if not len(chain.skin_sd):
-        return every < 0
-    return np.isin(every, own) & np.isin(every, chain.segment[chain.skin != 0])
-
-
-def _is_hidden_for_long(observed: BoolArray, found: Mapping[int, SensorCalibration], rate: float) -> bool:
-    """Return whether a segment whose skin lags is hidden for too long to interpolate its axial rotation."""
-    soft = (s for s, each in found.items() if each.lag)
-    return any(run.stop - run.start > _LONG * rate for s in soft for run in find_runs(~observed[:, s]))
-
-
-def _compute_axial_rotations(chain: SpatialChain, states: SpatialStates) -> list[FloatArray | None]:
-    """Return the axial rotation (F,) of every segment, rad, also where its markers are hidden; None for the base."""
-    rotations: list[FloatArray | None] = [None]
-    for k, joint in enumerate(chain.joints):
-        rotations.append(_unwrap(joint.twist(states.joint_rotations[:, k])))
-    return rotations
 
 
 def _unwrap(angle: FloatArray) -> FloatArray:
@@ -151,27 +142,9 @@ def _unwrap(angle: FloatArray) -> FloatArray:
     return unwrapped
 
 
-def _check_gate(track: SpatialTrack, sensors: Sensors | None) -> None:
-    """Raise NumericalError if most samples of a gyroscope fail the gate."""
-    if sensors is not None:
-        given = np.isfinite(sensors.gyro[..., 0]).mean(axis=0)
-        if np.any(track.sensed[:, :, 0].mean(axis=0) < _LEAST_USED * given):
-            raise NumericalError("most samples of a gyroscope contradict the markers and the other sensors")
-
-
-def _adapt_noise(noise: SpatialNoise, followed: BoolArray) -> SpatialNoise:
-    """Return the noise for the filter with sensors; ``followed`` (d,) are degrees of freedom whose rates they measure.
-
-    There, the snap is larger, and the errors of velocity and acceleration are NaN.
-    """
-    errors = noise.errors.copy()
-    errors[1:, followed] = np.nan
-    return replace(noise, snap=np.where(followed, _SNAP, 1.0) * noise.snap, errors=errors)
-
-
-def compute_segment_motions(
+def compute_motions_from_markers(
     chain: SpatialChain, states: SpatialStates, rate: float, known: BoolArray
-) -> list[SegmentMotion]:
+) -> list[MotionFromMarkers]:
     """Return the motion of every segment, base first, in its own axes; NaN where ``known`` (F, n + 1) is false."""
     motions = []
     for s in range(len(chain.joints) + 1):
@@ -187,7 +160,7 @@ def compute_segment_motions(
             speed = np.sum(states.velocity[:, s - 1] * joint.twist_axis(states.joint_rotations[:, s - 1]), axis=1)
         for each in (*own, axial, speed):
             each[~known[:, s]] = np.nan
-        motions.append(SegmentMotion(own[0], own[1], own[2], axial, speed, along))
+        motions.append(MotionFromMarkers(own[0], own[1], own[2], axial, speed, along))
     return motions
 
 
@@ -226,14 +199,6 @@ def _find_followed(model: ChainModel, own: Sequence[int]) -> BoolArray:
     for k, parent in enumerate(model.parent.tolist()):
         followed[groups[k + 1]] = k + 1 in own and parent in own
     return followed
-
-
-def _shrink_accelerations(covariance: FloatArray, followed: BoolArray) -> None:
-    """Reduce the variances of the accelerations ``followed`` (d,) in the covariance (F, 4 d, 4 d), in place."""
-    scale = np.ones(ORDER * len(followed))
-    scale[2 * len(followed) : 3 * len(followed)][followed] = _ACCELERATION_SHARE
-    for part in chunks(len(covariance)):
-        covariance[part] *= scale[:, None] * scale
 
 
 def _add_lasting_errors(

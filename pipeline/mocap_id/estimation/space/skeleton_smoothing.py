@@ -17,17 +17,16 @@ from mocap_id.estimation.space.frame_poses import (
     select_frames,
 )
 from mocap_id.estimation.space.skin_errors import JointRates, SkinErrors, compute_joint_rates
-from mocap_id.estimation.space.space_kernels import ChainModel, Pose, predict_markers
+from mocap_id.estimation.space.space_kernels import ChainModel, Pose, place_markers
 from mocap_id.estimation.space.space_smoothing import (
     SpatialSettings,
     SpatialStates,
-    SpatialTrack,
     collect_states,
     filter_and_smooth,
     find_uncertain_segments,
     scale_to_movement,
 )
-from mocap_id.estimation.space.spatial_noise import SpatialNoise, estimate_process_noise
+from mocap_id.estimation.space.spatial_noise import SpatialNoise, estimate_snaps
 from mocap_id.geometry.spatial_chain import SpatialChain
 
 LEAST_FLEXION = float(np.radians(-10))
@@ -110,7 +109,7 @@ def _hold_last(values: FloatArray) -> FloatArray:
 def _frame_poses(model: ChainModel, points: FloatArray, track: Pose, observed: BoolArray, sd: FloatArray) -> FramePoses:
     d, (frames, count) = degrees_of_freedom(model), points.shape[:2]
     jacobian = np.zeros((frames, count, 3, d))
-    predict_markers(model, track, np.empty((frames, count, 3)), jacobian)
+    place_markers(model, track, np.empty((frames, count, 3)), jacobian)
     seen = np.asarray(np.isfinite(points).all(axis=2))
     weight = np.sqrt(seen) / sd
     rows = (jacobian * weight[..., None, None]).reshape(frames, -1, d)
@@ -160,15 +159,29 @@ def smooth_skeleton(
     model = make_chain_model(chain)
     camera = float(np.median(noise.sd))
     frames, shown = find_skeleton_poses(chain, model, points, trunk, noise.sd)
-    snap, gap_snap, errors = estimate_process_noise(
-        model, _limit_to_bent(frames, shown), 1.0 / rate, noise.colour, _SLOWEST
-    )
-    frames = _limit_to_measured(model, frames, noise.weight)
+    # the shoulder counts only where the elbow is bent, unless it never is
+    bent = frames.observed.copy()
+    bent[:, 1] &= shown
+    if not bent[:, 1].any():
+        bent[:, 1] = frames.observed[:, 1]
+    moving = replace(frames, observed=bent)
+    snap, gap_snap, errors = estimate_snaps(model, moving, 1.0 / rate, noise.colour, _SLOWEST)
+    # samples without weight were not measured
+    there = np.asarray(noise.weight > 0)
+    seen = np.stack([there[:, model.segment == s].any(axis=1) for s in range(frames.observed.shape[1])], axis=1)
+    seen[:, 1:3] &= seen[:, 1:2] & seen[:, 2:3]
+    frames = replace(frames, observed=frames.observed & seen, used=there & frames.used)
     sizes = SpatialNoise(camera, noise.sd, snap, gap_snap, errors)
     measured = np.where(noise.weight[..., None] > 0, points, np.nan)
     weight = np.maximum(noise.weight, _LEAST_WEIGHT) * (camera / noise.sd) ** 2
     track = filter_and_smooth(model, measured, 1.0 / rate, frames, sizes, gate=gate, gate_sd=noise.sd, weight=weight)
-    _unmirror(chain, model, track, noise.sd)
+    # a pose with a wrongly rotated humerus is replaced by the anatomical pose with the same positions
+    wrong = np.flatnonzero(track.pose.angle[:, 1, 0] < LEAST_FLEXION)
+    if wrong.size:
+        some = select_frames(track.pose, wrong)
+        place = (some.turn[:, 0], some.origin)
+        right, _ = find_skeleton_poses(chain, model, predict_positions(model, some), place, noise.sd)
+        track.pose.turn[wrong], track.pose.angle[wrong] = right.track.turn, right.track.angle
     lost = find_uncertain_segments(chain, model, track, _LIMITS)
     scale_to_movement(track, errors)
     lasting = _estimate_lasting_errors(chain, model, track.pose, noise, np.asarray(~lost.any(axis=1)))
@@ -191,7 +204,7 @@ def remove_jumps(points: FloatArray, limit: FloatArray) -> FloatArray:
     return kept
 
 
-def bridge_gaps(points: FloatArray, longest: int) -> FloatArray:
+def bridge_short_gaps(points: FloatArray, longest: int) -> FloatArray:
     """Return points (F, M, 3) in which gaps of at most ``longest`` frames are interpolated linearly."""
     filled, every = points.copy(), np.arange(len(points))
     for m in range(points.shape[1]):
@@ -205,34 +218,6 @@ def bridge_gaps(points: FloatArray, longest: int) -> FloatArray:
     return filled
 
 
-def _limit_to_measured(model: ChainModel, frames: FramePoses, weight: FloatArray) -> FramePoses:
-    """Return the poses with ``observed`` and ``used`` false where the weight (F, M) of the samples is zero."""
-    there = np.asarray(weight > 0)
-    seen = np.stack([there[:, model.segment == s].any(axis=1) for s in range(frames.observed.shape[1])], axis=1)
-    seen[:, 1:3] &= seen[:, 1:2] & seen[:, 2:3]
-    return replace(frames, observed=frames.observed & seen, used=there & frames.used)
-
-
-def _limit_to_bent(frames: FramePoses, shown: BoolArray) -> FramePoses:
-    """Return the poses with the shoulder observed only where the elbow is bent (``shown``), unless it never is."""
-    observed = frames.observed.copy()
-    observed[:, 1] &= shown
-    if not observed[:, 1].any():
-        observed[:, 1] = frames.observed[:, 1]
-    return replace(frames, observed=observed)
-
-
-def _unmirror(chain: SpatialChain, model: ChainModel, track: SpatialTrack, sd: FloatArray) -> None:
-    """Replace every pose with a wrongly rotated humerus, in place, by the anatomical pose with the same positions."""
-    wrong = np.flatnonzero(track.pose.angle[:, 1, 0] < LEAST_FLEXION)
-    if not wrong.size:
-        return
-    some = select_frames(track.pose, wrong)
-    trunk = (some.turn[:, 0], some.origin)
-    right, _ = find_skeleton_poses(chain, model, predict_positions(model, some), trunk, sd)
-    track.pose.turn[wrong], track.pose.angle[wrong] = right.track.turn, right.track.angle
-
-
 def _estimate_lasting_errors(
     chain: SpatialChain, model: ChainModel, pose: Pose, noise: SkeletonNoise, known: BoolArray
 ) -> SkinErrors:
@@ -243,7 +228,7 @@ def _estimate_lasting_errors(
     some = select_frames(pose, postures)
     shape = (len(postures), len(model.segment), 3)
     jacobian = np.zeros((*shape, d))
-    predict_markers(model, some, np.empty(shape), jacobian)
+    place_markers(model, some, np.empty(shape), jacobian)
     normal = np.einsum("fmik,fmil,m->fkl", jacobian, jacobian, noise.sd**-2) + _DAMPING * np.eye(d)
     gain = np.einsum("fkl,fmil,m->fmki", np.linalg.inv(normal), jacobian, noise.sd**-2)
     covariance = np.zeros((len(postures), 2 * segments, d, d))

@@ -375,7 +375,7 @@ def _locate(model: ChainModel, placed: Placed, m: int, x: FloatArray, rows: Floa
 
 
 @compiled
-def predict_markers(model: ChainModel, track: Pose, positions: FloatArray, jacobian: FloatArray) -> None:
+def place_markers(model: ChainModel, track: Pose, positions: FloatArray, jacobian: FloatArray) -> None:
     """Fill positions (F, M, 3) and, if it has frames, the entries of ``jacobian`` (F, M, 3, d) that are not zero."""
     n, d = len(model.ball), track.rate.shape[2]
     placed, rows, columns = _new_placed(n, d), np.empty((d, 3)), np.empty(d, dtype=np.int64)
@@ -1092,7 +1092,7 @@ def _loses_segment(
 
 
 @compiled
-def run_filter(
+def run_filter_in_space(
     model: ChainModel,
     noise: Noise,
     z: FloatArray,
@@ -1162,7 +1162,7 @@ def run_filter(
 
 
 @compiled
-def run_smoother(
+def run_smoother_in_space(
     model: ChainModel, noise: Noise, followed: BoolArray, restarted: BoolArray, track: Pose, covariance: FloatArray
 ) -> int:
     """Smooth track and covariance, in place, from the last frame to the first; return the failed frame, −1 if none."""

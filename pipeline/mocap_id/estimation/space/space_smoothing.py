@@ -43,11 +43,11 @@ from mocap_id.estimation.space.space_kernels import (
     Noise,
     Pose,
     Sensors,
-    predict_markers,
-    run_filter,
-    run_smoother,
+    place_markers,
+    run_filter_in_space,
+    run_smoother_in_space,
 )
-from mocap_id.estimation.space.spatial_noise import SpatialNoise, estimate_camera_noise, estimate_process_noise
+from mocap_id.estimation.space.spatial_noise import SpatialNoise, estimate_camera_noise, estimate_snaps
 from mocap_id.geometry.spatial_chain import SpatialChain
 
 _LEAST_GATE = 2e-4  # m; nearly exact markers follow the movement when its snap exceeds the usual snap
@@ -127,37 +127,22 @@ def filter_and_smooth(
         np.zeros((count, points.shape[1]), np.bool_),
         np.zeros((count, len(sensors.segment), 2), np.bool_),
     )
-    _run(model, constants, points, frames, sensors, track)
-    return track
-
-
-def _run(  # noqa: PLR0917
-    model: ChainModel, noise: Noise, points: FloatArray, frames: FramePoses, sensors: Sensors, track: SpatialTrack
-) -> None:
-    """Run filter and smoother, and fill the arrays of ``track``."""
-    count, observed = len(points), frames.observed
-    followed = _find_followed(model, observed, sensors)
-    restarted = np.zeros((count, len(model.freedom) + 1), dtype=np.bool_)
-    outputs = (track.pose, track.covariance, track.used, track.sensed, restarted)
-    failed = run_filter(model, noise, points, frames.track, observed, followed, sensors, *outputs)
-    if failed >= 0:
-        raise NumericalError(f"the filter's covariance is not positive definite at sample {failed} of {count}")
-    failed = run_smoother(model, noise, followed, restarted, track.pose, track.covariance)
-    if failed >= 0:
-        raise NumericalError(f"the smoother's covariance is not positive definite at sample {failed} of {count}")
-
-
-def _find_followed(model: ChainModel, observed: BoolArray, sensors: Sensors) -> BoolArray:
-    """Return where (F, n + 1) markers determine the base or a joint, or sensors on both its segments measure it."""
-    if not len(sensors.segment):
-        return observed
-    followed = observed.copy()
+    # the base or a joint is followed if markers determine it, or sensors on both its segments measure it
+    observed, followed = frames.observed, frames.observed.copy()
     measured = np.zeros_like(observed)
     for j, s in enumerate(sensors.segment.tolist()):
         measured[:, s] |= np.isfinite(sensors.gyro[:, j, 0])
     for k, parent in enumerate(model.parent.tolist()):
         followed[:, k + 1] |= measured[:, k + 1] & measured[:, parent]
-    return followed
+    restarted = np.zeros((count, len(model.freedom) + 1), dtype=np.bool_)
+    outputs = (track.pose, track.covariance, track.used, track.sensed, restarted)
+    failed = run_filter_in_space(model, constants, points, frames.track, observed, followed, sensors, *outputs)
+    if failed >= 0:
+        raise NumericalError(f"the filter's covariance is not positive definite at sample {failed} of {count}")
+    failed = run_smoother_in_space(model, constants, followed, restarted, track.pose, track.covariance)
+    if failed >= 0:
+        raise NumericalError(f"the smoother's covariance is not positive definite at sample {failed} of {count}")
+    return track
 
 
 def scale_to_movement(track: SpatialTrack, errors: FloatArray) -> None:
@@ -179,9 +164,6 @@ def scale_to_movement(track: SpatialTrack, errors: FloatArray) -> None:
     flat = scale.reshape(len(scale), ORDER * d)
     for part in chunks(len(flat)):
         track.covariance[part] *= flat[part, :, None] * flat[part, None, :]
-
-
-_SPACE_SMOOTHING_LEAST_GATE = 2e-4  # m; nearly exact markers follow the movement when its snap exceeds the usual one
 
 
 @dataclass(frozen=True)
@@ -250,31 +232,21 @@ def smooth_in_space(
     points = np.where(np.isfinite(points).all(axis=2, keepdims=True), points, np.nan)
     frames, steady, noise = estimate_noise(chain, model, points, rate, settings)
     track = filter_and_smooth(model, steady, 1.0 / rate, frames, noise, gate=settings.gate)
-    again = _leave_out_rejected(model, points, frames, steady, track.used)
-    if again is not None:
-        frames, steady = again
+    # A segment whose visible markers the filter mostly rejects is left out, because its few markers that pass the gate
+    # are probably wrong too. The filter then bridges the stretch like a gap, with standard deviations that grow.
+    visible: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
+    rejected = find_rejected_segments(model.segment, frames.observed.shape[1], visible, track.used)
+    observed, kept = frames.observed.copy(), steady.copy()
+    for s, each in enumerate(rejected.T):
+        for run in find_stretches(each):  # short stretches stay
+            observed[run, s] = False
+            kept[run, model.segment == s] = np.nan
+    if not np.array_equal(kept, steady, equal_nan=True):
+        frames, steady = replace(frames, observed=observed), kept
         track = filter_and_smooth(model, steady, 1.0 / rate, frames, noise, gate=settings.gate)
     lost = find_uncertain_segments(chain, model, track, settings)
     scale_to_movement(track, noise.errors)
     return collect_states(chain, model, frames, track, noise, lost)
-
-
-def _leave_out_rejected(
-    model: ChainModel, points: FloatArray, frames: FramePoses, steady: FloatArray, used: BoolArray
-) -> tuple[FramePoses, FloatArray] | None:
-    """Return the poses and markers without the segments whose visible markers the filter mostly rejects; None if none.
-
-    The few markers of such a segment that pass the gate are probably wrong too. The filter then bridges the stretch
-    like a gap, with standard deviations that grow. Stretches of up to :data:`FEW` frames stay.
-    """
-    visible: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
-    rejected = find_rejected_segments(model.segment, frames.observed.shape[1], visible, used)
-    observed, kept = frames.observed.copy(), steady.copy()
-    for s, each in enumerate(rejected.T):
-        for run in find_stretches(each):
-            observed[run, s] = False
-            kept[run, model.segment == s] = np.nan
-    return None if np.array_equal(kept, steady, equal_nan=True) else (replace(frames, observed=observed), kept)
 
 
 def estimate_noise(
@@ -294,7 +266,7 @@ def estimate_noise(
     if settings.sigma_v is not None:
         snap = np.full(degrees_of_freedom(model), settings.sigma_v)
         return frames, steady, SpatialNoise(camera, size, snap, snap, np.full((ORDER - 1, len(snap)), np.nan))
-    snap, gap_snap, errors = estimate_process_noise(model, frames, 1.0 / rate)
+    snap, gap_snap, errors = estimate_snaps(model, frames, 1.0 / rate)
     return frames, steady, SpatialNoise(camera, size, snap, gap_snap, errors)
 
 
@@ -400,7 +372,7 @@ def _origin_jacobian(model: ChainModel, pose: Pose) -> FloatArray:
     )
     shape = (len(pose.origin), segments, 3)
     jacobian = np.zeros((*shape, degrees_of_freedom(model)))
-    predict_markers(ends, pose, np.empty(shape), jacobian)
+    place_markers(ends, pose, np.empty(shape), jacobian)
     return jacobian
 
 

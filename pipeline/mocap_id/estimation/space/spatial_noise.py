@@ -77,7 +77,7 @@ def estimate_camera_noise(frames: FramePoses, floor: float) -> float:
     return max(floor, math.sqrt(squares / freedom)) if freedom >= 1.0 else floor
 
 
-def estimate_process_noise(
+def estimate_snaps(
     model: ChainModel, frames: FramePoses, dt: float, colour: Colour | None = None, slowest: float = 0.0
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the fields ``snap``, ``gap_snap`` and ``errors`` of :class:`SpatialNoise`, estimated from ``frames``.
@@ -102,7 +102,12 @@ def estimate_process_noise(
         if colour is None:
             spectra = [(_model_fall(power, noise), noise, white) for power, noise, white in spectra]
         else:
-            spectra = [(power, _shade(power, noise, frequency, colour), white) for power, noise, white in spectra]
+            # power of autocorrelated noise; at frequencies too high for movement, all measured power is noise
+            shade, high = colour(frequency), frequency > _FASTEST
+            spectra = [
+                (power, np.where(high, np.maximum(noise * shade, power), noise * shade), white)
+                for power, noise, white in spectra
+            ]
         trials = np.geomspace(*SNAP_BOUNDS, _TRIALS)[:, None]
         risk = np.zeros(_TRIALS)
         for power, noise, white in spectra:
@@ -118,7 +123,13 @@ def estimate_process_noise(
             passed = 1 / (1 + (angular / corner) ** (2 * ORDER))
             lasting = max(lasting, float(np.sum(passed**2 * power * angular**4)) / dt**4)
         gaps[columns] = max(snap, _GAP_SHARE * math.sqrt(lasting / dt))
-    return _limit_ratios(model, snaps), gaps, errors
+    # The ratio between the two coordinates of a two-axis joint is limited. Without the limit, the snap of a limb's
+    # axial rotation would be too large, because sliding skin adds fast motion.
+    limited = snaps.copy()
+    for k, at in enumerate(model.first[1:].tolist()):
+        if not model.ball[k] and model.freedom[k] == 2:
+            limited[at : at + 2] = np.minimum(snaps[at : at + 2], _LARGEST_RATIO * snaps[at : at + 2][::-1])
+    return limited, gaps, errors
 
 
 def _model_fall(power: FloatArray, noise: FloatArray) -> FloatArray:
@@ -140,24 +151,6 @@ def _model_fall(power: FloatArray, noise: FloatArray) -> FloatArray:
     loss = np.sum(np.log(modelled) + ratio[first - 1 :] / modelled, axis=2)
     best = modelled[np.unravel_index(np.argmin(loss), loss.shape)]
     return np.concatenate([power[:first], noise[first:] * best])
-
-
-def _shade(power: FloatArray, noise: FloatArray, frequency: FloatArray, colour: Colour) -> FloatArray:
-    """Return the power of autocorrelated noise; at frequencies too high for movement, all measured power is noise."""
-    coloured = noise * colour(frequency)
-    return np.where(frequency > _FASTEST, np.maximum(coloured, power), coloured)
-
-
-def _limit_ratios(model: ChainModel, snaps: FloatArray) -> FloatArray:
-    """Return the snaps (d,), with a limited ratio between the two coordinates of a two-axis joint.
-
-    Without the limit, the snap of a limb's axial rotation would be too large, because sliding skin adds fast motion.
-    """
-    found = snaps.copy()
-    for k, at in enumerate(model.first[1:].tolist()):
-        if not model.ball[k] and model.freedom[k] == 2:
-            found[at : at + 2] = np.minimum(snaps[at : at + 2], _LARGEST_RATIO * snaps[at : at + 2][::-1])
-    return found
 
 
 def _estimate_errors(power: FloatArray, noise: FloatArray, angular: FloatArray, corner: float, dt: float) -> FloatArray:

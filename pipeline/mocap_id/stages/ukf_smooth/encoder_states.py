@@ -14,7 +14,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.estimation import States
 from mocap_id.estimation.encoder_clock import EncoderMatch, match_encoder
-from mocap_id.estimation.encoder_smoothing import EncoderNoise, estimate_noise, smooth_encoder
+from mocap_id.estimation.encoder_smoothing import EncoderNoise, estimate_encoder_noise, smooth_encoder
 from mocap_id.recording.held_samples import describe_held
 from mocap_id.recording.sensor_logs import DEGREES, EncoderLog
 from mocap_id.store import Table
@@ -49,7 +49,7 @@ def read_encoder_states(file: Path | None, states: States, time: FloatArray, set
         return _skip_encoder(f"an encoder measures one joint, but the chain has {states.mean.shape[1]}", settings)
     angle, limit = states.mean[:, 0, 0], settings.encoder_offset_limit_s
     log = recording.read_encoder(file)
-    noise = estimate_noise(
+    noise = estimate_encoder_noise(
         log.time,
         log.position,
         log.velocity,

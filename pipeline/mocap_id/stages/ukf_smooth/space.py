@@ -23,7 +23,7 @@ from mocap_id.anatomy.angles import (
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.estimation.smoothing import find_rejected_segments
 from mocap_id.estimation.space import SpatialSettings, SpatialStates, smooth_in_space
-from mocap_id.estimation.space.skeleton_smoothing import SkeletonNoise, bridge_gaps, remove_jumps, smooth_skeleton
+from mocap_id.estimation.space.skeleton_smoothing import SkeletonNoise, bridge_short_gaps, remove_jumps, smooth_skeleton
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.kinematics.space.rigid_body import rigid_poses
@@ -79,12 +79,12 @@ def smooth_rotations(context: Context) -> Outputs:
     if from_skeleton:
         states = smooth_skeleton_states(tree, view, points, skeleton.chain, settings.gate)
     elif context.trial.imus:
-        from mocap_id.estimation.space.inertial_fusion import smooth_with_sensors  # noqa: PLC0415  only with sensors
+        from mocap_id.estimation.space.inertial_fusion import fuse_in_space  # noqa: PLC0415  only with sensors
         from mocap_id.stages.ukf_smooth.inertial import describe_sensors, read_sensors  # noqa: PLC0415
 
         names, worn = list(skeleton.segments), list_sensors(context.trial.imus)
         sensors = read_sensors(names, worn, mirrored=view.planar.facts.get("side") == "left")
-        states, results = smooth_with_sensors(points, view.time, skeleton.chain, sensors, given)
+        states, results = fuse_in_space(points, view.time, skeleton.chain, sensors, given)
         imus, sensor_reasons = describe_sensors(names, worn, sensors, results)
         missed = {skeleton.segments.index(s): abs(each["skin_share"]) for s, each in imus.items() if each["used"]}
         states = add_axial_rotation_errors(states, skeleton.chain, common=_COMMON_WITH_IMUS, missed=missed)
@@ -292,7 +292,7 @@ def smooth_skeleton_states(
     trunk = chain.segment == 0
     points = remove_jumps(points, gate * sd)
     missing = np.isnan(points[..., 0])
-    points = bridge_gaps(points, round(_BRIDGED * view.rate))
+    points = bridge_short_gaps(points, round(_BRIDGED * view.rate))
     rotations, origins, _ = rigid_poses(points[:, trunk], chain.local[trunk], 1 / sd[trunk] ** 2)
     shift = np.einsum("fij,j->fi", rotations, np.array(tree.facts["wrist_offset_m"]))
     beyond = np.flatnonzero(chain.segment >= 2)
