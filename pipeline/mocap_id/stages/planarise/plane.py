@@ -153,9 +153,9 @@ def planarise(context: Context) -> Outputs:
     facts, reasons = describe_plates(source, thinned, choice, external, threshold)
     missing = np.zeros(len(part.time), np.bool_)
     if facts["mass_kg"] is not None:
-        vertical = sum((samples[index].force[:, 2] for index in choice.indices("feet")), np.zeros(len(part.time)))
+        load = sum((samples[index].force[:, 2] for index in choice.indices("feet")), np.zeros(len(part.time)))
         tall = np.repeat(find_upright(thinned.positions)[0], thinned.step)[: len(part.time)]
-        missing = find_dropouts(vertical, tall, part.source.rate, facts["mass_kg"] * GRAVITY)
+        missing = find_dropouts(load, tall, part.source.rate, facts["mass_kg"] * GRAVITY)
 
     def mark_missing(each: Sequence[PlateSamples], dropped: BoolArray) -> tuple[PlateSamples, ...]:
         on_feet = choice.indices("feet")
