@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict
 
 from mocap_id import store
 from mocap_id.errors import Refused
-from mocap_id.verdict import Reason
+from mocap_id.verdict import Level, Reason
 
 if TYPE_CHECKING:
     from mocap_id.stages.trial_keys import TrialKeys
@@ -70,6 +70,29 @@ class Context:
     def reasons(self) -> tuple[Reason, ...]:
         """Reasons of all inputs, in the order of the inputs and without repetitions."""
         return tuple(dict.fromkeys(reason for artefact in self.inputs.values() for reason in artefact.reasons))
+
+
+class Findings:
+    """Facts and reasons of an artefact, in the order in which a stage finds them."""
+
+    def __init__(self, reasons: Iterable[Reason] = ()) -> None:
+        self.facts: dict[str, Any] = {}
+        self.reasons = list(reasons)
+
+    def fact(self, **facts: Any) -> None:
+        """Add facts by name."""
+        self.facts |= facts
+
+    def say(
+        self,
+        code: str,
+        message: str,
+        value: float | None = None,
+        limit: float | None = None,
+        level: Level = "caution",
+    ) -> None:
+        """Add a :class:`Reason` with these fields."""
+        self.reasons.append(Reason(code, message, value, limit, level))
 
 
 Outputs: TypeAlias = "tuple[Artefact | Document, ...]"

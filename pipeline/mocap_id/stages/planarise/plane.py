@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from mocap_id import recording
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.kinematics import PlaneFit, fit_plane
-from mocap_id.kinematics.base_motion import BaseMotion, BaseStretch, find_base_motion, find_heel_lift
+from mocap_id.kinematics.base_motion import BaseMotion, find_base_motion, find_heel_lift
 from mocap_id.kinematics.marker_faults import find_lone_markers
 from mocap_id.kinematics.plane import find_feet
 from mocap_id.plates import GRAVITY, PlateChoice, choose_plates, find_clock_offset, find_dropouts
@@ -21,7 +20,7 @@ from mocap_id.plates.direction import compare_courses
 from mocap_id.plates.placement import find_standing_feet
 from mocap_id.recording import PlateSamples, Recording, ThinnedFrames
 from mocap_id.recording.marker_posture import Facing, find_facing, find_upright
-from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.planarise import PlanariseSettings
 from mocap_id.stages.planarise.plate_registration import (
     FOLLOWS,
@@ -33,7 +32,6 @@ from mocap_id.stages.planarise.plate_registration import (
     judge_course,
 )
 from mocap_id.stages.planarise.used_part import (
-    UsedPart,
     check_swaps,
     express_trajectories,
     list_bursts,
@@ -52,7 +50,6 @@ from mocap_id.stages.planarise.wrenches import (
 from mocap_id.stages.trial_keys import BalanceBoard, get_recording
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
-from mocap_id.verdict import Reason
 
 
 def planarise(context: Context) -> Outputs:
@@ -91,15 +88,81 @@ def planarise(context: Context) -> Outputs:
     if plane.lean:
         part = replace(part, positions=plane.straighten(part.positions, find_feet(still.positions)))
     thinned, samples = still, undo_in_samples(base, samples, part.time)
-    moved, moved_reasons = describe_motion(base, thinned, part.labels, frame, plane)
     feet = [source.plates[index] for index in choice.indices("feet")]
     assumptions = tuple(text for plate in feet for text in plate.assumptions)
-    notes = (*swap_reasons, *moved_reasons, *_list_notes(part, assumptions, faced if person else None, settings))
-    planar = _build_planar_table(part, frame, plane, faced, more={"swaps": swaps, **moved}, reasons=notes)
+    out = Findings(swap_reasons)
+    points = express_trajectories(part, frame)
+    visible = np.isfinite(points["x"])
+    out.facts |= part.facts
+    out.fact(
+        plane={
+            "yaw_deg": float(np.degrees(frame.yaw)),
+            "planarity": plane.planarity,
+            "lean_deg": float(np.degrees(plane.lean)),
+            "origin_m": [float(value) for value in frame.origin],
+            "facing": None if faced is None else {"rule": faced.rule, "displacement_m": abs(faced.displacement)},
+        },
+        bursts=list_bursts(part, points),
+        missing_fraction=float(1.0 - visible.mean()),
+        swaps=swaps,
+    )
+    describe_base(out, base, part.labels, frame)
+    lift = find_heel_lift(thinned.positions, thinned.time, thinned.rate)
+    out.fact(
+        heel_lift=None
+        if lift is None
+        else {
+            "marker": part.labels[lift.marker],
+            "about": part.labels[lift.about],
+            "height_m": lift.height,
+            "turn_deg": float(np.degrees(lift.turn)),
+            "time_s": lift.time,
+        }
+    )
+    if plane.lean:
+        lean = abs(float(np.degrees(plane.lean)))
+        out.say(
+            "plane-leans",
+            f"the plane of motion leans sideways by {lean:.1f}°: the person moves at an angle to the vertical, or "
+            "the cameras' vertical is wrong. Angles and lengths are measured in this plane, forces and moments in the "
+            "vertical plane along it",
+            lean,
+            level="ok",
+        )
+    # notes about how the recording was read; they cast no doubt on the results
+    out.reasons += part.list_oddities(assumptions)
+    if part.proposed:
+        out.say(
+            "window-proposed",
+            f"only {part.time[0]:g} to {part.time[-1]:g} s is used, the longest part in which some markers stay still "
+            f"and others move (the recording runs from {part.source.time[0]:g} to {part.source.time[-1]:g} s); give "
+            "`window:` to choose another part.",
+            level="ok",
+        )
+    if person and faced is not None and not faced.sure:
+        out.say(
+            "facing-unsure",
+            "the direction in which the subject faces does not follow from the motion, so x may point forwards instead "
+            f"of backwards; if so, set `planarise: {{facing: {'+x' if settings.facing == '-x' else '-x'}}}`.",
+            level="ok",
+        )
+    values = {**points, "visible": visible}
+    planar = LongTable(PLANAR, part.frames, part.time, part.labels, values, out.facts, tuple(out.reasons))
+
+    # wrench of the ground; frames with no load under a standing person do not count
     facts, reasons = describe_plates(source, thinned, choice, external, threshold)
-    missing = _find_dropouts(part, samples, thinned, choice, facts["mass_kg"])
-    thinned = replace(thinned, samples=_mark_missing(thinned.samples, choice, missing[:: thinned.step]))
-    kept = _mark_missing(samples, choice, missing)
+    missing = np.zeros(len(part.time), np.bool_)
+    if facts["mass_kg"] is not None:
+        load = sum((samples[index].force[:, 2] for index in choice.indices("feet")), np.zeros(len(part.time)))
+        tall = np.repeat(find_upright(thinned.positions)[0], thinned.step)[: len(part.time)]
+        missing = find_dropouts(load, tall, part.source.rate, facts["mass_kg"] * GRAVITY)
+
+    def mark_missing(each: Sequence[PlateSamples], dropped: BoolArray) -> tuple[PlateSamples, ...]:
+        on_feet = choice.indices("feet")
+        return tuple(replace(s, ok=s.ok & ~dropped) if k in on_feet else s for k, s in enumerate(each))
+
+    thinned = replace(thinned, samples=mark_missing(thinned.samples, missing[:: thinned.step]))
+    kept = mark_missing(samples, missing)
     wrench = compute_ground_wrench(part.time, kept, choice, frame, threshold) | external.columns
     course = None
     if person and feet and find_standing_feet(thinned.positions, find_upright(thinned.positions)[0], None, 2):
@@ -137,7 +200,13 @@ def planarise(context: Context) -> Outputs:
     across = measure_lateral_cop(thinned.samples, frame, threshold)
     facts["plates"] = [plate | {"across_m": each} for plate, each in zip(facts["plates"], across, strict=True)]
     losses = describe_losses(feet, part.time, missing, clock.offset_s)
-    registered = remove_explained_by_lean(check.reasons, plane)
+    # the lean of the plane may explain a force beside the feet
+    beside = _HIGH_M * abs(np.sin(plane.lean))
+    registered = [
+        each
+        for each in check.reasons
+        if each.code != "plate-misplaced" or (each.value or 0.0) - beside > (each.limit or 0.0)
+    ]
     reasons = (*doubt_units(assumptions), *reasons, *losses, *registered, *belonging, *external.reasons)
     return planar, Table(WRENCH, wrench, facts, reasons)
 
@@ -164,68 +233,6 @@ def _fit_frame(
     return PlaneFrame(yaw, origin), faced, fit
 
 
-def _build_planar_table(
-    part: UsedPart,
-    frame: PlaneFrame,
-    fit: PlaneFit,
-    faced: Facing | None,
-    *,
-    more: dict[str, Any],
-    reasons: tuple[Reason, ...],
-) -> LongTable:
-    """Return planar.parquet; ``more`` are additional facts, about swaps and the motion of the base."""
-    points = express_trajectories(part, frame)
-    visible = np.isfinite(points["x"])
-    plane = {
-        "yaw_deg": float(np.degrees(frame.yaw)),
-        "planarity": fit.planarity,
-        "lean_deg": float(np.degrees(fit.lean)),
-        "origin_m": [float(value) for value in frame.origin],
-        "facing": None if faced is None else {"rule": faced.rule, "displacement_m": abs(faced.displacement)},
-    }
-    facts = {"plane": plane, "bursts": list_bursts(part, points), "missing_fraction": float(1.0 - visible.mean())}
-    values = {**points, "visible": visible}
-    return LongTable(PLANAR, part.frames, part.time, part.labels, values, part.facts | facts | more, reasons)
-
-
-def _find_dropouts(
-    part: UsedPart, samples: Sequence[PlateSamples], thinned: ThinnedFrames, choice: PlateChoice, mass: float | None
-) -> BoolArray:
-    """Return the frames (F,) with no load on the feet's plates under a standing person; none if ``mass`` is None."""
-    if mass is None:
-        return np.zeros(len(part.time), np.bool_)
-    vertical = sum((samples[index].force[:, 2] for index in choice.indices("feet")), np.zeros(len(part.time)))
-    tall = np.repeat(find_upright(thinned.positions)[0], thinned.step)[: len(part.time)]
-    return find_dropouts(vertical, tall, part.source.rate, mass * GRAVITY)
-
-
-def _mark_missing(samples: Sequence[PlateSamples], choice: PlateChoice, missing: BoolArray) -> tuple[PlateSamples, ...]:
-    """Return the plates' samples, with those of the feet's plates marked as invalid in the frames ``missing``."""
-    feet = choice.indices("feet")
-    return tuple(replace(each, ok=each.ok & ~missing) if index in feet else each for index, each in enumerate(samples))
-
-
-def _list_notes(
-    part: UsedPart, assumptions: Sequence[str], faced: Facing | None, settings: PlanariseSettings
-) -> list[Reason]:
-    """Return notes about how the recording was read; they cast no doubt on the results."""
-    notes = part.list_oddities(assumptions)
-    if part.proposed:
-        text = (
-            f"only {part.time[0]:g} to {part.time[-1]:g} s is used, the longest part in which some markers stay still "
-            f"and others move (the recording runs from {part.source.time[0]:g} to {part.source.time[-1]:g} s); give "
-            "`window:` to choose another part."
-        )
-        notes.append(Reason("window-proposed", text, level="ok"))
-    if faced is not None and not faced.sure:
-        text = (
-            "the direction in which the subject faces does not follow from the motion, so x may point forwards instead "
-            f"of backwards; if so, set `planarise: {{facing: {'+x' if settings.facing == '-x' else '-x'}}}`."
-        )
-        notes.append(Reason("facing-unsure", text, level="ok"))
-    return notes
-
-
 _LISTED = 5  # largest number of changes in the message; the facts contain all
 _HIGH_M = 1.1  # largest height of the centre of mass
 
@@ -249,101 +256,61 @@ def undo_in_frames(base: BaseMotion | None, thinned: ThinnedFrames) -> ThinnedFr
     return replace(thinned, positions=positions, samples=tuple(undo_in_samples(base, thinned.samples, thinned.time)))
 
 
-def describe_motion(
-    base: BaseMotion | None, still: ThinnedFrames, labels: Sequence[str], frame: PlaneFrame, plane: PlaneFit
-) -> tuple[dict[str, Any], tuple[Reason, ...]]:
-    """Return facts of planar.parquet and reasons about a base that moves, heels that lift and a plane that leans.
+def describe_base(out: Findings, base: BaseMotion | None, labels: Sequence[str], frame: PlaneFrame) -> None:
+    """Add the fact ``base_motion`` and a reason if the base moved; ``base`` is the removed motion, None if it is fixed.
 
-    ``base`` is the motion that was removed, None if the base is fixed. ``still`` are the frames relative to a base that
-    stands still. ``frame`` is the plane's frame before the base moved.
+    ``frame`` is the plane's frame before the base moved.
     """
-    lift = find_heel_lift(still.positions, still.time, still.rate)
-    facts = {
-        "base_motion": None if base is None else _list_motion(base, labels, frame),
-        "heel_lift": None
-        if lift is None
-        else {
-            "marker": labels[lift.marker],
-            "about": labels[lift.about],
-            "height_m": lift.height,
-            "turn_deg": float(np.degrees(lift.turn)),
-            "time_s": lift.time,
-        },
-    }
-    moved = () if base is None else (_describe_base(base),)
-    return facts, (*moved, *_describe_lean(plane))
-
-
-def remove_explained_by_lean(reasons: Sequence[Reason], plane: PlaneFit) -> tuple[Reason, ...]:
-    """Return the reasons, without `plate-misplaced` if the lean of the plane explains the force beside the feet."""
-    beside = _HIGH_M * abs(np.sin(plane.lean))
-    return tuple(
-        each for each in reasons if each.code != "plate-misplaced" or (each.value or 0.0) - beside > (each.limit or 0.0)
-    )
-
-
-def _list_motion(base: BaseMotion, labels: Sequence[str], frame: PlaneFrame) -> dict[str, Any]:
+    if base is None:
+        out.fact(base_motion=None)
+        return
     axes = frame.axes[[0, 2], :2]
-    return {
-        "stretches": [
-            {
-                "from_s": each.start,
-                "to_s": each.end,
-                "along_m": float(axes[0] @ each.shift),
-                "across_m": float(axes[1] @ each.shift),
-                "turn_deg": float(np.degrees(each.turn)),
-                "misfit_m": each.misfit,
-            }
-            for each in base.stretches
-        ],
-        "markers": [labels[marker] for marker in base.feet],
-        "fixed_markers": [label for label, fixed in zip(labels, base.fixed, strict=True) if fixed],
-        "centre_m": base.centre.tolist(),
-        "path": [
-            {"time_s": float(time), "shift_m": pose[:2].tolist(), "turn_deg": float(np.degrees(pose[2]))}
-            for time, pose in zip(base.knots, base.poses, strict=True)
-        ],
-    }
-
-
-def _describe_base(base: BaseMotion) -> Reason:
-    changes = list(pairwise(base.stretches))
-    listed = "; ".join(_describe_change(*each) for each in changes[:_LISTED])
+    stretches = [
+        {
+            "from_s": each.start,
+            "to_s": each.end,
+            "along_m": float(axes[0] @ each.shift),
+            "across_m": float(axes[1] @ each.shift),
+            "turn_deg": float(np.degrees(each.turn)),
+            "misfit_m": each.misfit,
+        }
+        for each in base.stretches
+    ]
+    path = [
+        {"time_s": float(time), "shift_m": pose[:2].tolist(), "turn_deg": float(np.degrees(pose[2]))}
+        for time, pose in zip(base.knots, base.poses, strict=True)
+    ]
+    out.fact(
+        base_motion={
+            "stretches": stretches,
+            "markers": [labels[marker] for marker in base.feet],
+            "fixed_markers": [label for label, fixed in zip(labels, base.fixed, strict=True) if fixed],
+            "centre_m": base.centre.tolist(),
+            "path": path,
+        }
+    )
+    changes = []
+    for before, after in pairwise(base.stretches):
+        shift = 1e2 * float(np.linalg.norm(after.shift - before.shift))
+        turn = abs(float(np.degrees(after.turn - before.turn)))
+        rotation = f" and rotated by {turn:.0f}°" if turn >= 1.0 else ""
+        changes.append(f"by {shift:.1f} cm{rotation} between {before.end:.1f} and {after.start:.1f} s")
     rest = f"; and {len(changes) - _LISTED} more changes" if len(changes) > _LISTED else ""
-    farthest = max(float(np.linalg.norm(each.shift)) for each in base.stretches)
-    first = base.stretches[0]
-    if not base.rigid:
-        return Reason(
+    moved = f"the feet moved to another position: {'; '.join(changes[:_LISTED])}{rest}. "
+    farthest, first = max(float(np.linalg.norm(each.shift)) for each in base.stretches), base.stretches[0]
+    if base.rigid:
+        out.say(
             "base-moved",
-            f"the feet moved to another position: {listed}{rest}. They did not move together: their markers differ by "
-            f"{1e3 * max(each.misfit for each in base.stretches):.0f} mm rms from a common motion. Only their mean "
-            "displacement was corrected, so the joints are less exact: analyse each part alone with `window:`",
+            f"{moved}This was corrected: markers, forces and moments are expressed relative to the feet. x, tauz and "
+            f"the centre of pressure refer to the position of the feet from {first.start:.1f} to {first.end:.1f} s.",
             farthest,
+            level="ok",
         )
-    return Reason(
+        return
+    out.say(
         "base-moved",
-        f"the feet moved to another position: {listed}{rest}. This was corrected: markers, forces and moments are "
-        f"expressed relative to the feet. x, tauz and the centre of pressure refer to the position of the feet from "
-        f"{first.start:.1f} to {first.end:.1f} s.",
+        f"{moved}They did not move together: their markers differ by "
+        f"{1e3 * max(each.misfit for each in base.stretches):.0f} mm rms from a common motion. Only their mean "
+        "displacement was corrected, so the joints are less exact: analyse each part alone with `window:`",
         farthest,
-        level="ok",
     )
-
-
-def _describe_change(before: BaseStretch, after: BaseStretch) -> str:
-    """Return how far and when the feet moved between two stretches, as text."""
-    shift, turn = 1e2 * float(np.linalg.norm(after.shift - before.shift)), float(np.degrees(after.turn - before.turn))
-    rotation = f" and rotated by {abs(turn):.0f}°" if abs(turn) >= 1.0 else ""
-    return f"by {shift:.1f} cm{rotation} between {before.end:.1f} and {after.start:.1f} s"
-
-
-def _describe_lean(plane: PlaneFit) -> tuple[Reason, ...]:
-    if plane.lean == 0:
-        return ()
-    lean = abs(float(np.degrees(plane.lean)))
-    text = (
-        f"the plane of motion leans sideways by {lean:.1f}°: the person moves at an angle to the vertical, or "
-        "the cameras' vertical is wrong. Angles and lengths are measured in this plane, forces and moments in the "
-        "vertical plane along it"
-    )
-    return (Reason("plane-leans", text, lean, level="ok"),)

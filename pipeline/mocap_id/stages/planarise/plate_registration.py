@@ -24,6 +24,7 @@ from mocap_id.plates.placement import (
 )
 from mocap_id.recording import Plate, PlateSamples, Recording, ThinnedFrames
 from mocap_id.recording.marker_posture import find_upright
+from mocap_id.stages.base import Findings
 from mocap_id.stages.planarise.wrenches import ExternalWrenches
 from mocap_id.stages.trial_keys import BalanceBoard
 from mocap_id.verdict import Reason
@@ -116,13 +117,27 @@ def check_registration(
     lean = measure_lean(total, positions, rate) if person else None
     whole = compare_directions(total, positions, rate)
     alone = [compare_directions(each.force, positions, rate) for each in samples] if len(plates) > 1 else []
-    facts = {
-        "plates": [_list_placement(each) for each in found],
-        "standing_lean_deg": None if lean is None else np.degrees(lean).tolist(),
-        "turned": _list_direction(whole),
-    }
-    reasons = [reason for each in found for reason in (_describe_misplacement(each), _describe_height(each))]
-    reasons += [_describe_unchecked(found), _describe_tilt(found, lean), *_describe_rotation(plates, whole, alone)]
+    out = Findings()
+    out.fact(
+        plates=[
+            {
+                "index": each.index,
+                "cop_off_feet_m": each.off_feet,
+                "cop_off_feet_limit_m": None if each.off_feet is None else _MARGIN_M + each.allowance,
+                "feet_over_surface_m": each.over_surface,
+                "inclined_deg": None if each.inclined is None else float(np.degrees(each.inclined)),
+            }
+            for each in found
+        ],
+        standing_lean_deg=None if lean is None else np.degrees(lean).tolist(),
+        turned=None
+        if whole is None
+        else {"angle_deg": float(np.degrees(whole.angle)), "coherence": whole.coherence, "rms": whole.size},
+    )
+    _check_placement(out, found)
+    tilt = _describe_tilt(found, lean)
+    out.reasons += [] if tilt is None else [tilt]
+    _check_rotation(out, plates, whole, alone)
     unusable = None
     pinned = {
         plate.index: away
@@ -130,23 +145,38 @@ def check_registration(
         if (person or yaw is None) and (away := find_pinned_pressure(plate, each, positions)) is not None
     }
     if pinned:
-        reasons = [each for each in reasons if each is None or each.code != "plate-misplaced"]
-        missing = _describe_pinned(pinned)
-        reasons.append(missing)
-        unusable = missing.message
+        out.reasons = [each for each in out.reasons if each.code != "plate-misplaced"]
+        unusable = (
+            f"the centre of pressure never leaves the centre of plate {' and '.join(map(str, pinned))} (it moves by at "
+            f"most {1e3 * max(pinned.values()):.1f} mm), expected some centimetres: the moments of the plate are "
+            "missing or a thousand times too small. Check the moment channels (Mx, My) and their unit, and set "
+            "`planarise: {moment_unit: …}` if the unit in the file is wrong"
+        )
+        out.say("plate-moments-missing", unusable, max(pinned.values()))
     if person:
         off = find_foot_beside(plates, samples, positions)
         if off is not None:
             foot, beside, share = off
-            facts["foot_beside"] = {"beside_m": beside if np.isfinite(beside) else None, "share": share}
-            reasons.append(_describe_foot_beside(_name_markers(foot, positions, labels), beside, share, others))
+            out.fact(foot_beside={"beside_m": beside if np.isfinite(beside) else None, "share": share})
+            outside = f" stands {100 * beside:.0f} cm beside every plate that is used" if beside > 0 else ""
+            unused = f". Not used: {'; '.join(others)}" if others else ""
+            out.say(
+                "foot-off-plate",
+                "the plates do not measure one foot: the foot with the markers "
+                f"{_name_markers(foot, positions, labels)}{outside or ' carries no load'}, and the force acts under "
+                f"the other foot ({100 * abs(share):.0f} % of the way to this foot, expected 30 to 70 %){unused}. "
+                "Mass, wrench, torques and parameters are then far too small. Record with both feet on plates that "
+                "are used; check the unused plates, and `plates: {feet: …}`, and whether the file contains all plates",
+                abs(share),
+                0.3,
+            )
         uneven = measure_load_share(plates, samples, positions)
         if uneven is not None:
-            facts["load_share"] = {"measured": uneven.measured, "expected": uneven.expected}
-            explained = off is not None or any(each is not None and each.code in _EXPLAIN for each in reasons)
-            if not explained:
-                reasons.append(_describe_uneven(plates, _name_markers(uneven.foot, positions, labels), uneven))
-        far = [e for e in reasons if e is not None and e.code == "plate-misplaced" and (e.value or 0.0) > _FAR_OFF_M]
+            out.fact(load_share={"measured": uneven.measured, "expected": uneven.expected})
+            if off is None and not any(each.code in _EXPLAIN for each in out.reasons):
+                load = _describe_uneven(plates, _name_markers(uneven.foot, positions, labels), uneven)
+                out.reasons += [] if load is None else [load]
+        far = [each for each in out.reasons if each.code == "plate-misplaced" and (each.value or 0.0) > _FAR_OFF_M]
         if far:
             unusable = far[0].message
     weak = whole is not None and whole.expected >= _EXPECTED_N and whole.size < _WEAK * whole.expected
@@ -155,11 +185,82 @@ def check_registration(
     along = any(yaw is None or abs(axis @ direction) > _ALONG for axis in dead)
     weak = bool(follows and weak)
     if weak or dead:
-        reasons.append(_describe_dead(plates, whole if weak else None, along=along, space=yaw is None))
-    if yaw is None and (weak or dead) and reasons[-1] is not None:
-        unusable = unusable or reasons[-1].message
-    kept = tuple(reason for reason in reasons if reason is not None)
-    return PlateCheck(facts, kept, unusable, not (weak or along))
+        reason = _describe_dead(plates, whole if weak else None, along=along, space=yaw is None)
+        out.reasons.append(reason)
+        if yaw is None:
+            unusable = unusable or reason.message
+    return PlateCheck(out.facts, tuple(out.reasons), unusable, not (weak or along))
+
+
+def _check_placement(out: Findings, found: Sequence[PlatePlacement]) -> None:
+    """Add cautions about plates beside the feet or at another height, and a note if this could not be checked."""
+    for each in found:
+        limit, over = _MARGIN_M + each.allowance, each.over_surface
+        if each.off_feet is not None and each.off_feet > limit:
+            out.say(
+                "plate-misplaced",
+                f"the centre of pressure of plate {each.index} lies up to {100 * each.off_feet:.0f} cm outside the "
+                f"markers of the feet that stand on it, expected at most {100 * limit:.0f} cm: the ground cannot push "
+                "there. The plate's corners (or its ORIGIN, moments or points of application) do not match the "
+                "cameras' axes; measure them again and correct the file. Until then tauz, the centre of pressure and "
+                "all parameters are wrong",
+                each.off_feet,
+                limit,
+            )
+        if over is not None and not -_SUNK_M <= over <= _HOVERING_M:
+            sunk = over < 0
+            out.say(
+                "plate-height",
+                f"the lowest marker of the feet is {abs(100 * over):.1f} cm {'below' if sunk else 'above'} the surface "
+                f"of plate {each.index}, expected {'above it' if sunk else f'at most {100 * _HOVERING_M:.0f} cm'}: the "
+                "corners' heights do not match the cameras' floor; measure them again. The moment is wrong by this "
+                "height times Fx",
+                over,
+                -_SUNK_M if sunk else _HOVERING_M,
+            )
+    unknown = [each for each in found if each.unknown is not None]
+    if unknown:
+        numbers = " and ".join(str(each.index) for each in unknown)
+        out.say(
+            "plate-unchecked",
+            f"it could not be checked whether plate {numbers} {'is' if len(unknown) == 1 else 'are'} where the file "
+            f"says: {unknown[0].unknown}. The check needs markers on heel and toes of both feet; for a robot bolted to "
+            "the plate, set `protocol: robot-joint`",
+            level="ok",
+        )
+
+
+def _check_rotation(
+    out: Findings, plates: Sequence[Plate], whole: ForceDirection | None, alone: Sequence[ForceDirection | None]
+) -> None:
+    """Add cautions about plates whose horizontal force does not point along the acceleration of the body.
+
+    If the sum of their forces points in a wrong direction, there is only one caution, for all plates together.
+    """
+
+    def points_away(found: ForceDirection, limit: float) -> bool:
+        return found.coherence >= _COHERENT and found.size >= _FORCE_N and abs(found.angle) > limit
+
+    turned: list[tuple[str, ForceDirection, float]]
+    if whole is not None and points_away(whole, _TURNED):
+        turned = [("the plates" if len(plates) > 1 else f"plate {plates[0].index}", whole, _TURNED)]
+    else:
+        turned = [
+            (f"plate {plate.index}", each, _TURNED_ALONE)
+            for plate, each in zip(plates, alone, strict=False)
+            if each is not None and points_away(each, _TURNED_ALONE)
+        ]
+    for name, found, limit in turned:
+        angle = float(np.degrees(found.angle))
+        out.say(
+            "plate-turned",
+            f"the horizontal force of {name} points {angle:.0f}° away from the acceleration of the body (about the "
+            f"vertical), expected within ± {np.degrees(limit):.0f}°: the corners are in another order, the plate's "
+            "axes are rotated, or Fx and Fy have the wrong sign. Correct the file; Fx, tauz and all parameters are "
+            "wrong",
+            abs(angle),
+            float(np.degrees(limit)),
+        )
 
 
 def _name_markers(foot: FloatArray, positions: FloatArray, labels: Sequence[str]) -> str:
@@ -169,20 +270,6 @@ def _name_markers(foot: FloatArray, positions: FloatArray, labels: Sequence[str]
     near = [int(np.nanargmin(np.linalg.norm(usual - point, axis=1))) for point in foot]
     names = [labels[k] for k in dict.fromkeys(near) if k < len(labels)]
     return ", ".join(names[:3]) + (" …" if len(names) > 3 else "")
-
-
-def _describe_foot_beside(markers: str, beside: float, share: float, others: Sequence[str]) -> Reason:
-    outside = f" stands {100 * beside:.0f} cm beside every plate that is used" if beside > 0 else ""
-    unused = f". Not used: {'; '.join(others)}" if others else ""
-    return Reason(
-        "foot-off-plate",
-        f"the plates do not measure one foot: the foot with the markers {markers}{outside or ' carries no load'}, and "
-        f"the force acts under the other foot ({100 * abs(share):.0f} % of the way to this foot, expected 30 to 70 %)"
-        f"{unused}. Mass, wrench, torques and parameters are then far too small. Record with both feet on plates that "
-        "are used; check the unused plates, and `plates: {feet: …}`, and whether the file contains all plates",
-        value=abs(share),
-        limit=0.3,
-    )
 
 
 def _describe_uneven(plates: Sequence[Plate], markers: str, load: LoadShare) -> Reason | None:
@@ -225,18 +312,6 @@ def _describe_uneven(plates: Sequence[Plate], markers: str, load: LoadShare) -> 
     )
 
 
-def _describe_pinned(pinned: dict[int, float]) -> Reason:
-    numbers = " and ".join(map(str, pinned))
-    return Reason(
-        "plate-moments-missing",
-        f"the centre of pressure never leaves the centre of plate {numbers} (it moves by at most "
-        f"{1e3 * max(pinned.values()):.1f} mm), expected some centimetres: the moments of the plate are missing or a "
-        "thousand times too small. Check the moment channels (Mx, My) and their unit, and set `planarise: "
-        "{moment_unit: …}` if the unit in the file is wrong",
-        value=max(pinned.values()),
-    )
-
-
 def _describe_dead(plates: Sequence[Plate], weak: ForceDirection | None, *, along: bool, space: bool = False) -> Reason:
     """Return a caution about horizontal channels that are dead, or a note if the motion plane does not need them."""
     listed = "; ".join(
@@ -269,72 +344,16 @@ def _describe_dead(plates: Sequence[Plate], weak: ForceDirection | None, *, alon
     )
 
 
-def _list_placement(found: PlatePlacement) -> dict[str, Any]:
-    return {
-        "index": found.index,
-        "cop_off_feet_m": found.off_feet,
-        "cop_off_feet_limit_m": None if found.off_feet is None else _MARGIN_M + found.allowance,
-        "feet_over_surface_m": found.over_surface,
-        "inclined_deg": None if found.inclined is None else float(np.degrees(found.inclined)),
-    }
-
-
-def _list_direction(found: ForceDirection | None) -> dict[str, float] | None:
-    if found is None:
-        return None
-    return {"angle_deg": float(np.degrees(found.angle)), "coherence": found.coherence, "rms": found.size}
-
-
-def _describe_misplacement(found: PlatePlacement) -> Reason | None:
-    limit = _MARGIN_M + found.allowance
-    if found.off_feet is None or found.off_feet <= limit:
-        return None
-    return Reason(
-        "plate-misplaced",
-        f"the centre of pressure of plate {found.index} lies up to {100 * found.off_feet:.0f} cm outside the markers "
-        f"of the feet that stand on it, expected at most {100 * limit:.0f} cm: the ground cannot push there. The "
-        "plate's corners (or its ORIGIN, moments or points of application) do not match the cameras' axes; measure "
-        "them again and correct the file. Until then tauz, the centre of pressure and all parameters are wrong",
-        value=found.off_feet,
-        limit=limit,
-    )
-
-
-def _describe_unchecked(found: Sequence[PlatePlacement]) -> Reason | None:
-    """Return a note if the horizontal position of a plate could not be compared with the feet."""
-    unknown = [each for each in found if each.unknown is not None]
-    if not unknown:
-        return None
-    numbers = " and ".join(str(each.index) for each in unknown)
-    return Reason(
-        "plate-unchecked",
-        f"it could not be checked whether plate {numbers} {'is' if len(unknown) == 1 else 'are'} where the file says: "
-        f"{unknown[0].unknown}. The check needs markers on heel and toes of both feet; for a robot bolted to the "
-        "plate, set `protocol: robot-joint`",
-        level="ok",
-    )
-
-
-def _describe_height(found: PlatePlacement) -> Reason | None:
-    over = found.over_surface
-    if over is None or -_SUNK_M <= over <= _HOVERING_M:
-        return None
-    sunk = over < 0
-    return Reason(
-        "plate-height",
-        f"the lowest marker of the feet is {abs(100 * over):.1f} cm {'below' if sunk else 'above'} the surface of "
-        f"plate {found.index}, expected {'above it' if sunk else f'at most {100 * _HOVERING_M:.0f} cm'}: the corners' "
-        "heights do not match the cameras' floor; measure them again. The moment is wrong by this height times Fx",
-        value=over,
-        limit=-_SUNK_M if sunk else _HOVERING_M,
-    )
-
-
 def _describe_tilt(found: Sequence[PlatePlacement], lean: FloatArray | None) -> Reason | None:
     """Return a reason if the corners of a plate are not level, or the force under a standing person is not vertical."""
     inclined = max((each.inclined for each in found if each.inclined is not None), default=0.0)
     corners = f"the corners incline a plate by {np.degrees(inclined):.1f}°, expected under {np.degrees(_INCLINED):.1f}°"
-    if inclined > _INCLINED and (lean is None or _corners_explain(found, lean)):
+    confirmed = True  # whether the force leans as it would if the plates were level and their corners were wrong
+    if inclined > _INCLINED and lean is not None:
+        total = sum(each.load for each in found)
+        expected = sum((each.normal[:2] * each.load for each in found if each.normal is not None), np.zeros(2)) / total
+        confirmed = bool(lean @ expected > 0.5 * (expected @ expected))
+    if inclined > _INCLINED and confirmed:
         evidence = (
             ", and nobody stands still, so the force cannot confirm this"
             if lean is None
@@ -356,47 +375,6 @@ def _describe_tilt(found: Sequence[PlatePlacement], lean: FloatArray | None) -> 
     text = f"{corners}; the force under the standing person is vertical, so the plate is assumed to be inclined"
     value, limit = float(np.degrees(inclined)), float(np.degrees(_INCLINED))
     return Reason("plate-tilted", text, value=value, limit=limit, level="ok")
-
-
-def _corners_explain(found: Sequence[PlatePlacement], lean: FloatArray) -> bool:
-    """Return whether the force leans as it would if the plates were level and their corners were wrong."""
-    total = sum(each.load for each in found)
-    expected = sum((each.normal[:2] * each.load for each in found if each.normal is not None), np.zeros(2)) / total
-    return bool(lean @ expected > 0.5 * (expected @ expected))
-
-
-def _describe_rotation(
-    plates: Sequence[Plate], whole: ForceDirection | None, alone: Sequence[ForceDirection | None]
-) -> list[Reason]:
-    """Return reasons for plates whose horizontal force does not point along the acceleration of the body.
-
-    If the sum of their forces points in a wrong direction, there is only one reason, for all plates together.
-    """
-    if whole is not None and _points_away(whole, _TURNED):
-        return [
-            _describe_rotated_plate("the plates" if len(plates) > 1 else f"plate {plates[0].index}", whole, _TURNED)
-        ]
-    return [
-        _describe_rotated_plate(f"plate {plate.index}", each, _TURNED_ALONE)
-        for plate, each in zip(plates, alone, strict=False)
-        if each is not None and _points_away(each, _TURNED_ALONE)
-    ]
-
-
-def _points_away(found: ForceDirection, limit: float) -> bool:
-    return found.coherence >= _COHERENT and found.size >= _FORCE_N and abs(found.angle) > limit
-
-
-def _describe_rotated_plate(name: str, found: ForceDirection, limit: float) -> Reason:
-    angle = float(np.degrees(found.angle))
-    return Reason(
-        "plate-turned",
-        f"the horizontal force of {name} points {angle:.0f}° away from the acceleration of the body (about the "
-        f"vertical), expected within ± {np.degrees(limit):.0f}°: the corners are in another order, the plate's axes "
-        "are rotated, or Fx and Fy have the wrong sign. Correct the file; Fx, tauz and all parameters are wrong",
-        value=abs(angle),
-        limit=float(np.degrees(limit)),
-    )
 
 
 _UNRELATED, FOLLOWS = 0.62, 0.7
@@ -467,61 +445,46 @@ def describe_losses(
     ``time`` (F,) are the marker times, s; ``dropout`` (F,) marks the frames from :func:`mocap_id.plates.find_dropouts`;
     ``corrected`` is the clock offset by which the times of the plates were corrected, s.
     """
-    reasons = [
-        reason
-        for plate in plates
-        for reason in (_describe_saturation(plate, time), _describe_short_plate(plate, time, corrected))
-    ]
-    return tuple(reason for reason in (*reasons, _describe_dropout(time, dropout)) if reason is not None)
-
-
-def _describe_saturation(plate: Plate, time: FloatArray) -> Reason | None:
-    if plate.saturated is None:
-        return None
-    stamped = plate.start + np.arange(len(plate.ok)) / plate.rate
-    share = float(plate.saturated[(stamped >= time[0]) & (stamped <= time[-1])].mean())
-    if share == 0.0:
-        return None
-    return Reason(
-        "plate-saturated",
-        f"plate {plate.index} is at the end of its range in {100 * share:.1f} % of its samples, expected none: they "
-        "are left out, and with them the largest forces of the movement. Choose a larger range of its amplifier",
-        value=share,
-        limit=0.0,
-    )
-
-
-def _describe_short_plate(plate: Plate, time: FloatArray, corrected: float) -> Reason | None:
-    """Return a reason if frames are before the plate's first sample or after its last by more than one interval."""
-    slack = 1.0 / plate.rate + float(np.median(np.diff(time)))
-    end = plate.start + (len(plate.ok) - 1) / plate.rate
-    share = float(np.mean((time < plate.start - slack) | (time > end + slack)))
-    if share == 0.0:
-        return None
-    clocks = f" (on the cameras' clock: {corrected:+.2f} s)" if corrected else ""
-    return Reason(
-        "plate-short",
-        f"the forces of plate {plate.index} run from {plate.start:.2f} to {end:.2f} s{clocks} and the markers from "
-        f"{time[0]:.2f} to {time[-1]:.2f} s: {100 * share:.0f} % of the frames have no force and are not used "
-        "for the identification. Export both completely, and check that they belong to the same trial",
-        value=share,
-        limit=_FEW,
-        level="caution" if share > _FEW else "ok",
-    )
-
-
-def _describe_dropout(time: FloatArray, dropout: BoolArray) -> Reason | None:
-    if not dropout.any():
-        return None
-    first = time[np.argmax(dropout)]
-    return Reason(
-        "plate-dropout",
-        f"the plates show no load in {100 * dropout.mean():.0f} % of the frames, from {first:.2f} s on, while the "
-        "person stands on them; possible causes are a loose cable, a reset of the amplifier, or a step off the plates. "
-        "These frames are left out; check the plates' signal there, or set a `window:` without them",
-        value=float(dropout.mean()),
-        limit=0.0,
-    )
+    out = Findings()
+    for plate in plates:
+        if plate.saturated is not None:
+            stamped = plate.start + np.arange(len(plate.ok)) / plate.rate
+            share = float(plate.saturated[(stamped >= time[0]) & (stamped <= time[-1])].mean())
+            if share != 0.0:
+                out.say(
+                    "plate-saturated",
+                    f"plate {plate.index} is at the end of its range in {100 * share:.1f} % of its samples, expected "
+                    "none: they are left out, and with them the largest forces of the movement. Choose a larger range "
+                    "of its amplifier",
+                    share,
+                    0.0,
+                )
+        # frames before the plate's first sample or after its last by more than one interval
+        slack = 1.0 / plate.rate + float(np.median(np.diff(time)))
+        end = plate.start + (len(plate.ok) - 1) / plate.rate
+        share = float(np.mean((time < plate.start - slack) | (time > end + slack)))
+        if share != 0.0:
+            clocks = f" (on the cameras' clock: {corrected:+.2f} s)" if corrected else ""
+            out.say(
+                "plate-short",
+                f"the forces of plate {plate.index} run from {plate.start:.2f} to {end:.2f} s{clocks} and the markers "
+                f"from {time[0]:.2f} to {time[-1]:.2f} s: {100 * share:.0f} % of the frames have no force and are not "
+                "used for the identification. Export both completely, and check that they belong to the same trial",
+                share,
+                _FEW,
+                "caution" if share > _FEW else "ok",
+            )
+    if dropout.any():
+        out.say(
+            "plate-dropout",
+            f"the plates show no load in {100 * dropout.mean():.0f} % of the frames, from "
+            f"{time[np.argmax(dropout)]:.2f} s on, while the person stands on them; possible causes are a loose cable, "
+            "a reset of the amplifier, or a step off the plates. These frames are left out; check the plates' signal "
+            "there, or set a `window:` without them",
+            float(dropout.mean()),
+            0.0,
+        )
+    return tuple(out.reasons)
 
 
 def judge_course(

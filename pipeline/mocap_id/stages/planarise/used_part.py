@@ -172,27 +172,19 @@ def check_swaps(part: UsedPart, *, repair: bool) -> tuple[FloatArray, list[dict[
         }
         for swap in swaps
     ]
-    positions = undo_swaps(part.positions, swaps) if repair else part.positions
-    return positions, facts, (_describe_swaps(facts, repair),)
-
-
-def _describe_swaps(facts: Sequence[dict[str, Any]], repaired: bool) -> Reason:
     listed = "; ".join(
-        f"{fact['labels'][0]} and {fact['labels'][1]} in frames {fact['first_frame']} to {fact['last_frame']} "
-        f"({fact['first_s']:.2f} to {fact['last_s']:.2f} s)"
-        for fact in facts[:_LISTED]
+        f"{part.labels[swap.first]} and {part.labels[swap.second]} in frames {part.frames[swap.start]} to "
+        f"{part.frames[swap.stop - 1]} ({part.time[swap.start]:.2f} to {part.time[swap.stop - 1]:.2f} s)"
+        for swap in swaps[:_LISTED]
     )
-    rest = f"; and {len(facts) - _LISTED} more" if len(facts) > _LISTED else ""
-    times = "once" if len(facts) == 1 else f"{len(facts)} times"
+    rest = f"; and {len(swaps) - _LISTED} more" if len(swaps) > _LISTED else ""
+    times = "once" if len(swaps) == 1 else f"{len(swaps)} times"
     outcome = (
         "These frames were corrected in the results; the file was not changed."
-        if repaired
+        if repair
         else "Both markers are left out of the skeleton in these frames. To use them there, set "
         "`planarise: {repair_swaps: true}`, or relabel them and export the trial again."
     )
-    return Reason(
-        "marker-swap",
-        f"two markers have each other's label {times}: {listed}{rest}. {outcome}",
-        float(len(facts)),
-        level="ok" if repaired else "caution",
-    )
+    message = f"two markers have each other's label {times}: {listed}{rest}. {outcome}"
+    reason = Reason("marker-swap", message, float(len(swaps)), level="ok" if repair else "caution")
+    return undo_swaps(part.positions, swaps) if repair else part.positions, facts, (reason,)

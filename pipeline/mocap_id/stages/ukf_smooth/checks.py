@@ -10,12 +10,11 @@ from mocap_id.anatomy.angles import ELBOW, JointAngles
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.errors import RecordingError
 from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE
-from mocap_id.estimation.lasting_errors import Oscillation
+from mocap_id.estimation.lasting_errors import ResidualSpectrum
 from mocap_id.estimation.smoothing import find_stretches
-from mocap_id.kinematics.cluster_poses import BENDS_M, HipShift
+from mocap_id.stages.base import Findings
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.store.views import Trajectories
-from mocap_id.verdict import Reason
 
 UNKNOWN_SD_HZ = 5.0
 """Cut-off, Hz: a filter with a lower cut-off also removes movement, so that the standard deviations are unknown."""
@@ -43,14 +42,28 @@ def check_uniform_times(view: Trajectories, trial: str) -> None:
 
 
 def report_gaps(
-    missing: BoolArray, time: FloatArray, names: Sequence[str], quantity: str, settings: UkfSmoothSettings
-) -> tuple[Reason, ...]:
-    """Return a caution for every joint whose angle has gaps, or for every segment whose pose has gaps.
+    out: Findings,
+    missing: BoolArray,
+    time: FloatArray,
+    names: Sequence[str],
+    *,
+    quantity: str,
+    settings: UkfSmoothSettings,
+) -> None:
+    """Add a caution for every joint whose angle has gaps, or for every segment whose pose has gaps.
 
     ``names`` are the K joints or segments. ``missing`` (F, K) is true in the frames without the angle or pose, ``time``
     (F,) is in s, and ``quantity`` is "angle" or "pose".
     """
-    reasons = []
+    limit = f"its standard deviation would exceed {settings.angle_sd_limit:g} rad"
+    if settings.method in FRAMEWISE:
+        limit = f"`{settings.method}`, which bridges up to {BRIDGE_LIMIT:g} s, leaves a gap"
+    why = (
+        f"its markers are missing, or do not fit the chain, for so long that {limit}. Fill or relabel them, or leave "
+        "this time out with `window:`"
+    )
+    if settings.method == "encoder":
+        why = "the encoder's record does not cover this time. Record longer, or leave this time out with `window:`"
     for name, is_missing in zip(names, missing.T, strict=True):
         if not is_missing.any():
             continue
@@ -58,22 +71,9 @@ def report_gaps(
         longest = max(gaps, key=lambda gap: gap.stop - gap.start)
         seconds = np.count_nonzero(is_missing) * (time[-1] - time[0]) / max(len(time) - 1, 1)
         where = "throughout" if is_missing.all() else f"{len(gaps)} times, longest from {time[longest.start]:.2f} s"
-        message = f"the {quantity} of the {name} is missing for {seconds:.2f} s ({where}): {_explain_gaps(settings)}."
-        reasons.append(Reason("gap", message, float(seconds), 0.0))
-    return tuple(reasons)
-
-
-def _explain_gaps(settings: UkfSmoothSettings) -> str:
-    """Return why the method leaves gaps, and what to do."""
-    if settings.method == "encoder":
-        return "the encoder's record does not cover this time. Record longer, or leave this time out with `window:`"
-    limit = f"its standard deviation would exceed {settings.angle_sd_limit:g} rad"
-    if settings.method in FRAMEWISE:
-        limit = f"`{settings.method}`, which bridges up to {BRIDGE_LIMIT:g} s, leaves a gap"
-    return (
-        f"its markers are missing, or do not fit the chain, for so long that {limit}. Fill or relabel them, or leave "
-        "this time out with `window:`"
-    )
+        out.say(
+            "gap", f"the {quantity} of the {name} is missing for {seconds:.2f} s ({where}): {why}.", float(seconds), 0.0
+        )
 
 
 def list_rejected(rejected: BoolArray, time: FloatArray, names: Sequence[str]) -> list[tuple[str, float, float]]:
@@ -89,27 +89,28 @@ def list_rejected(rejected: BoolArray, time: FloatArray, names: Sequence[str]) -
     ]
 
 
-def report_rejected(stretches: Sequence[tuple[str, float, float]], time: FloatArray) -> tuple[Reason, ...]:
-    """Return a caution about the ``stretches`` of :func:`list_rejected`; ``time`` (F,) is in s."""
+def report_rejected(out: Findings, stretches: Sequence[tuple[str, float, float]], time: FloatArray) -> None:
+    """Add a caution about the ``stretches`` of :func:`list_rejected`; ``time`` (F,) is in s."""
     frames = np.zeros(len(time), dtype=np.bool_)
     spans: dict[str, list[str]] = {}
     for name, first, last in stretches:
         frames |= (time >= first) & (time <= last)
         spans.setdefault(name.replace("_", " "), []).append(f"{first:.2f}–{last:.2f} s")
     if not spans:
-        return ()
+        return
     parts = []
     for name, own in spans.items():
         more = f" and {len(own) - _LISTED} times more" if len(own) > _LISTED else ""
         parts.append(f"{name} at {', '.join(own[:_LISTED])}{more}")
-    seconds = float(np.count_nonzero(frames) * (time[-1] - time[0]) / max(len(time) - 1, 1))
-    message = (
+    out.say(
+        "markers-rejected",
         f"over half of the visible markers of a segment do not fit the chain and the movement ({'; '.join(parts)}), so "
         "they are not used. The pose there is bridged and counts as not observed: no range, volume, average or "
         "event contains it. Check the labels and the markers of these segments at these times, or leave the times out "
-        "with `window:`"
+        "with `window:`",
+        float(np.count_nonzero(frames) * (time[-1] - time[0]) / max(len(time) - 1, 1)),
+        0.0,
     )
-    return (Reason("markers-rejected", message, seconds, 0.0),)
 
 
 def find_repeated_frames(observed: FloatArray) -> BoolArray:
@@ -143,57 +144,49 @@ def bridge_repeated(observed: BoolArray, repeated: BoolArray, rate: float) -> Bo
     return bridged
 
 
-def report_repeated_frames(repeated: BoolArray) -> tuple[Reason, ...]:
-    """Return a reason if frames repeat the frame before: a caution if there are many, otherwise a note."""
+def report_repeated_frames(out: Findings, repeated: BoolArray) -> None:
+    """Add a reason if frames repeat the frame before: a caution if there are many, otherwise a note."""
     share = float(np.mean(repeated))
-    if share == 0:
-        return ()
-    message = (
-        f"{np.count_nonzero(repeated)} of {len(repeated)} frames ({100 * share:.1f} %) repeat the frame before: the "
-        "recording was resampled, or frames were lost. The states are estimated without these frames and bridged "
-        "there. Export again at the rate of the cameras."
-    )
-    return (Reason("repeated-frames", message, share, _MANY, "caution" if share >= _MANY else "ok"),)
+    if share > 0:
+        out.say(
+            "repeated-frames",
+            f"{np.count_nonzero(repeated)} of {len(repeated)} frames ({100 * share:.1f} %) repeat the frame before: "
+            "the recording was resampled, or frames were lost. The states are estimated without these frames and "
+            "bridged there. Export again at the rate of the cameras.",
+            share,
+            _MANY,
+            "caution" if share >= _MANY else "ok",
+        )
 
 
-def report_filter(cut_off: float | None) -> tuple[Reason, ...]:
-    """Return a caution if the markers were filtered with a low cut-off; ``cut_off``, Hz, is None without a filter."""
-    if cut_off is None or cut_off >= _FILTERED_HZ:
-        return ()
-    effect = "The intervals of the states include the remaining noise."
-    if cut_off < UNKNOWN_SD_HZ:
-        effect = "The filter also removed an unknown part of the movement, so intervals of the states are not given."
-    message = (
-        f"the residuals of the markers contain almost nothing above {cut_off:.1f} Hz: the recording was filtered or "
-        f"resampled before the export. {effect} Export the unfiltered markers."
-    )
-    return (Reason("prefiltered", message, cut_off, _FILTERED_HZ),)
-
-
-def report_oscillations(oscillations: Sequence[Oscillation], segments: Sequence[str]) -> tuple[Reason, ...]:
-    """Return a caution if the markers of segments oscillate together; ``segments`` are the names, base first."""
-    if not oscillations:
-        return ()
-    parts = [f"{segments[each.segment]} {1e3 * each.size:.1f} mm at {each.frequency:.1f} Hz" for each in oscillations]
-    message = (
-        f"all markers of a segment oscillate together relative to the chain ({', '.join(parts)}, rms of the "
-        "residuals): soft tissue wobbles, or a marker plate is loose. The accelerations contain this oscillation as an "
-        "error, and their intervals include it. Attach the markers where the bone is close to the skin, or tape the "
-        "plates on firmly."
-    )
-    return (Reason("markers-oscillate", message, max(each.size for each in oscillations)),)
-
-
-def report_bend(shift: HipShift) -> tuple[Reason, ...]:
-    """Return a caution about a trunk that bends while pelvis and trunk are one segment."""
-    message = (
-        f"the trunk bends: the markers of the pelvis move by {1e3 * shift.slide:.0f} mm along the trunk as the hip "
-        f"turns, and the hip is {1e3 * abs(shift.place):.0f} mm beside the place that a rigid trunk gives. The "
-        "intervals of angles and torques contain this error. The angle of the hip is that of the trunk, not of the "
-        "pelvis. Put three or more markers on the pelvis and on the chest, at different places seen from the side, to "
-        "make them two segments."
-    )
-    return (Reason("trunk-bends", message, float(abs(shift.place)), BENDS_M),)
+def report_residuals(out: Findings, spectrum: ResidualSpectrum, segments: Sequence[str]) -> None:
+    """Add cautions about filtered markers and about oscillating ones; ``segments`` are the names, base first."""
+    cut_off, oscillations = spectrum.cut_off, spectrum.oscillations
+    if cut_off is not None and cut_off < _FILTERED_HZ:
+        effect = "The intervals of the states include the remaining noise."
+        if cut_off < UNKNOWN_SD_HZ:
+            effect = (
+                "The filter also removed an unknown part of the movement, so intervals of the states are not given."
+            )
+        out.say(
+            "prefiltered",
+            f"the residuals of the markers contain almost nothing above {cut_off:.1f} Hz: the recording was filtered "
+            f"or resampled before the export. {effect} Export the unfiltered markers.",
+            cut_off,
+            _FILTERED_HZ,
+        )
+    if oscillations:
+        parts = [
+            f"{segments[each.segment]} {1e3 * each.size:.1f} mm at {each.frequency:.1f} Hz" for each in oscillations
+        ]
+        out.say(
+            "markers-oscillate",
+            f"all markers of a segment oscillate together relative to the chain ({', '.join(parts)}, rms of the "
+            "residuals): soft tissue wobbles, or a marker plate is loose. The accelerations contain this oscillation "
+            "as an error, and their intervals include it. Attach the markers where the bone is close to the skin, or "
+            "tape the plates on firmly.",
+            max(each.size for each in oscillations),
+        )
 
 
 _HYPEREXTENDED = 20.0  # degrees: elbows extend by up to 15° beyond straight
@@ -202,50 +195,36 @@ _LEANING = 45.0  # degrees, of the thorax from the vertical
 _ROTATED = (-150.0, -40.0)  # degrees, mean pronation that no forearm has
 
 
-def check_arm_motion(angles: Sequence[JointAngles], thorax: FloatArray) -> tuple[Reason, ...]:
-    """Return cautions if the motion is impossible for an arm; none if it is possible.
+def check_arm_motion(out: Findings, angles: Sequence[JointAngles], thorax: FloatArray) -> None:
+    """Add cautions if the motion is impossible for an arm.
 
     ``angles`` are the angles of all joints. ``thorax`` (F, 3) is the long axis of the thorax in the trial's axes, y up;
     it has no rows if it is unknown.
     """
     elbow = next((each.angle for each in angles if each.names == ELBOW), np.zeros((0, 3)))
-    texts = [*_check_thorax(thorax), *_check_pronation(elbow[:, 2])]
-    reasons = _check_flexion(elbow[:, 0])
-    if texts:
-        message = f"{'; '.join(texts)}. The joint angles have errors of a similar size"
-        reasons += (Reason("motion-implausible", message, float(len(texts)), 0.0),)
-    return reasons
-
-
-def _check_thorax(thorax: FloatArray) -> list[str]:
+    # the elbow bends backwards if `side` is wrong
+    flexion = np.degrees(elbow[np.isfinite(elbow[:, 0]), 0])
+    low, high = np.quantile(flexion, [1 - _MOSTLY, _MOSTLY]).tolist() if len(flexion) else (0.0, 0.0)
+    if low <= -_HYPEREXTENDED and low + high <= 0:
+        out.say(
+            "elbow-backwards",
+            f"the elbow bends backwards: its flexion is {low:.0f}° to {high:.0f}°. Probably the recording is of the "
+            "other arm: correct `side:`, or check the names of the landmarks",
+            low,
+            -_HYPEREXTENDED,
+        )
+    texts = []
     up = thorax[np.isfinite(thorax[:, 1]), 1]
     lean = float(np.degrees(np.arccos(np.clip(np.median(up), -1.0, 1.0)))) if len(up) else 0.0
-    if lean <= _LEANING:
-        return []
-    return [
-        f"the thorax leans {lean:.0f}° from the vertical for most of the trial: unless the person lies down, its "
-        "landmarks are exchanged, or the vertical axis of the recording is wrong"
-    ]
-
-
-def _check_pronation(pronation: FloatArray) -> list[str]:
-    known = pronation[np.isfinite(pronation)]
-    mean = float(np.degrees(np.angle(np.mean(np.exp(1j * known))))) if len(known) else 0.0
-    if not _ROTATED[0] < mean < _ROTATED[1]:
-        return []
-    return [f"the mean pronation is {mean:.0f}°, which no forearm has: RS and US are probably exchanged"]
-
-
-def _check_flexion(flexion: FloatArray) -> tuple[Reason, ...]:
-    """Return a caution if the elbow bends backwards, as it does if ``side`` is wrong."""
-    known = np.degrees(flexion[np.isfinite(flexion)])
-    if not len(known):
-        return ()
-    low, high = np.quantile(known, [1 - _MOSTLY, _MOSTLY]).tolist()
-    if low > -_HYPEREXTENDED or low + high > 0:
-        return ()
-    message = (
-        f"the elbow bends backwards: its flexion is {low:.0f}° to {high:.0f}°. Probably the recording is of the other "
-        "arm: correct `side:`, or check the names of the landmarks"
-    )
-    return (Reason("elbow-backwards", message, low, -_HYPEREXTENDED),)
+    if lean > _LEANING:
+        texts.append(
+            f"the thorax leans {lean:.0f}° from the vertical for most of the trial: unless the person lies down, its "
+            "landmarks are exchanged, or the vertical axis of the recording is wrong"
+        )
+    pronation = elbow[np.isfinite(elbow[:, 2]), 2]
+    mean = float(np.degrees(np.angle(np.mean(np.exp(1j * pronation))))) if len(pronation) else 0.0
+    if _ROTATED[0] < mean < _ROTATED[1]:
+        texts.append(f"the mean pronation is {mean:.0f}°, which no forearm has: RS and US are probably exchanged")
+    if texts:
+        message = f"{'; '.join(texts)}. The joint angles have errors of a similar size"
+        out.say("motion-implausible", message, float(len(texts)), 0.0)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,9 +13,9 @@ from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.estimation import States
 from mocap_id.estimation.encoder_clock import EncoderMatch, match_encoder
-from mocap_id.estimation.encoder_smoothing import EncoderNoise, estimate_encoder_noise, smooth_encoder
+from mocap_id.estimation.encoder_smoothing import estimate_encoder_noise, smooth_encoder
 from mocap_id.recording.held_samples import describe_held
-from mocap_id.recording.sensor_logs import DEGREES, EncoderLog
+from mocap_id.recording.sensor_logs import DEGREES
 from mocap_id.store import Table
 from mocap_id.store.schemas import ENCODER
 from mocap_id.verdict import Reason
@@ -70,8 +69,38 @@ def read_encoder_states(file: Path | None, states: States, time: FloatArray, set
             f"{file}: the angles are {1 / match.gain:.1f} times the cameras' angles, as if they were in degrees; "
             "convert position and velocity to radians, as the names of the columns require"
         )
-    columns = _interpolate_states(log, noise, match, time)
-    facts = _facts(log, noise, match) | {"camera": _compare_states(states.mean[:, 0], columns)}
+    # the encoder's states at the cameras' times, NaN outside the encoder's record
+    stamps = time - match.offset
+    inside = (stamps >= log.time[0]) & (stamps <= log.time[-1])
+    smoothed = smooth_encoder(log.time, log.position, log.velocity, noise, at=stamps[inside])
+    mean, sd = (np.full((len(time), len(_NAMES)), np.nan) for _ in range(2))
+    mean[inside], sd[inside] = match.express_in_plane(smoothed.mean), smoothed.sd
+    columns = {"time": time, **dict(zip(_NAMES, mean.T, strict=True))}
+    columns |= {f"sd_{name}": sd[:, d] for d, name in enumerate(_NAMES)}
+    # the cameras' states relative to the encoder's; None with less than two common frames, or an encoder at rest
+    camera: dict[str, dict[str, float | None]] = {}
+    for d, name in enumerate(_NAMES):
+        both = np.isfinite(states.mean[:, 0, d]) & np.isfinite(mean[:, d])
+        off = (states.mean[:, 0, d] - mean[:, d])[both]
+        spread = float(np.var(mean[both, d])) if both.any() else 0.0
+        if len(off) < 2 or not spread > 0.0:
+            camera[name] = {"bias": None, "sd": None, "r2": None}
+            continue
+        r2 = 1.0 - float(np.mean(off**2)) / spread
+        camera[name] = {"bias": float(np.mean(off)), "sd": float(np.std(off)), "r2": r2}
+    facts = {
+        "why": None,
+        "sign": match.sign,
+        "zero_rad": match.zero,
+        "zero_sd_rad": match.zero_sd,
+        "clock_offset_s": match.offset,
+        "clock_offset_sd_s": match.offset_sd,
+        "gain": match.gain,
+        "rate_hz": log.rate,
+        "noise": asdict(noise),
+        "torque": log.torque is not None,
+        "camera": camera,
+    }
     return Table(ENCODER, columns, facts, (*describe_held(log.held), *_check_match(file, match, limit)))
 
 
@@ -95,52 +124,6 @@ def _skip_encoder(why: str, settings: UkfSmoothSettings) -> Table:
 def empty_encoder_table(why: str) -> Table:
     """Return encoder.parquet without rows; ``why`` is the reason, which becomes a fact of the table."""
     return Table(ENCODER, {column.name: np.empty(0) for column in ENCODER.columns}, {"why": why})
-
-
-def _interpolate_states(
-    log: EncoderLog, noise: EncoderNoise, match: EncoderMatch, time: FloatArray
-) -> dict[str, FloatArray]:
-    """Return the columns of encoder.parquet at the cameras' times (F,), s; NaN outside the encoder's record."""
-    stamps = time - match.offset
-    inside = (stamps >= log.time[0]) & (stamps <= log.time[-1])
-    smoothed = smooth_encoder(log.time, log.position, log.velocity, noise, at=stamps[inside])
-    mean, sd = (np.full((len(time), len(_NAMES)), np.nan) for _ in range(2))
-    mean[inside], sd[inside] = match.express_in_plane(smoothed.mean), smoothed.sd
-    columns = {name: mean[:, d] for d, name in enumerate(_NAMES)}
-    return {"time": time, **columns, **{f"sd_{name}": sd[:, d] for d, name in enumerate(_NAMES)}}
-
-
-def _facts(log: EncoderLog, noise: EncoderNoise, match: EncoderMatch) -> dict[str, Any]:
-    return {
-        "why": None,
-        "sign": match.sign,
-        "zero_rad": match.zero,
-        "zero_sd_rad": match.zero_sd,
-        "clock_offset_s": match.offset,
-        "clock_offset_sd_s": match.offset_sd,
-        "gain": match.gain,
-        "rate_hz": log.rate,
-        "noise": asdict(noise),
-        "torque": log.torque is not None,
-    }
-
-
-def _compare_states(states: FloatArray, encoder: Mapping[str, FloatArray]) -> dict[str, dict[str, float | None]]:
-    """Return bias, standard deviation and r² of the cameras' states (F, 4) relative to the encoder's states, by name.
-
-    They are None if the states have less than two frames in common or the encoder does not move.
-    """
-    facts: dict[str, dict[str, float | None]] = {}
-    for d, name in enumerate(_NAMES):
-        reference = encoder[name]
-        both = np.isfinite(states[:, d]) & np.isfinite(reference)
-        off, spread = (states[:, d] - reference)[both], float(np.var(reference[both])) if both.any() else 0.0
-        if len(off) < 2 or not spread > 0.0:
-            facts[name] = {"bias": None, "sd": None, "r2": None}
-            continue
-        r2 = 1.0 - float(np.mean(off**2)) / spread
-        facts[name] = {"bias": float(np.mean(off)), "sd": float(np.std(off)), "r2": r2}
-    return facts
 
 
 def _check_match(file: Path, match: EncoderMatch, limit: float) -> tuple[Reason, ...]:

@@ -18,7 +18,6 @@ from mocap_id.estimation.inertial_tracking import (
     FORCE_BIAS,
     SWITCHED_ON,
     CalibratedChain,
-    TrackedStates,
     calibrate_chain,
     track_without_markers,
 )
@@ -28,7 +27,7 @@ from mocap_id.geometry.planar import marker_positions
 from mocap_id.recording.held_samples import describe_held
 from mocap_id.recording.imu_log import read_imu
 from mocap_id.stages import skin_motion
-from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.calibration_trial import get_calibration, read_states
 from mocap_id.stages.trial_keys import InertialSensor, list_sensors
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
@@ -37,7 +36,6 @@ from mocap_id.stages.ukf_smooth.plane import SKIN, assume_skin, state_columns
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import ANGLES, MARKERS, POSES, STATES
 from mocap_id.store.views import JointStates, Skeleton, Trajectories
-from mocap_id.verdict import Reason
 
 _SATURATED = 3e-3  # fraction of saturated samples above which they are reported
 _DIFFERS, _LEAST_RATE = 0.15, 0.8  # fraction of the angular velocity from which a difference is reported; rad/s
@@ -77,17 +75,39 @@ def describe_sensors(
     sensors: Mapping[str, InertialSensor],
     signals: Mapping[int, SensorSignals],
     results: Mapping[int, SensorResult],
-) -> tuple[dict[str, dict[str, Any]], tuple[Reason, ...]]:
+) -> Findings:
     """Return the facts of all sensors for the summary, by segment, and the reasons for the verdict.
 
     ``names`` are the segments, ``sensors`` the logs by segment, ``signals`` and ``results`` the signals and results of
     the sensors by index of the segment.
     """
-    facts = {names[s]: describe_sensor(result) for s, result in results.items()}
-    reasons = [
-        reason for s, result in results.items() for reason in _reasons(names, s, sensors[names[s]].file.name, result)
-    ]
-    return facts, (*(reason for each in signals.values() for reason in each.reasons), *reasons)
+    out = Findings(reason for each in signals.values() for reason in each.reasons)
+    for s, result in results.items():
+        out.facts[names[s]] = describe_sensor(result)
+        name, file, found = names[s].replace("_", " "), sensors[names[s]].file.name, result.calibration
+        if result.why is not None:
+            better = result.better_segment
+            other = "" if better is None else f" It fits the motion of the {names[better].replace('_', ' ')}."
+            out.say(
+                "imu-disagrees",
+                f"the sensor on the {name} ({file}) is left out: {result.why}.{other} Check its segment and its file.",
+            )
+            continue
+        off = 0.0 if found is None else float(np.sqrt(3.0) * found.residual[0])
+        limit = _DIFFERS * max(_LEAST_RATE, 0.0 if found is None else found.segment_rate)
+        if off > limit:
+            out.say(
+                "imu-differs",
+                f"the angular velocity of the {name} from its sensor ({file}) differs from that of its markers by "
+                f"{off:.2f} rad/s rms; usual is less than {limit:.2f}. The markers may be on another segment or hidden "
+                "for a long time, or the sensor may be loose.",
+                off,
+                limit,
+            )
+        if found is not None and not found.clock.observable:
+            report_clock(out, name, found.clock.sd)
+        report_saturation(out, name, result.saturated)
+    return out
 
 
 def read_sensor(sensor: InertialSensor, mirrored: bool = False) -> SensorSignals:
@@ -131,43 +151,20 @@ def describe_sensor(result: SensorResult) -> dict[str, Any]:
     }
 
 
-def _reasons(names: Sequence[str], s: int, file: str, result: SensorResult) -> list[Reason]:
-    name, found = names[s].replace("_", " "), result.calibration
-    if result.why is not None:
-        better = result.better_segment
-        other = "" if better is None else f" It fits the motion of the {names[better].replace('_', ' ')}."
-        message = f"the sensor on the {name} ({file}) is left out: {result.why}.{other} Check its segment and its file."
-        return [Reason("imu-disagrees", message)]
-    reasons = []
-    off = 0.0 if found is None else float(np.sqrt(3.0) * found.residual[0])
-    limit = _DIFFERS * max(_LEAST_RATE, 0.0 if found is None else found.segment_rate)
-    if off > limit:
-        message = (
-            f"the angular velocity of the {name} from its sensor ({file}) differs from that of its markers by "
-            f"{off:.2f} rad/s rms; usual is less than {limit:.2f}. The markers may be on another segment or hidden for "
-            "a long time, or the sensor may be loose."
-        )
-        reasons.append(Reason("imu-differs", message, off, limit))
-    if found is not None and not found.clock.observable:
-        reasons.append(report_clock(name, found.clock.sd))
-    return reasons + report_saturation(name, result.saturated)
-
-
-def report_clock(segment: str, sd: float) -> Reason:
-    """Return a note that the motion does not determine a sensor's clock; ``sd`` is its standard deviation, s."""
+def report_clock(out: Findings, segment: str, sd: float) -> None:
+    """Add a note that the motion does not determine a sensor's clock; ``sd`` is its standard deviation, s."""
     message = (
         f"the motion of the {segment} does not determine the clock of its sensor to 2 ms (standard deviation "
         f"{1e3 * sd:.1f} ms)."
     )
-    return Reason("imu-clock", message, sd, OBSERVABLE_SD, "ok")
+    out.say("imu-clock", message, sd, OBSERVABLE_SD, "ok")
 
 
-def report_saturation(segment: str, share: float) -> list[Reason]:
-    """Return a caution if too many samples of a segment's sensor are saturated; ``share`` is their fraction."""
-    if share <= _SATURATED:
-        return []
-    message = f"{100 * share:.1f} % of the samples of the sensor on the {segment} are saturated and left out."
-    return [Reason("imu-saturated", message, share, _SATURATED)]
+def report_saturation(out: Findings, segment: str, share: float) -> None:
+    """Add a caution if too many samples of a segment's sensor are saturated; ``share`` is their fraction."""
+    if share > _SATURATED:
+        message = f"{100 * share:.1f} % of the samples of the sensor on the {segment} are saturated and left out."
+        out.say("imu-saturated", message, share, _SATURATED)
 
 
 _LONGEST_GAP = 0.5  # s without samples of a sensor
@@ -190,62 +187,131 @@ def states_of_sensors(context: Context) -> Outputs:
     """
     settings: UkfSmoothSettings = context.settings
     check_method(settings.method, settings.engine)
-    skeleton = Skeleton.from_tree(context.tree("chain.h5"))
-    view = Trajectories(context.long("planar.parquet"))
+    tree, view = context.tree("chain.h5"), Trajectories(context.long("planar.parquet"))
+    skeleton = Skeleton.from_tree(tree)
     names = skeleton.segments[1:]
     worn = list_sensors(context.trial.imus)
-    signals = [_read_complete_log(worn[name], view.time) for name in names]
+    signals = []
+    for name in names:
+        log = read_sensor(worn[name])
+        inside = log.time[(log.time >= view.time[0]) & (log.time <= view.time[-1])]
+        gaps = np.diff(np.concatenate([[view.time[0]], inside, [view.time[-1]]]))
+        if gaps.max() > _LONGEST_GAP:
+            at = float(np.concatenate([[view.time[0]], inside])[np.argmax(gaps)])
+            raise RecordingError(
+                f"{worn[name].file}: there are no samples for {gaps.max():.1f} s after {at:.1f} s, and without markers "
+                "this gap cannot be bridged. Choose a part of the trial without gaps by `window:`"
+            )
+        signals.append(log)
     chain, snap = _calibrate_chain(context, skeleton)
     tracked = track_without_markers(signals, view.time, chain)
-    worst = int(np.argmax(tracked.reckoning.residual))
-    if tracked.reckoning.residual[worst] > _CONTRADICTING:
-        message = f"{_describe_contradiction(tracked, worst, names)}: no angles are given. {_CAUSES}"
-        raise Refused("imus-contradict", message)
+    reckoned = tracked.reckoning
+    worst = int(np.argmax(reckoned.residual))
+    contradiction = (
+        f"the accelerometers contradict the gyroscopes on the chain of the calibration, most on the {names[worst]}: by "
+        f"{reckoned.residual[worst]:.2g} m/s² rms, expected at most {_FITTING:g}"
+    )
+    if reckoned.residual[worst] > _CONTRADICTING:
+        raise Refused("imus-contradict", f"{contradiction}: no angles are given. {_CAUSES}")
     uncertain = tracked.sd[..., 0] > settings.angle_sd_limit
     tracked.mean[uncertain], tracked.sd[uncertain] = np.nan, np.nan
-    facts = {
-        "marker_sd_m": None,
-        "sigma_v": snap.tolist(),
-        "reprojection_rms_m": None,
-        "outlier_fraction": None,
-        "bridged_fraction": [1.0] * len(names),
-        "method": settings.method,
-        "engine": settings.engine,
-        "sd_holds": SKIN,
-        "cut_off_hz": None,
-        "imus": {name: _facts(tracked, chain, k, signals[k]) for k, name in enumerate(names)},
-    }
-    states = _make_states(tracked, skeleton, snap)
-    residual = context.tree("chain.h5").array("markers/residual")[skeleton.marker_segment > 0]
-    skin = assume_skin(states, residual, skeleton.covariance)
+
+    out = Findings()
+    sd, calibration = np.degrees(np.nanmean(tracked.sd[..., 0])), get_calibration(context.trial).trial.name
+    drift = float(np.degrees(np.max(tracked.heading_sd)))
+    out.say(
+        "imus-alone",
+        f"no camera recorded this trial: the angles (standard deviation {sd:.1f}°) are valid if every sensor was worn "
+        f"as in {calibration}. Directions about the vertical, which drift by {drift:.0f}° in this trial, positions and "
+        "forces are unknown.",
+        float(sd),
+    )
+    off = float(reckoned.residual[worst])
+    if off > _FITTING:
+        text = f"{contradiction}: the angles may be wrong by 5° and more. {_CAUSES}"
+        out.say("imus-contradict", text, off, _FITTING)
+    imus: dict[str, dict[str, Any]] = {}
+    for k, segment in enumerate(names):
+        # clock relative to the first sensor, biases in this trial and mounting of the sensor
+        found = chain.known.sensors[k].calibration
+        normal = found.mount.T @ [0.0, 0.0, 1.0]
+        in_plane = np.sqrt(1.0 - normal**2)
+        gyro_sd = np.hypot(normal * reckoned.gyro_bias_sd[:, k].mean(), in_plane * SWITCHED_ON)
+        acc_sd = np.hypot(in_plane * reckoned.force_bias_sd[k].max(), normal * FORCE_BIAS)
+        clock_sd, saturated = float(reckoned.shift_sd[k]), float(np.mean(signals[k].saturated))
+        present = replace(
+            found,
+            clock=Clock(-float(reckoned.shift[k]), 0.0, clock_sd, clock_sd <= OBSERVABLE_SD),
+            gyro_bias=found.gyro_bias + normal * float(reckoned.gyro_bias[:, k].mean()),
+            acc_bias=found.acc_bias + found.mount.T @ [*reckoned.force_bias[k], 0.0],
+            sd=found.sd | {"gyro_bias": gyro_sd, "acc_bias": acc_sd},
+            residual=np.array([np.nan, reckoned.residual[k]]),
+        )
+        heading, heading_sd = float(tracked.heading[k]), float(tracked.heading_sd[k])
+        imus[segment] = describe_sensor(SensorResult(present, saturated)) | {
+            "ppm": None,
+            "gyro_residual_rad_s": None,
+            "heading_deg": float(np.degrees(heading)),
+            "heading_sd_deg": float(np.degrees(heading_sd)),
+        }
+        # the direction of gravity shows whether the sensor was rotated on its segment
+        lean = float(np.arcsin(np.clip(abs(tracked.level[k]) / GRAVITY, 0.0, 1.0)))
+        if lean > _LARGEST_LEAN:
+            out.say(
+                "imu-moved",
+                f"the sensor on the {segment} leans {np.degrees(lean):.0f}° out of the plane relative to the "
+                "calibration: it was rotated on the segment, or the person leaned sideways. The errors of the angles "
+                "may be larger than this, and no interval includes them.",
+                float(np.degrees(lean)),
+                float(np.degrees(_LARGEST_LEAN)),
+            )
+        # rotation of the segment about the vertical by more than its gyroscope's bias explains
+        limit = _LARGEST_HEADING + 2.0 * heading_sd
+        if abs(heading) > limit:
+            out.say(
+                "imu-heading",
+                f"the {segment} rotated about the vertical by {np.degrees(abs(heading)):.0f}° (standard deviation "
+                f"{np.degrees(heading_sd):.0f}°): the motion left its plane, so the angles in the plane are not the "
+                "angles between the segments.",
+                float(np.degrees(abs(heading))),
+                float(np.degrees(limit)),
+            )
+        if reckoned.shift_sd[k] > OBSERVABLE_SD:
+            report_clock(out, segment, clock_sd)
+        report_saturation(out, segment, saturated)
+        out.reasons += signals[k].reasons
+    out.fact(
+        marker_sd_m=None,
+        sigma_v=snap.tolist(),
+        reprojection_rms_m=None,
+        outlier_fraction=None,
+        bridged_fraction=[1.0] * len(names),
+        method=settings.method,
+        engine=settings.engine,
+        sd_holds=SKIN,
+        cut_off_hz=None,
+        imus=imus,
+    )
+
+    moves = skeleton.marker_segment > 0
+    moving = MarkerChain(skeleton.centres, skeleton.marker_segment[moves], skeleton.local[moves])
+    none, used = (np.zeros((len(view.time), count), np.bool_) for count in (len(names), int(moves.sum())))
+    states = States(tracked.mean, tracked.sd, none, used, FilterNoise(np.nan, snap), np.nan, moving)
+    skin = assume_skin(states, tree.array("markers/residual")[moves], skeleton.covariance)
     labels = [label for label, k in zip(skeleton.markers, skeleton.marker_segment, strict=True) if k > 0]
+    # the calibration's markers on the moving chain, with residuals of NaN
+    places = marker_positions(tracked.mean[..., 0], skeleton.centres, skeleton.marker_segment, skeleton.local)
+    x, y = (np.ascontiguousarray(places[..., i]) for i in range(2))
+    markers = {"x": x, "y": y, "residual": np.full(x.shape, np.nan), "used": np.zeros(x.shape, np.bool_)}
+    values = state_columns(view.time, tracked.mean, tracked.sd, none)
     return (
-        Table(
-            STATES,
-            state_columns(view.time, tracked.mean, tracked.sd, states.observed),
-            facts,
-            _explain_tracking(context, tracked, names, signals),
-        ),
-        LongTable(MARKERS, view.frames, view.time, skeleton.markers, _marker_columns(tracked, skeleton)),
+        Table(STATES, values, out.facts, tuple(out.reasons)),
+        LongTable(MARKERS, view.frames, view.time, skeleton.markers, markers),
         skin_motion.make_skin_tree(skin, labels, None, "no markers"),
         empty_encoder_table("the trial has inertial sensors alone"),
         Table(POSES, {"time": view.time}, {"bodies": []}),
         Table(ANGLES, {"time": view.time}),
     )
-
-
-def _read_complete_log(sensor: InertialSensor, time: FloatArray) -> SensorSignals:
-    """Return the log of a sensor; raise RecordingError if it has a long gap within the trial."""
-    log = read_sensor(sensor)
-    inside = log.time[(log.time >= time[0]) & (log.time <= time[-1])]
-    gaps = np.diff(np.concatenate([[time[0]], inside, [time[-1]]]))
-    if gaps.max() > _LONGEST_GAP:
-        at = float(np.concatenate([[time[0]], inside])[np.argmax(gaps)])
-        raise RecordingError(
-            f"{sensor.file}: there are no samples for {gaps.max():.1f} s after {at:.1f} s, and without markers this "
-            "gap cannot be bridged. Choose a part of the trial without gaps by `window:`"
-        )
-    return log
 
 
 def _calibrate_chain(context: Context, skeleton: Skeleton) -> tuple[CalibratedChain, FloatArray]:
@@ -269,105 +335,7 @@ def _calibrate_chain(context: Context, skeleton: Skeleton) -> tuple[CalibratedCh
         raise RecordingError(f"{calibration.trial}: {message}") from error
 
 
-def _facts(tracked: TrackedStates, chain: CalibratedChain, k: int, signals: SensorSignals) -> dict[str, Any]:
-    """Return the facts of sensor k: its clock relative to the first sensor, its biases in this trial, its mounting."""
-    found, reckoned = chain.known.sensors[k].calibration, tracked.reckoning
-    normal = found.mount.T @ [0.0, 0.0, 1.0]
-    in_plane = np.sqrt(1.0 - normal**2)
-    gyro_sd = np.hypot(normal * reckoned.gyro_bias_sd[:, k].mean(), in_plane * SWITCHED_ON)
-    acc_sd = np.hypot(in_plane * reckoned.force_bias_sd[k].max(), normal * FORCE_BIAS)
-    clock_sd = float(reckoned.shift_sd[k])
-    present = replace(
-        found,
-        clock=Clock(-float(reckoned.shift[k]), 0.0, clock_sd, clock_sd <= OBSERVABLE_SD),
-        gyro_bias=found.gyro_bias + normal * float(reckoned.gyro_bias[:, k].mean()),
-        acc_bias=found.acc_bias + found.mount.T @ [*reckoned.force_bias[k], 0.0],
-        sd=found.sd | {"gyro_bias": gyro_sd, "acc_bias": acc_sd},
-        residual=np.array([np.nan, reckoned.residual[k]]),
-    )
-    return describe_sensor(SensorResult(present, float(np.mean(signals.saturated)))) | {
-        "ppm": None,
-        "gyro_residual_rad_s": None,
-        "heading_deg": float(np.degrees(tracked.heading[k])),
-        "heading_sd_deg": float(np.degrees(tracked.heading_sd[k])),
-    }
-
-
-def _explain_tracking(
-    context: Context, tracked: TrackedStates, names: tuple[str, ...], signals: list[SensorSignals]
-) -> tuple[Reason, ...]:
-    sd, name = np.degrees(np.nanmean(tracked.sd[..., 0])), get_calibration(context.trial).trial.name
-    drift = float(np.degrees(np.max(tracked.heading_sd)))
-    message = (
-        f"no camera recorded this trial: the angles (standard deviation {sd:.1f}°) are valid if every sensor was worn "
-        f"as in {name}. Directions about the vertical, which drift by {drift:.0f}° in this trial, positions and "
-        "forces are unknown."
-    )
-    reasons = [Reason("imus-alone", message, float(sd))]
-    worst = int(np.argmax(tracked.reckoning.residual))
-    off = float(tracked.reckoning.residual[worst])
-    if off > _FITTING:
-        text = f"{_describe_contradiction(tracked, worst, names)}: the angles may be wrong by 5° and more. {_CAUSES}"
-        reasons.append(Reason("imus-contradict", text, off, _FITTING))
-    for k, segment in enumerate(names):
-        reasons += _check_lean(tracked, k, segment) + _check_heading(tracked, k, segment)
-        if tracked.reckoning.shift_sd[k] > OBSERVABLE_SD:
-            reasons.append(report_clock(segment, float(tracked.reckoning.shift_sd[k])))
-        reasons += [*report_saturation(segment, float(np.mean(signals[k].saturated))), *signals[k].reasons]
-    return tuple(reasons)
-
-
-def _describe_contradiction(tracked: TrackedStates, worst: int, names: tuple[str, ...]) -> str:
-    return (
-        f"the accelerometers contradict the gyroscopes on the chain of the calibration, most on the {names[worst]}: by "
-        f"{tracked.reckoning.residual[worst]:.2g} m/s² rms, expected at most {_FITTING:g}"
-    )
-
-
 _CAUSES = (
     "Check that each sensor is on the configured segment, that its units are rad/s and m/s², that its clock is right, "
     "that it was not rotated on its segment since the calibration, and that the calibration is of the same person."
 )
-
-
-def _check_lean(tracked: TrackedStates, k: int, segment: str) -> list[Reason]:
-    """Return a caution if the direction of gravity implies that sensor k was rotated on its segment."""
-    lean = float(np.arcsin(np.clip(abs(tracked.level[k]) / GRAVITY, 0.0, 1.0)))
-    if lean <= _LARGEST_LEAN:
-        return []
-    message = (
-        f"the sensor on the {segment} leans {np.degrees(lean):.0f}° out of the plane relative to the calibration: it "
-        "was rotated on the segment, or the person leaned sideways. The errors of the angles may be larger than this, "
-        "and no interval includes them."
-    )
-    return [Reason("imu-moved", message, float(np.degrees(lean)), float(np.degrees(_LARGEST_LEAN)))]
-
-
-def _check_heading(tracked: TrackedStates, k: int, segment: str) -> list[Reason]:
-    """Return a caution if a segment rotated about the vertical by more than its gyroscope's bias explains."""
-    angle, sd = abs(float(tracked.heading[k])), float(tracked.heading_sd[k])
-    limit = _LARGEST_HEADING + 2.0 * sd
-    if angle <= limit:
-        return []
-    message = (
-        f"the {segment} rotated about the vertical by {np.degrees(angle):.0f}° (standard deviation "
-        f"{np.degrees(sd):.0f}°): the motion left its plane, so the angles in the plane are not the angles between the "
-        "segments."
-    )
-    return [Reason("imu-heading", message, float(np.degrees(angle)), float(np.degrees(limit)))]
-
-
-def _make_states(tracked: TrackedStates, skeleton: Skeleton, snap: FloatArray) -> States:
-    moves = skeleton.marker_segment > 0
-    chain = MarkerChain(skeleton.centres, skeleton.marker_segment[moves], skeleton.local[moves])
-    shape = tracked.mean.shape[:2]
-    none, used = np.zeros(shape, np.bool_), np.zeros((shape[0], int(moves.sum())), np.bool_)
-    return States(tracked.mean, tracked.sd, none, used, FilterNoise(np.nan, snap), np.nan, chain)
-
-
-def _marker_columns(tracked: TrackedStates, skeleton: Skeleton) -> dict[str, np.ndarray[Any, Any]]:
-    """Return the columns of markers.parquet: the calibration's markers on the moving chain, with residuals of NaN."""
-    angles = tracked.mean[..., 0]
-    positions = marker_positions(angles, skeleton.centres, skeleton.marker_segment, skeleton.local)
-    x, y = (np.ascontiguousarray(positions[..., i]) for i in range(2))
-    return {"x": x, "y": y, "residual": np.full(x.shape, np.nan), "used": np.zeros(x.shape, np.bool_)}

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -29,7 +28,6 @@ from mocap_id.kinematics import ChainState, SkinModel, angle_errors, fit_skin, s
 from mocap_id.kinematics.base_motion import find_moving_markers
 from mocap_id.kinematics.cluster_poses import (
     BENDS_M,
-    AnklePosition,
     ClusterPose,
     HipShift,
     estimate_hip_shift,
@@ -38,7 +36,7 @@ from mocap_id.kinematics.cluster_poses import (
 )
 from mocap_id.kinematics.joint import count_positions
 from mocap_id.stages import skin_motion
-from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.trial_keys import list_sensors
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.stages.ukf_smooth.checks import (
@@ -47,18 +45,15 @@ from mocap_id.stages.ukf_smooth.checks import (
     check_uniform_times,
     find_repeated_frames,
     list_rejected,
-    report_bend,
-    report_filter,
     report_gaps,
-    report_oscillations,
     report_rejected,
     report_repeated_frames,
+    report_residuals,
 )
 from mocap_id.stages.ukf_smooth.encoder_states import read_encoder_states, use_encoder
-from mocap_id.store import LongTable, Table, Tree
+from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import ANGLES, MARKERS, POSES, STATES
 from mocap_id.store.views import Skeleton, Trajectories
-from mocap_id.verdict import Reason
 
 _ENCODER_NOISE = "encoder noise"
 _SNAP_RATIO = 2.0  # in people, the hip, which moves fastest, has 1.5 to 1.8 times the median of the joints
@@ -80,26 +75,73 @@ def ukf_smooth(context: Context) -> Outputs:
     observed[repeated] = np.nan
     moving = MarkerChain(chain.centres, chain.segment[moves], chain.local[moves])
     visible: BoolArray = np.asarray(np.isfinite(observed).all(axis=-1))
-    states, sensors = _smooth(context, view, observed, moving, skeleton.segments)
+
+    # settings and noise of the filter; the encoder is compared with `rts`
+    given = settings.model_dump(include={field.name for field in fields(FilterSettings)})
+    if settings.method == "encoder":
+        given["method"] = "rts"
+    # If all markers of a segment are at one position, a dropout changes the angle of the segment while they are
+    # missing. This change is not process noise, so the process noise is limited.
+    local = as_complex(moving.local)
+    if any(count_positions(local[moving.segment == k]) < 2 for k in range(1, len(moving.centres) + 1)):
+        given["sigma_v_ratio"] = _SNAP_RATIO
+    noise, geometry = FilterSettings(**given), (moving.centres, moving.segment, moving.local)
+
+    # filter and smoother; `observed` becomes NaN, in place, where a marker is not used: a copy would double the memory
+    worn = list_sensors(context.trial.imus)
+    sensors, between = Findings(), None  # `between`: joints with a sensor on both their segments
+    if worn:
+        from mocap_id.estimation import inertial_smoothing  # noqa: PLC0415  only with sensors
+        from mocap_id.stages.ukf_smooth.inertial import check_method, describe_sensors, read_sensors  # noqa: PLC0415
+
+        check_method(noise.method, noise.engine)
+        signals = read_sensors(skeleton.segments, worn)
+        states, results = inertial_smoothing.smooth_with_sensors(
+            observed, view.time, *geometry, sensors=signals, settings=noise
+        )
+        has_sensor = np.isin(
+            np.arange(len(skeleton.segments)), [0, *(s for s, each in results.items() if each.used is not None)]
+        )
+        between = has_sensor[1:] & has_sensor[:-1]
+        sensors = describe_sensors(skeleton.segments, worn, signals, results)
+    else:
+        states = smooth(observed, view.rate, *geometry, settings=noise, overwrite=True)
+    observed[~states.used] = np.nan
+
+    # skin motion, measured poses, and standard deviations that contain both
     camera = estimate_camera_sd(observed, states, settings.marker_sd_floor)
     skin = estimate_skin(states, observed, camera) if tree.facts.get("estimator") == "bundle" else None
     spectrum = compute_residual_spectrum(ChainResiduals(states, observed, view.rate))
     poses, shift, thigh = measure_poses(
         view, chain, skeleton, observed=observed, angles=states.mean[:, :, 0], camera=camera
     )
-    bend = stretch = None
-    if thigh is not None and "hip" in skeleton.joints:
-        stretch = (skeleton.joints.index("hip"), thigh)
-    if shift.across is not None and abs(shift.place) >= BENDS_M:
-        hip = skeleton.joints.index("hip")
-        bend = (hip, shift.across / float(np.linalg.norm(chain.centres[hip])))
-    states, sd_holds = _add_sd(
-        states, observed, skin, camera, bend, stretch=stretch, spectrum=spectrum, settings=settings
-    )
-    if sensors.joints is not None:
-        states.sd[:, sensors.joints, 2] *= _ACCELERATION_SHARE
+    bends = shift.across is not None and abs(shift.place) >= BENDS_M
+    sd_holds = SKIN
+    if settings.method in FRAMEWISE:  # the errors of these methods are unknown
+        sd_holds = UNKNOWN
+    elif spectrum.cut_off is not None and spectrum.cut_off < UNKNOWN_SD_HZ:
+        states, sd_holds = replace(states, sd=np.full_like(states.sd, np.nan)), UNKNOWN
+    elif skin is None or settings.method == "two-filter":
+        sd_holds = NOISE
+    else:
+        bend = stretch = None
+        if thigh is not None and "hip" in skeleton.joints:
+            stretch = (skeleton.joints.index("hip"), thigh)
+        if bends and shift.across is not None:
+            hip = skeleton.joints.index("hip")
+            bend = (hip, shift.across / float(np.linalg.norm(chain.centres[hip])))
+        errors = estimate_lasting_errors(states, observed, skin, camera, spectrum, bend=bend, stretch=stretch)
+        states = replace(states, sd=add_lasting_errors(states, spectrum.rate, errors))
+    if between is not None:
+        states.sd[:, between, 2] *= _ACCELERATION_SHARE
     del observed
-    skin_tree = _make_skin_tree(tree, skeleton, states, skin, camera)
+    labels = [skeleton.markers[k] for k in np.flatnonzero(moves)]
+    if skin is None:
+        skin, basis = assume_skin(states, tree.array("markers/residual")[moves], skeleton.covariance), "the joint fit"
+    else:
+        labels, basis = [labels[k] for k in np.flatnonzero(np.any(states.used, axis=0))], "all frames"
+
+    # artefacts
     rejected = find_rejected_segments(moving.segment - 1, len(moving.centres), visible, states.used)
     stretches = list_rejected(rejected, view.time, skeleton.segments[1:])
     states = replace(states, observed=bridge_repeated(states.observed & ~rejected, repeated, view.rate))
@@ -108,151 +150,63 @@ def ukf_smooth(context: Context) -> Outputs:
         states, sd_holds = use_encoder(states, encoder), _ENCODER_NOISE
     markers = marker_columns(states, view, columns, chain)
     markers["residual"][repeated] = np.nan
-    reasons = (
-        report_gaps(np.isnan(states.mean[:, :, 0]), view.time, skeleton.joint_names, "angle", settings)
-        + _report_method(settings)
-        + report_rejected(stretches, view.time)
-        + report_repeated_frames(repeated)
-        + report_filter(spectrum.cut_off)
-        + report_oscillations(spectrum.oscillations, skeleton.segments)
-        + (report_bend(shift) if bend else ())
-        + sensors.reasons
+    used, seen, squares = 0, 0, 0.0  # only the residuals of the markers of moving segments count
+    for part in chunks(len(view.time)):
+        off = markers["residual"][part, moves]
+        there = np.isfinite(off)
+        counted = off[states.used[part] & there]
+        used, seen = used + counted.size, seen + int(np.count_nonzero(there))
+        squares += float(counted @ counted)
+    out = Findings()
+    out.fact(
+        marker_sd_m=states.noise.marker_sd,
+        sigma_v=states.noise.sigma_v.tolist(),
+        reprojection_rms_m=math.sqrt(squares / used) if used else None,
+        outlier_fraction=(seen - used) / seen if seen else None,
+        bridged_fraction=np.mean(~states.observed, axis=0).tolist(),
+        method=settings.method,
+        engine=settings.engine,
+        sd_holds=sd_holds,
+        cut_off_hz=spectrum.cut_off,
     )
-    facts = _facts(states, markers, moves, settings) | {"sd_holds": sd_holds, "cut_off_hz": spectrum.cut_off}
-    facts |= {"imus": sensors.facts} if sensors.facts else {}
-    facts |= {"rejected": stretches} if stretches and settings.method != "encoder" else {}
+    if sensors.facts:
+        out.fact(imus=sensors.facts)
+    if stretches and settings.method != "encoder":
+        out.fact(rejected=stretches)
+    report_gaps(
+        out, np.isnan(states.mean[:, :, 0]), view.time, skeleton.joint_names, quantity="angle", settings=settings
+    )
+    if settings.method != "rts":
+        no_sd = "; they have no standard deviations" if settings.method in FRAMEWISE else ""
+        out.say(
+            "states-method",
+            f"the states are estimated by `{settings.method}`, which is only meant for comparison{no_sd}. Remove "
+            "`ukf-smooth: {method: …}` to use the default, filter and smoother.",
+        )
+    report_rejected(out, stretches, view.time)
+    report_repeated_frames(out, repeated)
+    report_residuals(out, spectrum, skeleton.segments)
+    if bends:
+        out.say(
+            "trunk-bends",
+            f"the trunk bends: the markers of the pelvis move by {1e3 * shift.slide:.0f} mm along the trunk as the hip "
+            f"turns, and the hip is {1e3 * abs(shift.place):.0f} mm beside the place that a rigid trunk gives. The "
+            "intervals of angles and torques contain this error. The angle of the hip is that of the trunk, not of the "
+            "pelvis. Put three or more markers on the pelvis and on the chest, at different places seen from the side, "
+            "to make them two segments.",
+            float(abs(shift.place)),
+            BENDS_M,
+        )
+    out.reasons += sensors.reasons
+    values = state_columns(view.time, states.mean, states.sd, states.observed)
     return (
-        Table(STATES, state_columns(view.time, states.mean, states.sd, states.observed), facts, reasons),
+        Table(STATES, values, out.facts, tuple(out.reasons)),
         LongTable(MARKERS, view.frames, view.time, skeleton.markers, markers),
-        skin_tree,
+        skin_motion.make_skin_tree(skin, labels, camera, f"residuals of {basis}"),
         encoder,
         poses,
         Table(ANGLES, {"time": view.time}),
     )
-
-
-@dataclass(frozen=True)
-class _SensorOutcome:
-    """Result of the inertial sensors; empty without sensors."""
-
-    joints: BoolArray | None = None  # (n,) joints with a sensor on both their segments; None without sensors
-    facts: dict[str, dict[str, Any]] = field(default_factory=dict)  # facts of each sensor, by segment
-    reasons: tuple[Reason, ...] = ()
-
-
-def _smooth(
-    context: Context, view: Trajectories, observed: FloatArray, chain: MarkerChain, names: Sequence[str]
-) -> tuple[States, _SensorOutcome]:
-    """Return the states from the markers of the moving segments and the inertial sensors, and the sensors' result.
-
-    ``observed`` (F, K, 2) becomes NaN, in place, where a marker is not used; a copy would double the memory. ``names``
-    are the segments, base first.
-    """
-    settings, worn = _filter_settings(context.settings, chain), list_sensors(context.trial.imus)
-    geometry, outcome = (chain.centres, chain.segment, chain.local), _SensorOutcome()
-    if worn:
-        from mocap_id.estimation import inertial_smoothing  # noqa: PLC0415  only with sensors
-        from mocap_id.stages.ukf_smooth.inertial import check_method, describe_sensors, read_sensors  # noqa: PLC0415
-
-        check_method(settings.method, settings.engine)
-        signals = read_sensors(names, worn)
-        states, results = inertial_smoothing.smooth_with_sensors(
-            observed, view.time, *geometry, sensors=signals, settings=settings
-        )
-        used = [0, *(s for s, each in results.items() if each.used is not None)]
-        has_sensor = np.isin(np.arange(len(names)), used)
-        outcome = _SensorOutcome(has_sensor[1:] & has_sensor[:-1], *describe_sensors(names, worn, signals, results))
-    else:
-        states = smooth(observed, view.rate, *geometry, settings=settings, overwrite=True)
-    observed[~states.used] = np.nan
-    return states, outcome
-
-
-def _filter_settings(settings: UkfSmoothSettings, chain: MarkerChain) -> FilterSettings:
-    """Return the settings of the filter; `method: encoder` becomes `rts`, with which the encoder is compared.
-
-    The process noise is limited if all markers of a segment are at one position. A dropout then changes the angle of
-    the segment while the markers are missing, and this change is not process noise.
-    """
-    given = settings.model_dump(include={field.name for field in fields(FilterSettings)})
-    if settings.method == "encoder":
-        given["method"] = "rts"
-    local = as_complex(chain.local)
-    if any(count_positions(local[chain.segment == k]) < 2 for k in range(1, len(chain.centres) + 1)):
-        given["sigma_v_ratio"] = _SNAP_RATIO
-    return FilterSettings(**given)
-
-
-def _add_sd(
-    states: States,
-    observed: FloatArray,
-    skin: SkinModel | None,
-    camera: float,
-    bend: tuple[int, FloatArray] | None,
-    *,
-    stretch: tuple[int, Stretch] | None,
-    spectrum: ResidualSpectrum,
-    settings: UkfSmoothSettings,
-) -> tuple[States, str]:
-    """Return the states with standard deviations that include skin motion if ``skin`` is given, and what they contain.
-
-    ``bend`` and ``stretch`` are as for :func:`estimate_lasting_errors`. The second result is ``UNKNOWN``, ``NOISE`` or
-    ``SKIN`` of :mod:`mocap_id.stages.ukf_smooth.plane`.
-    """
-    if settings.method in FRAMEWISE:  # the errors of these methods are unknown
-        return states, UNKNOWN
-    if spectrum.cut_off is not None and spectrum.cut_off < UNKNOWN_SD_HZ:
-        return replace(states, sd=np.full_like(states.sd, np.nan)), UNKNOWN
-    if skin is None or settings.method == "two-filter":
-        return states, NOISE
-    errors = estimate_lasting_errors(states, observed, skin, camera, spectrum, bend=bend, stretch=stretch)
-    return replace(states, sd=add_lasting_errors(states, spectrum.rate, errors)), SKIN
-
-
-def _make_skin_tree(chain: Tree, skeleton: Skeleton, states: States, skin: SkinModel | None, camera: float) -> Tree:
-    """Return skin.h5 with the estimated skin motion, or with an assumed motion if ``skin`` is None."""
-    moves = skeleton.marker_segment > 0
-    labels = [skeleton.markers[k] for k in np.flatnonzero(moves)]
-    if skin is None:
-        assumed = assume_skin(states, chain.array("markers/residual")[moves], skeleton.covariance)
-        return skin_motion.make_skin_tree(assumed, labels, camera, "residuals of the joint fit")
-    used = [labels[k] for k in np.flatnonzero(np.any(states.used, axis=0))]
-    return skin_motion.make_skin_tree(skin, used, camera, "residuals of all frames")
-
-
-def _facts(
-    states: States, markers: Mapping[str, FloatArray | BoolArray], moves: BoolArray, settings: UkfSmoothSettings
-) -> dict[str, Any]:
-    """Return facts for the report; only the residuals of the markers ``moves`` (M,) of moving segments count."""
-    residual: FloatArray = np.asarray(markers["residual"], dtype=np.float64)
-    used, visible, squares = 0, 0, 0.0
-    for part in chunks(len(residual)):
-        off = residual[part, moves]
-        there = np.isfinite(off)
-        counted = off[states.used[part] & there]
-        used, visible = used + counted.size, visible + int(np.count_nonzero(there))
-        squares += float(counted @ counted)
-    return {
-        "marker_sd_m": states.noise.marker_sd,
-        "sigma_v": states.noise.sigma_v.tolist(),
-        "reprojection_rms_m": math.sqrt(squares / used) if used else None,
-        "outlier_fraction": (visible - used) / visible if visible else None,
-        "bridged_fraction": np.mean(~states.observed, axis=0).tolist(),
-        "method": settings.method,
-        "engine": settings.engine,
-    }
-
-
-def _report_method(settings: UkfSmoothSettings) -> tuple[Reason, ...]:
-    """Return a caution if the method is not the default."""
-    if settings.method == "rts":
-        return ()
-    no_sd = "; they have no standard deviations" if settings.method in FRAMEWISE else ""
-    message = (
-        f"the states are estimated by `{settings.method}`, which is only meant for comparison{no_sd}. Remove "
-        "`ukf-smooth: {method: …}` to use the default, filter and smoother."
-    )
-    return (Reason("states-method", message),)
 
 
 def state_columns(time: FloatArray, mean: FloatArray, sd: FloatArray, observed: BoolArray) -> dict[str, Any]:
@@ -418,7 +372,6 @@ def _chain_state(states: States, markers: BoolArray) -> ChainState:
 
 
 OTHERS = "others"  # name of the body with all markers that are on no segment, for example on arms and head
-_MEASURED_POSES_BENT = "hip"  # joint below a trunk that may bend
 _BESIDE = 0.02  # m, largest distance in the plane between a left and a right marker at the same height
 _ONE_BODY = ("pelvis", "trunk")  # each has few markers, so the pose of both as one body is an alternative
 
@@ -443,16 +396,16 @@ def measure_poses(
     mean of ``angles`` (F, n), rad, is the posture in which pelvis and trunk are one body. ``camera`` is the standard
     deviation of a coordinate due to camera noise, m.
     """
-    columns = {label: column for column, label in enumerate(view.labels)}
-    labels = skeleton.markers
-    of_chain = np.array([columns[label] for label in labels], dtype=np.int64)
+    of_chain = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
     free = np.setdiff1d(np.arange(len(view.labels)), of_chain)
     moves = np.flatnonzero(chain.segment > 0)
-    local = as_complex(chain.local)
+    wanted = [(name, [k]) for k, name in enumerate(skeleton.segments)]
+    if set(_ONE_BODY) <= set(skeleton.segments):
+        wanted.append(("torso", [skeleton.segments.index(name) for name in _ONE_BODY]))
     found: list[tuple[str, list[int], list[str], ClusterPose]] = []
-    seen: list[ComplexArray] = []
+    single: dict[int, tuple[ClusterPose, ComplexArray]] = {}  # pose and markers (F, m), m, of the body of one segment
     feet_move = False
-    for name, numbers in _list_bodies(skeleton.segments):
+    for name, numbers in wanted:
         own = np.flatnonzero(np.isin(chain.segment, numbers))
         if numbers == [0]:
             base = view.read_positions(of_chain[own], axes="xy")
@@ -462,41 +415,59 @@ def measure_poses(
             own, points = own[used], as_complex(base[:, used])
         else:
             points = as_complex(observed[:, np.searchsorted(moves, own)])
-        pose = measure_cluster(points, _express_in_body(chain, local, numbers, angles)[own])
+        # the markers in the frame of the body's first segment; the later ones have their mean angle
+        local = as_complex(chain.local).copy()
+        for segment in numbers[1:]:
+            mean = np.nanmean(np.exp(1j * angles[:, segment - 1]))
+            on = chain.segment == segment
+            local[on] = complex(*chain.centres[segment - 1]) + mean / abs(mean) * local[on]
+        pose = measure_cluster(points, local[own])
         if pose is not None:
-            found.append((name, numbers, [labels[k] for k in own[pose.markers]], pose))
-            seen.append(points[:, pose.markers])
+            found.append((name, numbers, [skeleton.markers[k] for k in own[pose.markers]], pose))
+            if len(numbers) == 1:
+                single[numbers[0]] = (pose, points[:, pose.markers])
     others = measure_cluster(as_complex(view.read_positions(free, axes="xy"))) if len(free) > 1 else None
     if others is not None:
         found.append((OTHERS, [], [view.labels[k] for k in free[others.markers]], others))
-    facts = [_fact(*each) for each in found]
-    bodies = [(each[1], each[3]) for each in found]
-    above, shift = _estimate_hip_shift(skeleton, bodies, seen)
-    ankle = _estimate_ankle(chain, bodies) if feet_move else None
-    for fact in facts:
-        if above in fact["segments"]:
+
+    # displacement of the hip due to the bending of the trunk: zero if the poses are missing
+    hip = skeleton.joints.index("hip") if "hip" in skeleton.joints else len(skeleton.segments)
+    shift = HipShift()
+    if hip in single and hip + 1 in single:
+        trunk, points = single[hip + 1]
+        far = np.abs(trunk.local)
+        near = points[:, far <= far.min() + _BESIDE]  # left and right
+        shift = estimate_hip_shift(_frame(single[hip][0]), _frame(trunk), near.mean(axis=1))
+    ankle = None  # position of the first joint, between moving feet and the segment above
+    if feet_move and {0, 1} <= single.keys():
+        ankle = locate_ankle(_frame(single[0][0]), _frame(single[1][0]), complex(*chain.centres[0]))
+
+    columns: dict[str, FloatArray | IntArray] = {"time": view.time}
+    bodies: list[dict[str, Any]] = []
+    for k, (name, numbers, labels, pose) in enumerate(found, start=1):
+        columns |= {
+            f"x_{k}": pose.position.real.copy(),
+            f"y_{k}": pose.position.imag.copy(),
+            f"angle_{k}": pose.angle,
+            f"markers_{k}": pose.count.astype(np.int64),
+        }
+        places = {label: [float(z.real), float(z.imag)] for label, z in zip(labels, pose.local, strict=True)}
+        fact = {"name": name, "segments": numbers, "markers": places, "residual_m": pose.residual}
+        if hip + 1 in numbers:
             fact["joint_shift_m"] = [shift.place.real, shift.place.imag]
-        if ankle is not None and fact["segments"] == [1]:
+        if ankle is not None and numbers == [1]:
             fact["joint_m"] = [[place.real, place.imag] for place in (ankle.foot, ankle.shank)]
             fact["joint_sd_m"] = ankle.sd
-    table = Table(POSES, _columns(view, [pose for *_, pose in found]), {"bodies": facts})
-    return table, shift, _measure_thigh(view, chain, bodies, above - 1, camera)
+        bodies.append(fact)
+    table = Table(POSES, columns, {"bodies": bodies})
 
-
-def _measure_thigh(
-    view: Trajectories,
-    chain: MarkerChain,
-    bodies: Sequence[tuple[list[int], ClusterPose]],
-    hip: int,
-    camera: float,
-) -> Stretch | None:
-    """Return the stretch of the segment below the joint ``hip`` (from 0); None without the poses around it."""
-    single = {numbers[0]: pose for numbers, pose in bodies if len(numbers) == 1}
-    if hip < 1 or not {hip - 1, hip, hip + 1} <= single.keys():
-        return None
-    three = [single[number] for number in (hip - 1, hip, hip + 1)]
+    # stretch of the segment below the hip
+    around = (hip - 1, hip, hip + 1)
+    if hip < 1 or not set(around) <= single.keys():
+        return table, shift, None
+    three = [single[number][0] for number in around]
     spread = [float(np.sum(np.abs(pose.local - pose.local.mean()) ** 2)) for pose in three]
-    poses = BodyPoses(
+    three_poses = BodyPoses(
         time=view.time,
         position=np.stack([as_xy(pose.position) for pose in three], axis=1),
         angle=np.stack([pose.angle for pose in three], axis=1),
@@ -506,77 +477,9 @@ def _measure_thigh(
         centres=chain.centres[[hip - 1, hip]],
         camera=camera**2 * np.array([[1 / len(each.local), 1 / s] for each, s in zip(three, spread, strict=True)]),
     )
-    return measure_stretch(fill_gaps(poses)[0], 1)
-
-
-def _estimate_hip_shift(
-    skeleton: Skeleton, bodies: Sequence[tuple[list[int], ClusterPose]], seen: Sequence[ComplexArray]
-) -> tuple[int, HipShift]:
-    """Return the segment above the hip, and the displacement of the hip due to the bending of the trunk.
-
-    It is zero if the poses are missing. ``seen`` are the positions (F, m) of each body's markers, m.
-    """
-    hip = (
-        skeleton.joints.index(_MEASURED_POSES_BENT)
-        if _MEASURED_POSES_BENT in skeleton.joints
-        else len(skeleton.segments)
-    )
-    single = {numbers[0]: k for k, (numbers, _) in enumerate(bodies) if len(numbers) == 1}
-    if hip not in single or hip + 1 not in single:
-        return hip + 1, HipShift()
-    k = single[hip + 1]
-    trunk, points = bodies[k][1], seen[k]
-    far = np.abs(trunk.local)
-    near = points[:, far <= far.min() + _BESIDE]  # left and right
-    return hip + 1, estimate_hip_shift(_frame(bodies[single[hip]][1]), _frame(trunk), near.mean(axis=1))
-
-
-def _estimate_ankle(chain: MarkerChain, bodies: Sequence[tuple[list[int], ClusterPose]]) -> AnklePosition | None:
-    """Return the position of the first joint, between moving feet and the segment above; None if it is unknown."""
-    single = {numbers[0]: pose for numbers, pose in bodies if len(numbers) == 1}
-    if not {0, 1} <= single.keys():
-        return None
-    return locate_ankle(_frame(single[0]), _frame(single[1]), complex(*chain.centres[0]))
+    return table, shift, measure_stretch(fill_gaps(three_poses)[0], 1)
 
 
 def _frame(pose: ClusterPose) -> tuple[ComplexArray, FloatArray]:
     """Return the origin (F,), m, and the angle (F,), rad, of a body's frame."""
     return pose.position - np.exp(1j * pose.angle) * pose.local.mean(), pose.angle
-
-
-def _list_bodies(segments: Sequence[str]) -> list[tuple[str, list[int]]]:
-    """Return name and segments of each body: every segment, then pelvis and trunk as one body, if both exist."""
-    apart = [(name, [k]) for k, name in enumerate(segments)]
-    if not set(_ONE_BODY) <= set(segments):
-        return apart
-    return [*apart, ("torso", [segments.index(name) for name in _ONE_BODY])]
-
-
-def _express_in_body(chain: MarkerChain, local: ComplexArray, numbers: list[int], angles: FloatArray) -> ComplexArray:
-    """Return the markers (M,), m, x + 1j y, in the frame of a body's first segment.
-
-    ``numbers`` are the segments of the body; the later ones have their mean angle.
-    """
-    found = local.copy()
-    for segment in numbers[1:]:
-        mean = np.nanmean(np.exp(1j * angles[:, segment - 1]))
-        on = chain.segment == segment
-        found[on] = complex(*chain.centres[segment - 1]) + mean / abs(mean) * local[on]
-    return found
-
-
-def _columns(view: Trajectories, poses: list[ClusterPose]) -> dict[str, FloatArray | IntArray]:
-    columns: dict[str, FloatArray | IntArray] = {"time": view.time}
-    for k, pose in enumerate(poses, start=1):
-        columns |= {
-            f"x_{k}": pose.position.real.copy(),
-            f"y_{k}": pose.position.imag.copy(),
-            f"angle_{k}": pose.angle,
-            f"markers_{k}": pose.count.astype(np.int64),
-        }
-    return columns
-
-
-def _fact(name: str, numbers: list[int], labels: list[str], pose: ClusterPose) -> dict[str, Any]:
-    local = {label: [float(z.real), float(z.imag)] for label, z in zip(labels, pose.local, strict=True)}
-    return {"name": name, "segments": numbers, "markers": local, "residual_m": pose.residual}

@@ -28,7 +28,7 @@ from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.kinematics.space.rigid_body import rigid_poses
 from mocap_id.kinematics.space.skeleton import SensorNoise
-from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.skin_motion import add_axial_rotation_errors, correct_axial_rotation, correct_cluster_slides
 from mocap_id.stages.trial_keys import list_sensors
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
@@ -46,7 +46,6 @@ from mocap_id.stages.ukf_smooth.encoder_states import empty_encoder_table
 from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.schemas import ANGLES, MARKERS, POSES, SKIN, STATES
 from mocap_id.store.views import SpatialSkeleton, Trajectories, is_skeleton
-from mocap_id.verdict import Reason
 
 _COMMON_WITH_IMUS = 0.1
 """Fraction of the axial rotation by which the skin under all markers and the sensor of a segment may lag together."""
@@ -74,8 +73,7 @@ def smooth_rotations(context: Context) -> Outputs:
         settings.marker_sd, settings.sigma_v, settings.marker_sd_floor, settings.gate, settings.angle_sd_limit
     )
     from_skeleton = is_skeleton(view.planar.facts)
-    imus: dict[str, dict[str, Any]] = {}
-    sensor_reasons: tuple[Reason, ...] = ()
+    sensors = Findings()
     if from_skeleton:
         states = smooth_skeleton_states(tree, view, points, skeleton.chain, settings.gate)
     elif context.trial.imus:
@@ -83,10 +81,10 @@ def smooth_rotations(context: Context) -> Outputs:
         from mocap_id.stages.ukf_smooth.inertial import describe_sensors, read_sensors  # noqa: PLC0415
 
         names, worn = list(skeleton.segments), list_sensors(context.trial.imus)
-        sensors = read_sensors(names, worn, mirrored=view.planar.facts.get("side") == "left")
-        states, results = fuse_in_space(points, view.time, skeleton.chain, sensors, given)
-        imus, sensor_reasons = describe_sensors(names, worn, sensors, results)
-        missed = {skeleton.segments.index(s): abs(each["skin_share"]) for s, each in imus.items() if each["used"]}
+        signals = read_sensors(names, worn, mirrored=view.planar.facts.get("side") == "left")
+        states, results = fuse_in_space(points, view.time, skeleton.chain, signals, given)
+        sensors = describe_sensors(names, worn, signals, results)
+        missed = {names.index(s): abs(each["skin_share"]) for s, each in sensors.facts.items() if each["used"]}
         states = add_axial_rotation_errors(states, skeleton.chain, common=_COMMON_WITH_IMUS, missed=missed)
     else:
         states = add_axial_rotation_errors(smooth_in_space(points, view.rate, skeleton.chain, given), skeleton.chain)
@@ -96,19 +94,52 @@ def smooth_rotations(context: Context) -> Outputs:
     observed = bridge_repeated(observed, repeated, view.rate)
     angles = _angles(states, skeleton, tree.facts)
     angles = [limit_to_skeleton(each) for each in angles] if from_skeleton else angles
-    segments = [name.replace("_", " ") for name in skeleton.segments]
-    missing = np.isnan(states.omega[:, :, 0])
-    reasons = report_gaps(missing, view.time, segments, "pose", settings)
-    reasons += report_repeated_frames(repeated) + sensor_reasons
     stretches = [] if from_skeleton else list_rejected(rejected, view.time, skeleton.segments)
-    reasons += report_rejected(stretches, view.time)
-    reasons += check_arm_motion(angles, _find_thorax_axis(states, skeleton, tree.facts["frames"]))
     lost = {"rejected": stretches} if stretches else {}
-    facts = _facts(states, points, settings) | ({"imus": imus} if imus else {}) | lost
+    off = np.linalg.norm(points - states.predicted, axis=2)
+    square = np.sum((points - states.predicted) ** 2, axis=2)
+    there, used = np.isfinite(square), np.isfinite(square) & states.used
+    out = Findings()
+    out.fact(  # the same as in the plane
+        marker_sd_m=float(states.noise.camera_sd),
+        marker_sds_m=states.noise.marker_sd.tolist(),
+        sigma_v=states.noise.snap.tolist(),
+        reprojection_rms_m=float(np.sqrt(square[used].mean())) if used.any() else None,
+        outlier_fraction=float(1 - used.sum() / there.sum()) if there.any() else None,
+        bridged_fraction=np.mean(~states.observed[:, 1:], axis=0).tolist(),
+        method=settings.method,
+        engine=settings.engine,
+    )
+    if sensors.facts:
+        out.fact(imus=sensors.facts)
+    out.fact(**lost)
+    segments = [name.replace("_", " ") for name in skeleton.segments]
+    report_gaps(out, np.isnan(states.omega[:, :, 0]), view.time, segments, quantity="pose", settings=settings)
+    report_repeated_frames(out, repeated)
+    out.reasons += sensors.reasons
+    report_rejected(out, stretches, view.time)
+    thorax = np.zeros((0, 3))  # no rows if the frame of the thorax is not anatomical
+    if tree.facts["frames"] != "own" and "thorax" in skeleton.segments:
+        thorax = states.rotations[:, skeleton.segments.index("thorax"), :, 1]
+    check_arm_motion(out, angles, thorax)
+
+    markers = {axis: np.ascontiguousarray(states.predicted[..., i]) for i, axis in enumerate("xyz")}
+    # skin.h5 has no markers: the standard deviations of the states include the errors from skin
+    shapes = {
+        "joints/centre": (0, 2),
+        "markers/local": (0, 2),
+        "response/slides": (0, 2, 2, 0),
+        "response/noise": (0, 0),
+    }
+    skin: dict[str, dict[str, Any]] = {}
+    for node in SKIN.nodes:
+        group, name = node.name.split("/")
+        kind = {"float64": np.float64, "int64": np.int64, "str": object}[node.dtype]
+        skin.setdefault(group, {})[name] = np.zeros(shapes.get(node.name, (0,)), dtype=kind)
     return (
-        Table(STATES, _state_columns(states, skeleton, view.time, observed), facts, reasons),
-        LongTable(MARKERS, view.frames, view.time, skeleton.markers, _marker_columns(states, points)),
-        _empty_skin_tree(),
+        Table(STATES, _state_columns(states, skeleton, view.time, observed), out.facts, tuple(out.reasons)),
+        LongTable(MARKERS, view.frames, view.time, skeleton.markers, {**markers, "residual": off, "used": states.used}),
+        Tree(SKIN, skin, {"camera_sd_m": None, "basis": "not estimated for trials in space"}),
         empty_encoder_table("a trial in space has no encoder"),
         Table(POSES, _pose_columns(states, skeleton, view.time, observed), lost),
         Table(ANGLES, _angle_columns(angles, view.time)),
@@ -123,7 +154,11 @@ def _angles(states: SpatialStates, skeleton: SpatialSkeleton, facts: Mapping[str
     for name, (parent, child, angles) in _ANATOMICAL.items():
         if name not in frames:
             continue
-        path = _find_path(skeleton, skeleton.segments.index(parent), skeleton.segments.index(child))
+        first, k = skeleton.segments.index(parent), skeleton.segments.index(child)
+        path: list[int] = []  # the joints from the first segment to the later one, in order
+        while k != first:
+            path.insert(0, k - 1)
+            k = skeleton.chain.joints[k - 1].parent
         motion = _relative_motion(states, path[0])
         for k in path[1:]:
             motion = compose_motions(motion, _relative_motion(states, k))
@@ -135,22 +170,6 @@ def _angles(states: SpatialStates, skeleton: SpatialSkeleton, facts: Mapping[str
             names = tuple(f"joint_{k + 1}_{d}" for d in range(1, joint.dimension + 1))
             found.append(joint_coordinates(_relative_motion(states, k), joint, names))
     return found
-
-
-def _find_thorax_axis(states: SpatialStates, skeleton: SpatialSkeleton, frames: str) -> FloatArray:
-    """Return the long axis (F, 3) of the thorax in the trial's axes, y up; no rows if its frame is not anatomical."""
-    if frames == "own" or "thorax" not in skeleton.segments:
-        return np.zeros((0, 3))
-    return np.asarray(states.rotations[:, skeleton.segments.index("thorax"), :, 1])
-
-
-def _find_path(skeleton: SpatialSkeleton, parent: int, child: int) -> list[int]:
-    """Return the indices of the joints that connect a segment to a later segment, in order."""
-    path: list[int] = []
-    while child != parent:
-        path.insert(0, child - 1)
-        child = skeleton.chain.joints[child - 1].parent
-    return path
 
 
 def _relative_motion(states: SpatialStates, k: int) -> RelativeMotion:
@@ -189,7 +208,12 @@ def _pose_columns(
         origin = states.origins[:, k]
         if name == "thorax" and "IJ" in skeleton.landmarks:
             origin = origin + states.rotations[:, k] @ skeleton.landmark_local[skeleton.landmarks.index("IJ")]
-        quaternion = _make_continuous(so3.quaternion(states.rotations[:, k]))
+        quaternion = so3.quaternion(states.rotations[:, k])
+        known = np.flatnonzero(np.isfinite(quaternion).all(axis=1))
+        if len(known):  # the sign does not jump between known samples; the first scalar part is positive
+            same = np.sum(quaternion[known[1:]] * quaternion[known[:-1]], axis=1) >= 0
+            first = 1.0 if quaternion[known[0], 0] >= 0 else -1.0
+            quaternion[known] *= (first * np.cumprod(np.concatenate([[1.0], np.where(same, 1.0, -1.0)])))[:, None]
         columns |= {f"{name}_q{axis}": quaternion[:, i].copy() for i, axis in enumerate("wxyz")}
         for i, axis in enumerate("xyz"):
             columns |= {
@@ -206,17 +230,6 @@ def _pose_columns(
     return columns
 
 
-def _make_continuous(quaternion: FloatArray) -> FloatArray:
-    """Return quaternions (F, 4) whose sign does not jump between known samples; the first scalar part is positive."""
-    known = np.flatnonzero(np.isfinite(quaternion).all(axis=1))
-    found = quaternion.copy()
-    if len(known):
-        same = np.sum(quaternion[known[1:]] * quaternion[known[:-1]], axis=1) >= 0
-        first = 1.0 if quaternion[known[0], 0] >= 0 else -1.0
-        found[known] *= (first * np.cumprod(np.concatenate([[1.0], np.where(same, 1.0, -1.0)])))[:, None]
-    return found
-
-
 def _state_columns(
     states: SpatialStates, skeleton: SpatialSkeleton, time: FloatArray, observed: BoolArray
 ) -> dict[str, FloatArray | BoolArray]:
@@ -231,44 +244,6 @@ def _state_columns(
         columns[f"dddtheta_{k + 1}"] = states.jerk[:, k] @ (joint.offset.T @ joint.first_axis)
         columns[f"observed_{k + 1}"] = observed[:, k + 1].copy()
     return columns
-
-
-def _marker_columns(states: SpatialStates, points: FloatArray) -> dict[str, FloatArray | BoolArray]:
-    off = np.linalg.norm(points - states.predicted, axis=2)
-    position = {axis: np.ascontiguousarray(states.predicted[..., i]) for i, axis in enumerate("xyz")}
-    return {**position, "residual": off, "used": states.used}
-
-
-def _facts(states: SpatialStates, points: FloatArray, settings: UkfSmoothSettings) -> dict[str, Any]:
-    """Return the facts for the report, the same as in the plane."""
-    off = np.sum((points - states.predicted) ** 2, axis=2)
-    there, used = np.isfinite(off), np.isfinite(off) & states.used
-    return {
-        "marker_sd_m": float(states.noise.camera_sd),
-        "marker_sds_m": states.noise.marker_sd.tolist(),
-        "sigma_v": states.noise.snap.tolist(),
-        "reprojection_rms_m": float(np.sqrt(off[used].mean())) if used.any() else None,
-        "outlier_fraction": float(1 - used.sum() / there.sum()) if there.any() else None,
-        "bridged_fraction": np.mean(~states.observed[:, 1:], axis=0).tolist(),
-        "method": settings.method,
-        "engine": settings.engine,
-    }
-
-
-def _empty_skin_tree() -> Tree:
-    """Return skin.h5 without markers: the standard deviations of the states include the errors from skin."""
-    shapes = {
-        "joints/centre": (0, 2),
-        "markers/local": (0, 2),
-        "response/slides": (0, 2, 2, 0),
-        "response/noise": (0, 0),
-    }
-    data: dict[str, dict[str, Any]] = {}
-    for node in SKIN.nodes:
-        group, name = node.name.split("/")
-        kind = {"float64": np.float64, "int64": np.int64, "str": object}[node.dtype]
-        data.setdefault(group, {})[name] = np.zeros(shapes.get(node.name, (0,)), dtype=kind)
-    return Tree(SKIN, data, {"camera_sd_m": None, "basis": "not estimated for trials in space"})
 
 
 _BRIDGED = 0.3  # s, longest gap that is filled to estimate the noise of the movement
@@ -288,20 +263,29 @@ def smooth_skeleton_states(
     ``tree`` is the content of chain.h5. A sample farther than ``gate`` standard deviations from its prediction is left
     out.
     """
-    sd = np.maximum(tree.numbers("markers/residual"), 1e-3)
-    trunk = chain.segment == 0
+    residual = tree.numbers("markers/residual")
+    sd, trunk, facts = np.maximum(residual, 1e-3), chain.segment == 0, tree.facts["noise"]
     points = remove_jumps(points, gate * sd)
     missing = np.isnan(points[..., 0])
     points = bridge_short_gaps(points, round(_BRIDGED * view.rate))
     rotations, origins, _ = rigid_poses(points[:, trunk], chain.local[trunk], 1 / sd[trunk] ** 2)
     shift = np.einsum("fij,j->fi", rotations, np.array(tree.facts["wrist_offset_m"]))
-    beyond = np.flatnonzero(chain.segment >= 2)
-    points[:, beyond] -= shift[:, None]
-    facts = tree.facts["noise"]
-    memory = SensorNoise(facts["white"], facts["memory_s"])
-    shoulder = origins + np.einsum("fij,j->fi", rotations, chain.joints[0].centre)
-    weight = _weights(tree, view, points, chain, shoulder)
+    points[:, np.flatnonzero(chain.segment >= 2)] -= shift[:, None]
+    # weights of the samples: guessed joints and bones of a wrong length count less
+    weight = np.ones(points.shape[:2])
+    inferred = view.planar.facts["skeleton"]["inferred"]
+    for m, name in enumerate(tree.texts("markers/name")):
+        for first, last in inferred.get(name, ()):
+            weight[(view.time >= first) & (view.time <= last), m] = min((residual[m] / _GUESSED_SD) ** 2, 1.0)
+    start = origins + np.einsum("fij,j->fi", rotations, chain.joints[0].centre)
+    for length, segment in zip(facts["length_m"], range(1, 4), strict=False):
+        m = int(np.flatnonzero(chain.segment == segment)[0])
+        bone = float(np.linalg.norm(chain.local[m]))
+        off = (np.linalg.norm(points[:, m] - start, axis=1) - bone) / (_WRONG_LENGTH * length)
+        weight[:, m] /= np.where(np.isfinite(off), 1 + off**2, 1.0) ** 2
+        start = points[:, m]
     weight[missing] = 0.0
+    memory = SensorNoise(facts["white"], facts["memory_s"])
     noise = SkeletonNoise(
         sd,
         weight,
@@ -309,26 +293,6 @@ def smooth_skeleton_states(
         tree.facts["lasting_scale"] * np.where(trunk, 0.5 * _LASTING_SD, _LASTING_SD),
     )
     return smooth_skeleton(points, view.rate, chain, (rotations, origins), noise, gate=gate)
-
-
-def _weights(
-    tree: Tree, view: Trajectories, points: FloatArray, chain: SpatialChain, shoulder: FloatArray
-) -> FloatArray:
-    """Return the weights (F, M) of all samples; ``shoulder`` (F, 3) is the centre of the first joint, m."""
-    sd = tree.numbers("markers/residual")
-    weight = np.ones(points.shape[:2])
-    inferred = view.planar.facts["skeleton"]["inferred"]
-    for m, name in enumerate(tree.texts("markers/name")):
-        for first, last in inferred.get(name, ()):
-            weight[(view.time >= first) & (view.time <= last), m] = min((sd[m] / _GUESSED_SD) ** 2, 1.0)
-    start = shoulder
-    for length, segment in zip(tree.facts["noise"]["length_m"], range(1, 4), strict=False):
-        m = int(np.flatnonzero(chain.segment == segment)[0])
-        bone = float(np.linalg.norm(chain.local[m]))
-        off = (np.linalg.norm(points[:, m] - start, axis=1) - bone) / (_WRONG_LENGTH * length)
-        weight[:, m] /= np.where(np.isfinite(off), 1 + off**2, 1.0) ** 2
-        start = points[:, m]
-    return weight
 
 
 def limit_to_skeleton(angles: JointAngles) -> JointAngles:
