@@ -166,14 +166,6 @@ def _find_pose_problem(axes: FloatArray) -> str:
     return ""
 
 
-def rotate_plate(plate: Plate, rotation: FloatArray) -> Plate:
-    """Return a plate in other axes; ``rotation`` (3, 3) converts vectors from the old to the new axes."""
-    corners = None if plate.corners is None else plate.corners @ rotation.T
-    dead = tuple((name, rotation @ direction) for name, direction in plate.dead)
-    force, moment = plate.force @ rotation.T, plate.moment @ rotation.T
-    return replace(plate, corners=corners, force=force, moment=moment, dead=dead)
-
-
 def reverse_force_on_plate(
     index: int, force: FloatArray, moment: FloatArray, ok: BoolArray, oddities: list[str]
 ) -> tuple[FloatArray, FloatArray]:
