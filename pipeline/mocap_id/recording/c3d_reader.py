@@ -9,7 +9,7 @@ from typing import BinaryIO
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.recording.c3d_file import PROCESSORS, C3DFile, Layout, decode, find_layout, open_c3d
+from mocap_id.recording.c3d_file import PROCESSORS, C3DFile, Layout, decode_frames, find_layout, open_c3d
 from mocap_id.recording.c3d_plates import StoredPlate, list_plate_channels, read_stored_plates
 from mocap_id.recording.lab_plates import place_plate
 from mocap_id.recording.labels import leave_out_objects, name_markers
@@ -38,7 +38,7 @@ def read_c3d(path: Path, stream: BinaryIO, options: ReadingOptions) -> Recording
     unit, metres = resolve_length_unit(path, declared, options.units, oddities, required=required)
     subjects = _read_subjects(file)
     naming = name_markers(_read_labels(file, layout), _read_outputs(file), subjects)
-    positions, counts = decode(file, layout, naming.keep, list_plate_channels(file, layout), metres)
+    positions, counts = decode_frames(file, layout, naming.keep, list_plate_channels(file, layout), metres)
     clean_positions(path, positions, unit, oddities)
     naming, positions = leave_out_objects(naming, positions)
     oddities += [*naming.oddities, *_note_file_name(path, subjects)]
