@@ -312,11 +312,11 @@ class _PlateReader:
             return self._apply_matrix(channels, read_channel_scales(self.file, self.layout)[1][columns])
         units = [unit for name in self.file.parts("ANALOG:UNITS") for unit in self.file.strings(name)]
         declared = [units[column] if column < len(units) else "" for column in columns]
-        scales = find_channel_scales(self.kind, declared, self.metres, self.units)
-        self.assumptions.extend(scales.assumptions)
-        for oddity in scales.oddities:
+        factors, assumptions, oddities = find_channel_scales(self.kind, declared, self.metres, self.units)
+        self.assumptions.extend(assumptions)
+        for oddity in oddities:
             self._note(oddity)
-        return np.asarray(channels * scales.factors)
+        return np.asarray(channels * factors)
 
     def _apply_matrix(self, channels: FloatArray, scale: FloatArray) -> FloatArray:
         """Apply the 6 × 6 matrix of a type 4 plate, which gives N and N·mm, and return the channels (K, 6) in SI units.
