@@ -400,9 +400,9 @@ def parse_trc(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     body = lines[first:]
     if all(row[:1] in ("\t", "") for row in body):  # the first column is blank
         body = [row[1:] for row in body]
-    mark: str | None = "," if separator == "," else "\t"
-    if mark not in body[0] or len(body[0].split(mark, 1)[0].split()) != 1:
-        mark = None  # white space separates the cells, so that no cell can be blank
+    usual = "," if separator == "," else "\t"
+    separated = usual in body[0] and len(body[0].split(usual, 1)[0].split()) == 1
+    mark = usual if separated else None  # None: white space separates the cells, so that no cell can be blank
     filled = [row.rstrip() if mark is None else row.rstrip().rstrip(mark) for row in body]
     counts = [len(row.split()) if mark is None else row.count(mark) + 1 for row in filled]
     numbers = {"NumMarkers": parse_count(header.get("nummarkers")), "the X1 Y1 Z1 line": axes // 3 or None}
