@@ -11,7 +11,7 @@ import math
 import os
 import struct
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
@@ -132,7 +132,10 @@ def open_c3d(path: Path, stream: BinaryIO) -> C3DFile:
             f"{path}: the parameter section is damaged: processor type {processor}, expected 84 (Intel), 85 (DEC) or "
             "86 (MIPS); the file is corrupt or truncated, export it again"
         )
-    header = _read_header(data, processor)
+    points, analog_words, first, last = struct.unpack(endian(processor) + "HHHH", data[2:10])
+    block, per_frame = struct.unpack(endian(processor) + "HH", data[16:20])
+    scale, rate = float(convert_floats(data[12:16], processor)[0]), float(convert_floats(data[20:24], processor)[0])
+    header = Header(points, analog_words, first, last, scale, block, per_frame, rate)
     stop = (header.data_block - 1) * BLOCK if header.data_block else start + data[start + 2] * BLOCK
     data = data[:stop] + stream.read(max(0, stop - len(data)))
     parameters, repeated = _read_parameters(path, data, start + 4, processor)
@@ -152,13 +155,6 @@ def convert_floats(raw: bytes, processor: int) -> FloatArray:
 def endian(processor: int) -> str:
     """Return the byte order of a processor in the notation of struct and numpy."""
     return ">" if processor == 86 else "<"
-
-
-def _read_header(data: bytes, processor: int) -> Header:
-    points, analog_words, first, last = struct.unpack(endian(processor) + "HHHH", data[2:10])
-    block, per_frame = struct.unpack(endian(processor) + "HH", data[16:20])
-    scale, rate = float(convert_floats(data[12:16], processor)[0]), float(convert_floats(data[20:24], processor)[0])
-    return Header(points, analog_words, first, last, scale, block, per_frame, rate)
 
 
 def _read_parameters(path: Path, data: bytes, at: int, processor: int) -> tuple[dict[str, Value], tuple[str, ...]]:
@@ -215,19 +211,18 @@ def _read_value(path: Path, name: str, data: bytes, processor: int) -> Value:
         )
     if kind == -1:
         width, count = shape[0] if shape else 1, math.prod(shape[1:])
-        return tuple(_decode(raw[i * width : (i + 1) * width]) for i in range(count))
+        texts = []
+        for part in (raw[i * width : (i + 1) * width] for i in range(count)):
+            try:
+                texts.append(part.decode("utf-8"))
+            except UnicodeDecodeError:
+                texts.append(part.decode("latin-1"))
+        return tuple(texts)
     if kind == 4:
         array: np.ndarray[Any, Any] = convert_floats(raw, processor)
     else:
         array = np.frombuffer(raw, np.int8 if kind == 1 else endian(processor) + "i2")
     return array.reshape(shape, order="F")
-
-
-def _decode(raw: bytes) -> str:
-    try:
-        return raw.decode("utf-8")
-    except UnicodeDecodeError:
-        return raw.decode("latin-1")
 
 
 _PADDING = 2 * BLOCK
@@ -269,14 +264,71 @@ def find_layout(file: C3DFile) -> Layout:
 
     Raises RecordingError if the file is truncated, declares no frames, rate or points, or contradicts itself.
     """
-    oddities: list[str] = []
-    scale, rate = _read_scale_and_rate(file, oddities)
-    start = _find_data_start(file, oddities)
+    header, oddities = file.header, list[str]()
+    scale = _read_scalar(file, "POINT:SCALE", header.scale, oddities)
+    rate = _read_scalar(file, "POINT:RATE", header.rate, oddities)
+    if not (np.isfinite(scale) and scale != 0.0):
+        raise RecordingError(
+            f"{file.path}: POINT:SCALE is {scale}, expected a non-zero number; the file is corrupt, export it again"
+        )
+    check_rate(file.path, rate, "the frame rate")
+    # position of the data, from the header, or else from POINT:DATA_START
+    declared = (file.words("POINT:DATA_START") or [0])[0]
+    if declared and header.data_block and declared != header.data_block:
+        oddities.append(f"POINT:DATA_START is {declared}, the header says {header.data_block}: the header was used")
+    start = ((header.data_block or declared) - 1) * BLOCK
+    if not 0 < start < file.size:
+        raise RecordingError(
+            f"{file.path}: the data should start at byte {start} of a file of {file.size} bytes; "
+            "the file is truncated or corrupt, export it again"
+        )
     word = 4 if scale < 0 else 2
     points, words, frames = _find_counts(file, word, file.size - start, oddities)
-    _check_end(file, start, (4 * points + words) * word, frames, oddities)
-    channels, per_frame = _find_channels(file, words, rate, oddities)
-    first = _find_first_frame(file, frames, oddities)
+    size = (4 * points + words) * word
+
+    def frame(index: int) -> bytes:
+        return file.read_bytes(start + index * size, start + (index + 1) * size)
+
+    # blank frames before the declared end; in a real frame without visible markers, every eighth byte is not 0
+    blank = 0
+    while blank < frames and frame(frames - blank - 1).count(0) >= 0.95 * size:
+        blank += 1
+    if 0 < blank < frames:
+        oddities.append(
+            f"the last {blank} of {frames} frames contain almost only zeros: the recording may end before them"
+        )
+    more = 0
+    while start + (frames + more + 1) * size <= file.size and any(frame(frames + more)):
+        more += 1
+    if more and not any("follow the last declared frame" in oddity for oddity in oddities):
+        oddities.append(f"data for {more} more frames follow the {frames} declared frames and were not read")
+    channels = per_frame = 0
+    if words:
+        channels, per_frame = (file.words("ANALOG:USED") or [0])[0], header.analog_per_frame
+        if channels and words % channels == 0:
+            per_frame = words // channels
+        elif per_frame and words % per_frame == 0:
+            channels = words // per_frame
+        else:
+            raise RecordingError(
+                f"{file.path}: {words} analog numbers per frame are not a multiple of {channels} channels "
+                f"(ANALOG:USED) or of {per_frame} samples per frame (header); the file contradicts itself, export it "
+                "again"
+            )
+        analog_rate = file.numbers("ANALOG:RATE")
+        if analog_rate is not None and abs(float(analog_rate.ravel()[0]) - per_frame * rate) > 1e-3 * per_frame * rate:
+            oddities.append(
+                f"ANALOG:RATE is {float(analog_rate.ravel()[0]):g} Hz, but {per_frame} samples per frame at {rate:g} "
+                f"Hz make {per_frame * rate:g} Hz: ANALOG:RATE was not used"
+            )
+    first, trial = header.first, read_frame_number(file, "TRIAL:ACTUAL_START_FIELD")
+    if trial is not None and trial != first:
+        last = read_frame_number(file, "TRIAL:ACTUAL_END_FIELD")
+        first = trial if last is not None and last - trial + 1 == frames else header.first
+        if header.first != _LARGEST_COUNT and trial % 65536 != header.first:
+            oddities.append(
+                f"the header starts at frame {header.first}, TRIAL:ACTUAL_START_FIELD at {trial}: {first} was used"
+            )
     if file.repeated:
         names = ", ".join(file.repeated[:2]) + (" …" if len(file.repeated) > 2 else "")
         oddities.append(f"{len(file.repeated)} parameters occur more than once, the first was used: {names}")
@@ -310,17 +362,6 @@ def is_unsigned(file: C3DFile) -> bool:
     return file.text("ANALOG:FORMAT").upper().startswith("UNSIGNED")
 
 
-def _read_scale_and_rate(file: C3DFile, oddities: list[str]) -> tuple[float, float]:
-    scale = _read_scalar(file, "POINT:SCALE", file.header.scale, oddities)
-    rate = _read_scalar(file, "POINT:RATE", file.header.rate, oddities)
-    if not (np.isfinite(scale) and scale != 0.0):
-        raise RecordingError(
-            f"{file.path}: POINT:SCALE is {scale}, expected a non-zero number; the file is corrupt, export it again"
-        )
-    check_rate(file.path, rate, "the frame rate")
-    return scale, rate
-
-
 def _read_scalar(file: C3DFile, name: str, header: float, oddities: list[str]) -> float:
     value = file.numbers(name)
     if value is None:
@@ -329,23 +370,6 @@ def _read_scalar(file: C3DFile, name: str, header: float, oddities: list[str]) -
     if np.isfinite(header) and abs(declared - header) > 1e-3 * abs(declared):
         oddities.append(f"{name} is {declared:g}, the header says {header:g}: the parameter was used")
     return declared
-
-
-def _find_data_start(file: C3DFile, oddities: list[str]) -> int:
-    """Return the position of the data in the file, bytes, from the header, or else from POINT:DATA_START."""
-    declared = (file.words("POINT:DATA_START") or [0])[0]
-    block = file.header.data_block or declared
-    if declared and file.header.data_block and declared != file.header.data_block:
-        oddities.append(
-            f"POINT:DATA_START is {declared}, the header says {file.header.data_block}: the header was used"
-        )
-    start = (block - 1) * BLOCK
-    if not 0 < start < file.size:
-        raise RecordingError(
-            f"{file.path}: the data should start at byte {start} of a file of {file.size} bytes; "
-            "the file is truncated or corrupt, export it again"
-        )
-    return start
 
 
 def _find_counts(file: C3DFile, word: int, available: int, oddities: list[str]) -> tuple[int, int, int]:
@@ -357,7 +381,12 @@ def _find_counts(file: C3DFile, word: int, available: int, oddities: list[str]) 
     header, channels = file.header, (file.words("ANALOG:USED") or [])[:1]
     points = [*(file.words("POINT:USED") or [])[:1], header.points]
     words = [header.analog_words, *(count * header.analog_per_frame for count in channels)]
-    frames = _list_declared_frames(file)
+    frames = [header.last - header.first + 1]
+    first, last = (read_frame_number(file, f"TRIAL:ACTUAL_{end}_FIELD") for end in ("START", "END"))
+    if first is not None and last is not None:
+        frames.append(last - first + 1)
+    for name in ("POINT:FRAMES", "POINT:LONG_FRAMES"):
+        frames += (file.words(name) or [])[:1]
     candidates = list(itertools.product(dict.fromkeys(points), dict.fromkeys(words), dict.fromkeys(frames)))
     candidates = [c for c in candidates if c[2] > 0 and 4 * c[0] + c[1] > 0]
     if not candidates:
@@ -365,13 +394,31 @@ def _find_counts(file: C3DFile, word: int, available: int, oddities: list[str]) 
     surplus = {c: available - c[2] * (4 * c[0] + c[1]) * word for c in candidates}
     fitting = [c for c in candidates if 0 <= surplus[c] < _PADDING]
     if not fitting and _LARGEST_COUNT in frames:
-        fitting = _count_beyond_limit(file, word, available, candidates, oddities)
-        frames += [c[2] for c in fitting]
+        # 16-bit counters end at 65,535 frames; there may be more. Padding at the end is not counted.
+        candidate = next(c for c in candidates if c[2] == _LARGEST_COUNT)
+        size = (4 * candidate[0] + candidate[1]) * word
+        stored, start = available // size, file.size - available
+        while stored > _LARGEST_COUNT and not any(file.read_bytes(start + (stored - 1) * size, start + stored * size)):
+            stored -= 1
+        if stored > _LARGEST_COUNT:
+            oddities.append(f"the file declares 65535 frames but contains {stored}: all were read")
+            fitting = [(*candidate[:2], stored)]
+            frames.append(stored)
     if not fitting and len(candidates) == 1 and surplus[candidates[0]] >= 0:
         oddities.append(f"{surplus[candidates[0]]} bytes follow the last declared frame and were not read")
         fitting = candidates
     if not fitting:
-        raise _describe_misfit(file, word, available, candidates)
+        fewest = min(candidates, key=lambda c: c[2] * (4 * c[0] + c[1]))
+        size = (4 * fewest[0] + fewest[1]) * word
+        if available // size < fewest[2]:
+            raise RecordingError(
+                f"{file.path}: truncated: the header declares {fewest[2]} frames of {size} bytes, the file contains "
+                f"{available // size}; copy or export it again"
+            )
+        raise RecordingError(
+            f"{file.path}: the file contradicts itself: no combination of its declared points, channels and frames "
+            f"fits its size of {file.size} bytes; export it again"
+        )
     votes = Counter(points), Counter(words), Counter(frames)
     best = max(fitting, key=lambda c: sum(vote[part] for vote, part in zip(votes, c, strict=True)))
     for name, declared, taken in zip(
@@ -383,74 +430,6 @@ def _find_counts(file: C3DFile, word: int, available: int, oddities: list[str]) 
     return best
 
 
-def _check_end(file: C3DFile, start: int, size: int, frames: int, oddities: list[str]) -> None:
-    """Add notes to ``oddities`` on blank frames before the declared end, and on data after it."""
-
-    def frame(index: int) -> bytes:
-        return file.read_bytes(start + index * size, start + (index + 1) * size)
-
-    blank = 0
-    # In a real frame without visible markers, every eighth byte is not 0.
-    while blank < frames and frame(frames - blank - 1).count(0) >= 0.95 * size:
-        blank += 1
-    if 0 < blank < frames:
-        oddities.append(
-            f"the last {blank} of {frames} frames contain almost only zeros: the recording may end before them"
-        )
-    more = 0
-    while start + (frames + more + 1) * size <= file.size and any(frame(frames + more)):
-        more += 1
-    if more and not any("follow the last declared frame" in oddity for oddity in oddities):
-        oddities.append(f"data for {more} more frames follow the {frames} declared frames and were not read")
-
-
-def _count_beyond_limit(
-    file: C3DFile, word: int, available: int, candidates: Iterable[tuple[int, int, int]], oddities: list[str]
-) -> list[tuple[int, int, int]]:
-    """Return the numbers of points, analog words and frames of a file with more frames than 16-bit counters can count.
-
-    The list has one item; it is empty if the file contains at most 65,535 frames. Padding at the end is not counted.
-    """
-    points, words, _ = next(c for c in candidates if c[2] == _LARGEST_COUNT)
-    frame = (4 * points + words) * word
-    stored = available // frame
-    start = file.size - available
-    while stored > _LARGEST_COUNT and not any(file.read_bytes(start + (stored - 1) * frame, start + stored * frame)):
-        stored -= 1
-    if stored <= _LARGEST_COUNT:
-        return []
-    oddities.append(f"the file declares 65535 frames but contains {stored}: all were read")
-    return [(points, words, stored)]
-
-
-def _describe_misfit(
-    file: C3DFile, word: int, available: int, candidates: Iterable[tuple[int, int, int]]
-) -> RecordingError:
-    points, words, frames = min(candidates, key=lambda c: c[2] * (4 * c[0] + c[1]))
-    frame = (4 * points + words) * word
-    stored = available // frame
-    if stored < frames:
-        return RecordingError(
-            f"{file.path}: truncated: the header declares {frames} frames of {frame} bytes, the file contains "
-            f"{stored}; copy or export it again"
-        )
-    return RecordingError(
-        f"{file.path}: the file contradicts itself: no combination of its declared points, channels and frames fits "
-        f"its size of {file.size} bytes; export it again"
-    )
-
-
-def _list_declared_frames(file: C3DFile) -> list[int]:
-    header = file.header
-    declared = [header.last - header.first + 1]
-    first, last = read_frame_number(file, "TRIAL:ACTUAL_START_FIELD"), read_frame_number(file, "TRIAL:ACTUAL_END_FIELD")
-    if first is not None and last is not None:
-        declared.append(last - first + 1)
-    for name in ("POINT:FRAMES", "POINT:LONG_FRAMES"):
-        declared += (file.words(name) or [])[:1]
-    return declared
-
-
 def read_frame_number(file: C3DFile, name: str) -> int | None:
     """Return a frame number such as TRIAL:ACTUAL_END_FIELD, stored as two 16-bit words, low first; None if missing."""
     words = file.words(name)
@@ -459,42 +438,7 @@ def read_frame_number(file: C3DFile, name: str) -> int | None:
     return words[0] + 65536 * words[1] if len(words) > 1 and max(words) < 65536 else words[0]
 
 
-def _find_first_frame(file: C3DFile, frames: int, oddities: list[str]) -> int:
-    header, trial = file.header.first, read_frame_number(file, "TRIAL:ACTUAL_START_FIELD")
-    if trial is None or trial == header:
-        return header
-    last = read_frame_number(file, "TRIAL:ACTUAL_END_FIELD")
-    taken = trial if last is not None and last - trial + 1 == frames else header
-    if header != _LARGEST_COUNT and trial % 65536 != header:
-        oddities.append(f"the header starts at frame {header}, TRIAL:ACTUAL_START_FIELD at {trial}: {taken} was used")
-    return taken
-
-
-def _find_channels(file: C3DFile, words: int, rate: float, oddities: list[str]) -> tuple[int, int]:
-    """Return the number of analog channels and the number of samples per frame."""
-    if words == 0:
-        return 0, 0
-    used = (file.words("ANALOG:USED") or [0])[0]
-    per_frame = file.header.analog_per_frame
-    if used and words % used == 0:
-        per_frame = words // used
-    elif per_frame and words % per_frame == 0:
-        used = words // per_frame
-    else:
-        raise RecordingError(
-            f"{file.path}: {words} analog numbers per frame are not a multiple of {used} channels (ANALOG:USED) or of "
-            f"{per_frame} samples per frame (header); the file contradicts itself, export it again"
-        )
-    declared = file.numbers("ANALOG:RATE")
-    if declared is not None and abs(float(declared.ravel()[0]) - per_frame * rate) > 1e-3 * per_frame * rate:
-        oddities.append(
-            f"ANALOG:RATE is {float(declared.ravel()[0]):g} Hz, but {per_frame} samples per frame at {rate:g} Hz make "
-            f"{per_frame * rate:g} Hz: ANALOG:RATE was not used"
-        )
-    return used, per_frame
-
-
-def decode(
+def decode_frames(
     file: C3DFile, layout: Layout, keep: Sequence[int], channels: Sequence[int], metres: float = 1.0
 ) -> tuple[FloatArray, FloatArray]:
     """Decode all frames of the trajectories ``keep`` and of the analog ``channels``, numbered from 0.
@@ -517,7 +461,7 @@ def decode(
     return positions, counts.reshape(layout.frames * layout.per_frame, len(channels))
 
 
-def read_calibration(file: C3DFile, layout: Layout) -> tuple[FloatArray, FloatArray]:
+def read_channel_scales(file: C3DFile, layout: Layout) -> tuple[FloatArray, FloatArray]:
     """Return offset and scale (channels,) of every channel, for the conversion ``(count - offset) * scale``.
 
     The offset is ANALOG:OFFSET, unsigned in a file with FORMAT UNSIGNED. The scale is ANALOG:SCALE times GEN_SCALE; it

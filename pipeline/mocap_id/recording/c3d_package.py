@@ -11,7 +11,7 @@ import c3d
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.recording.c3d_file import C3DFile, Layout, find_layout, open_c3d, read_calibration, read_frames
+from mocap_id.recording.c3d_file import C3DFile, Layout, find_layout, open_c3d, read_channel_scales, read_frames
 from mocap_id.recording.text_tables import open_recording
 
 _FRAMES = 100  # number of frames to compare; this is enough, because a wrong position or stride affects every frame
@@ -67,7 +67,7 @@ def _compare_values(file: C3DFile, layout: Layout, frames: list[tuple[int, Float
     if not np.allclose(theirs[both, :3], points[both, :3], rtol=1e-4, atol=1e-3):
         differences.append("the c3d package reads different positions")
     if layout.channels:
-        offset, scale = read_calibration(file, layout)
+        offset, scale = read_channel_scales(file, layout)
         ours = (counts.reshape(-1, layout.channels) - offset) * scale
         analog = np.concatenate([each.T for _, _, each in frames])
         near = 1e-4 * float(np.abs(ours[np.isfinite(ours)]).max(initial=0))

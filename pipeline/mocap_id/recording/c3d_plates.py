@@ -8,7 +8,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
-from mocap_id.recording.c3d_file import C3DFile, Layout, read_calibration
+from mocap_id.recording.c3d_file import C3DFile, Layout, read_channel_scales
 from mocap_id.recording.plate_types import CHANNELS, PlateSignals, UnusablePlateError
 from mocap_id.recording.units import ForceUnits, find_channel_scales
 
@@ -223,7 +223,7 @@ class _PlateReader:
 
     def _read_samples(self, columns: list[int]) -> tuple[FloatArray, BoolArray, BoolArray]:
         """Return the scaled samples (K, C), NaN if not finite, and whether each is valid (K,) and saturated (K,)."""
-        offset, scale = (each[columns] for each in read_calibration(self.file, self.layout))
+        offset, scale = (each[columns] for each in read_channel_scales(self.file, self.layout))
         if not np.isfinite(scale).all():
             raise UnusablePlateError("ANALOG:SCALE is missing for some of its channels")
         read = list_plate_channels(self.file, self.layout)
@@ -309,14 +309,14 @@ class _PlateReader:
         if self.kind == 4:
             if self.units.configured:
                 self._note("its CAL_MATRIX gives N and N·mm: the units in the configuration were ignored")
-            return self._apply_matrix(channels, read_calibration(self.file, self.layout)[1][columns])
+            return self._apply_matrix(channels, read_channel_scales(self.file, self.layout)[1][columns])
         units = [unit for name in self.file.parts("ANALOG:UNITS") for unit in self.file.strings(name)]
         declared = [units[column] if column < len(units) else "" for column in columns]
-        scales = find_channel_scales(self.kind, declared, self.metres, self.units)
-        self.assumptions.extend(scales.assumptions)
-        for oddity in scales.oddities:
+        factors, assumptions, oddities = find_channel_scales(self.kind, declared, self.metres, self.units)
+        self.assumptions.extend(assumptions)
+        for oddity in oddities:
             self._note(oddity)
-        return np.asarray(channels * scales.factors)
+        return np.asarray(channels * factors)
 
     def _apply_matrix(self, channels: FloatArray, scale: FloatArray) -> FloatArray:
         """Apply the 6 × 6 matrix of a type 4 plate, which gives N and N·mm, and return the channels (K, 6) in SI units.

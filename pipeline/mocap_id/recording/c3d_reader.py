@@ -9,7 +9,7 @@ from typing import BinaryIO
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.recording.c3d_file import PROCESSORS, C3DFile, Layout, decode, find_layout, open_c3d
+from mocap_id.recording.c3d_file import PROCESSORS, C3DFile, decode_frames, find_layout, open_c3d
 from mocap_id.recording.c3d_plates import StoredPlate, list_plate_channels, read_stored_plates
 from mocap_id.recording.lab_plates import place_plate
 from mocap_id.recording.labels import leave_out_objects, name_markers
@@ -36,12 +36,21 @@ def read_c3d(path: Path, stream: BinaryIO, options: ReadingOptions) -> Recording
     oddities = list(layout.oddities)
     declared, required = file.text("POINT:UNITS"), options.unit_required
     unit, metres = resolve_length_unit(path, declared, options.units, oddities, required=required)
-    subjects = _read_subjects(file)
-    naming = name_markers(_read_labels(file, layout), _read_outputs(file), subjects)
-    positions, counts = decode(file, layout, naming.keep, list_plate_channels(file, layout), metres)
+    names = [*file.strings("SUBJECTS:NAMES"), *file.strings("SUBJECTS:LABEL_PREFIXES")]
+    subjects = [name.strip() for name in names if name.strip()]
+    labels = [label for name in file.parts("POINT:LABELS") for label in file.strings(name)]  # LABELS2 and so on
+    labels = [*labels[: layout.points], *[""] * (layout.points - len(labels))]
+    naming = name_markers(labels, _read_outputs(file), subjects)
+    positions, counts = decode_frames(file, layout, naming.keep, list_plate_channels(file, layout), metres)
     clean_positions(path, positions, unit, oddities)
     naming, positions = leave_out_objects(naming, positions)
-    oddities += [*naming.oddities, *_note_file_name(path, subjects)]
+    oddities += naming.oddities
+    stem = path.stem.casefold()
+    if any(len(name) > 2 and name.strip(":_-. ").casefold() in stem for name in subjects):
+        oddities.append(
+            "the file name contains the name of a subject from its header, and outputs show the file name: rename the "
+            "file to a pseudonym"
+        )
     stored = read_stored_plates(file, layout, counts, metres, options.force_units)
     del counts  # large in a long recording
     up = _find_vertical(file, stored, positions, options.vertical, oddities)
@@ -66,29 +75,6 @@ def read_c3d(path: Path, stream: BinaryIO, options: ReadingOptions) -> Recording
         left_out=naming.left_out,
         people=naming.people,
     )
-
-
-def _read_labels(file: C3DFile, layout: Layout) -> list[str]:
-    """Return a label for each point from POINT:LABELS, LABELS2 and so on; it is empty if the file has none."""
-    labels = [label for name in file.parts("POINT:LABELS") for label in file.strings(name)]
-    return [*labels[: layout.points], *[""] * (layout.points - len(labels))]
-
-
-def _read_subjects(file: C3DFile) -> list[str]:
-    """Return the names and label prefixes of subjects that the file declares."""
-    names = [*file.strings("SUBJECTS:NAMES"), *file.strings("SUBJECTS:LABEL_PREFIXES")]
-    return [name.strip() for name in names if name.strip()]
-
-
-def _note_file_name(path: Path, subjects: Sequence[str]) -> list[str]:
-    """Return a note if the file name contains the name of a subject, or else an empty list."""
-    stem = path.stem.casefold()
-    if not any(len(name) > 2 and name.strip(":_-. ").casefold() in stem for name in subjects):
-        return []
-    return [
-        "the file name contains the name of a subject from its header, and outputs show the file name: rename the file "
-        "to a pseudonym"
-    ]
 
 
 def _read_outputs(file: C3DFile) -> list[str]:

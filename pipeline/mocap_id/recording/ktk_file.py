@@ -17,9 +17,9 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.recording.clock import MARKER_HZ, SENSOR_HZ, EvenClock, fit_even_clock
-from mocap_id.recording.lab_plates import reverse_force_on_plate, rotate_plate
+from mocap_id.recording.lab_plates import reverse_force_on_plate
 from mocap_id.recording.marker_positions import MarkerTable, ReadingOptions, assemble_recording
-from mocap_id.recording.model import Plate, Recording
+from mocap_id.recording.model import Plate, Recording, rotate_plate
 from mocap_id.recording.units import ForceUnits, find_force_scale, find_length_scale, find_moment_scale
 
 MAGIC = b"PK\x03\x04"

@@ -140,7 +140,13 @@ def place_plate(stored: StoredPlate, rotation: FloatArray, start: float, rate: f
     if signals is not None:
         corners = signals.corners @ rotation.T
         axes = compute_plate_axes(corners)
-        problem = _find_pose_problem(axes)
+        if not np.isfinite(axes).all():
+            problem = "CORNERS do not form a rectangle"
+        elif axes[2, 2] > -0.5:
+            problem = (
+                f"CORNERS make its z axis point {'up' if axes[2, 2] > 0.5 else 'sideways'}; "
+                "the expected order is +x+y, -x+y, -x-y, +x-y with z down"
+            )
     if signals is None or problem:
         oddities.append(f"plate {stored.index} is not used: {problem}")
         missing = np.full((len(stored.ok), 3), np.nan)
@@ -153,25 +159,6 @@ def place_plate(stored: StoredPlate, rotation: FloatArray, start: float, rate: f
     oddities += _note_load_off_plate(plate)
     dead = tuple((name, axes[:, axis]) for name, axis in stored.dead)
     return replace(plate, assumptions=assumptions, saturated=stored.saturated, dead=dead)
-
-
-def _find_pose_problem(axes: FloatArray) -> str:
-    if not np.isfinite(axes).all():
-        return "CORNERS do not form a rectangle"
-    if axes[2, 2] > -0.5:
-        return (
-            f"CORNERS make its z axis point {'up' if axes[2, 2] > 0.5 else 'sideways'}; "
-            "the expected order is +x+y, -x+y, -x-y, +x-y with z down"
-        )
-    return ""
-
-
-def rotate_plate(plate: Plate, rotation: FloatArray) -> Plate:
-    """Return a plate in other axes; ``rotation`` (3, 3) converts vectors from the old to the new axes."""
-    corners = None if plate.corners is None else plate.corners @ rotation.T
-    dead = tuple((name, rotation @ direction) for name, direction in plate.dead)
-    force, moment = plate.force @ rotation.T, plate.moment @ rotation.T
-    return replace(plate, corners=corners, force=force, moment=moment, dead=dead)
 
 
 def reverse_force_on_plate(

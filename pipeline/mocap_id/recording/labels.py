@@ -63,7 +63,18 @@ def name_markers(
     split = [_split_prefix(strip_padding(text), known) for text in raw]
     bare, oddities = _remove_subjects(split, apart)
     declared = {part for name in outputs for part in (name.strip(), _split_prefix(name.strip(), known)[1])}
-    computed = _find_computed(bare, declared)
+    stems = {name[:-1] for name in bare if all(name[:-1] + axis in bare for axis in _SEGMENT_AXES) and name[:-1]}
+    computed = [
+        i
+        for i, name in enumerate(bare)
+        if name
+        and (
+            name in declared
+            or _OUTPUT.search(name)
+            or _JOINT_CENTRE.search(name)
+            or (name[:-1] in stems and name[-1] in _SEGMENT_AXES)
+        )
+    ]
     if computed:
         names = ", ".join(bare[i] for i in computed[:4]) + (" …" if len(computed) > 4 else "")
         oddities.append(f"{len(computed)} trajectories are computed, not measured, and were omitted: {names}")
@@ -236,21 +247,6 @@ def _remove_subjects(split: Sequence[tuple[str, str]], apart: bool) -> tuple[lis
         "others with `planarise: {ignore: ['subject-2:*']}`"
     )
     return [number[prefix] + name for prefix, name in split], [oddity]
-
-
-def _find_computed(names: Sequence[str], declared: set[str]) -> list[int]:
-    stems = {name[:-1] for name in names if all(name[:-1] + axis in names for axis in _SEGMENT_AXES) and name[:-1]}
-    return [
-        i
-        for i, name in enumerate(names)
-        if name
-        and (
-            name in declared
-            or _OUTPUT.search(name)
-            or _JOINT_CENTRE.search(name)
-            or (name[:-1] in stems and name[-1] in _SEGMENT_AXES)
-        )
-    ]
 
 
 def _make_unique(names: Sequence[str]) -> tuple[list[str], list[str]]:

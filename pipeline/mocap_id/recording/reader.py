@@ -89,7 +89,23 @@ def read(
         start = stream.read(_HEAD_BYTES)
         if start.startswith((b"\xff\xfe", b"\xfe\xff")):  # no binary format starts so
             check_encoding(markers, start)
-        parse = None if start.startswith(MAGIC) else _choose_parser(markers, start)
+        parse, suffix = None, markers.suffix.lower()
+        if not start.startswith(MAGIC):
+            parse = _find_parser(start)
+            if parse is None and suffix == ".trc":
+                parse = parse_trc  # its error says what is wrong
+            elif parse is None and suffix in _TEXTS:
+                check_encoding(markers, start)
+                if _find_parser(start.replace(b";", b",")) is not None:
+                    raise RecordingError(
+                        f"{markers}: its cells are separated by semicolons (;): export it with commas and with "
+                        "decimal points"
+                    )
+                raise RecordingError(
+                    f"{markers}: neither a QTM TSV, Motive CSV nor Nexus CSV export with its header; export it again "
+                    "with the header, or as C3D or TRC. The skeleton log of a depth camera goes into `recording: "
+                    "{skeleton: FILE}`"
+                )
         if parse is None:
             if forces is not None:
                 raise ConfigError(
@@ -138,24 +154,6 @@ def is_marker_text(path: Path) -> bool:
         return _find_parser(stream.read(_HEAD_BYTES)) is not None
 
 
-def _choose_parser(path: Path, start: bytes) -> Parser | None:
-    """Return the parser of a text file from its first bytes; None for C3D, RecordingError for another text format."""
-    parse = _find_parser(start)
-    if parse is None and path.suffix.lower() == ".trc":
-        return parse_trc  # its error says what is wrong
-    if parse is None and path.suffix.lower() in _TEXTS:
-        check_encoding(path, start)
-        if _find_parser(start.replace(b";", b",")) is not None:
-            raise RecordingError(
-                f"{path}: its cells are separated by semicolons (;): export it with commas and with decimal points"
-            )
-        raise RecordingError(
-            f"{path}: neither a QTM TSV, Motive CSV nor Nexus CSV export with its header; export it again with the "
-            "header, or as C3D or TRC. The skeleton log of a depth camera goes into `recording: {skeleton: FILE}`"
-        )
-    return parse
-
-
 def _check_kinds(markers: Path, forces: Path | None) -> None:
     """Raise ConfigError if a file is under the wrong key, judged by the endings of the file names."""
     if markers.suffix.lower() in _TABLES:
@@ -199,7 +197,13 @@ def _read_text_markers(path: Path, parse: Parser, forces: Path | None, options: 
     recording, rotation = assemble_recording(path, markers, force, options, oddities)
     oddities += [f"{forces.name}: {note}" for note in table.notes]
     plates = read_mot_plates(forces, table, columns, oddities, rotation=rotation, units=options.force_units)
-    _compare_spans(path, forces, markers.time, table.time, oddities)
+    a, b = markers.time, table.time
+    spans = f"{path.name} runs from {a[0]:g} to {a[-1]:g} s, {forces.name} from {b[0]:g} to {b[-1]:g} s"
+    if b[-1] < a[0] or b[0] > a[-1]:
+        raise RecordingError(f"{spans}: they do not overlap: they belong to different trials or have different clocks")
+    step = max((a[-1] - a[0]) / (len(a) - 1), (b[-1] - b[0]) / (len(b) - 1))
+    if abs(a[0] - b[0]) > 1.5 * step or abs(a[-1] - b[-1]) > 1.5 * step:
+        oddities.append(f"{spans}: forces are missing outside the common part")
     _compare_axes(recording, plates, force, forces)
     return replace(
         recording,
@@ -237,16 +241,3 @@ def _compare_axes(recording: Recording, plates: Sequence[Plate], force: FloatArr
             f"{recording.files[0].name} stand along {str(along).lstrip('-')}, {beside[longest]:.1f} m beside the "
             "force: the two files have different axes. Export both with the same axis up"
         )
-
-
-def _compare_spans(markers: Path, forces: Path, a: FloatArray, b: FloatArray, oddities: list[str]) -> None:
-    """Add a note if two files have different time spans; raise RecordingError if the spans do not overlap.
-
-    ``a`` and ``b`` are the times of markers and forces, s.
-    """
-    spans = f"{markers.name} runs from {a[0]:g} to {a[-1]:g} s, {forces.name} from {b[0]:g} to {b[-1]:g} s"
-    if b[-1] < a[0] or b[0] > a[-1]:
-        raise RecordingError(f"{spans}: they do not overlap: they belong to different trials or have different clocks")
-    step = max((a[-1] - a[0]) / (len(a) - 1), (b[-1] - b[0]) / (len(b) - 1))
-    if abs(a[0] - b[0]) > 1.5 * step or abs(a[-1] - b[-1]) > 1.5 * step:
-        oddities.append(f"{spans}: forces are missing outside the common part")

@@ -12,7 +12,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.c3d_plates import find_clipped
-from mocap_id.recording.clock import SENSOR_HZ, EvenClock, check_times, fit_even_clock
+from mocap_id.recording.clock import SENSOR_HZ, check_times, fit_even_clock
 from mocap_id.recording.held_samples import HeldSamples, find_held, list_held
 from mocap_id.recording.lab_plates import LOADED_N, reverse_force_on_plate
 from mocap_id.recording.model import Plate
@@ -65,7 +65,14 @@ def read_encoder(path: Path) -> EncoderLog:
     columns or empty cells, or its times do not increase. It is also raised if the velocity is not the derivative of the
     position.
     """
-    columns = _read_columns(path)
+    table = read_csv(path)
+    names = list(table.names)
+    if sorted(names) not in (sorted([TIME, POSITION, VELOCITY]), sorted([TIME, POSITION, VELOCITY, TORQUE])):
+        raise RecordingError(
+            f"{path}: has the columns {', '.join(names)[:_MAX_SHOWN]}, {_EXPECTED}: convert to the "
+            "units in these names and remove all other columns"
+        )
+    columns = dict(zip(names, table.numbers().T.copy(), strict=True))
     time, position, velocity = (columns[name] for name in (TIME, POSITION, VELOCITY))
     if len(time) < _MIN_ROWS:
         raise RecordingError(f"{path}: has {len(time)} rows, expected at least {_MIN_ROWS}")
@@ -78,35 +85,15 @@ def read_encoder(path: Path) -> EncoderLog:
             )
     check_times(path, time, f"`{TIME}`", SENSOR_HZ)
     _check_derivative(path, time, position, velocity)
-    rows = _find_held_rows(time, position, velocity)
+    # An encoder repeats its angle while the joint rests; it repeats it wrongly if the velocity there is not zero.
+    same = np.all(np.diff(np.column_stack([position, velocity]), axis=0) == 0.0, axis=1)
+    rows = np.zeros(len(time), dtype=np.bool_)
+    for run in find_runs(np.concatenate([[False], same])):
+        moved = abs(velocity[run.start]) * float(time[run.stop - 1] - time[run.start - 1])
+        rows[run] = run.stop - run.start >= _LEAST_HELD and moved > _HELD_MOVES
     held = list_held(f"the encoder ({path.name})", time, rows, np.zeros_like(rows))
     torque = columns.get(TORQUE)
     return EncoderLog(time[~rows], position[~rows], velocity[~rows], None if torque is None else torque[~rows], held)
-
-
-def _read_columns(path: Path) -> dict[str, FloatArray]:
-    table = read_csv(path)
-    names = list(table.names)
-    if sorted(names) not in (sorted([TIME, POSITION, VELOCITY]), sorted([TIME, POSITION, VELOCITY, TORQUE])):
-        raise RecordingError(
-            f"{path}: has the columns {', '.join(names)[:_MAX_SHOWN]}, {_EXPECTED}: convert to the "
-            "units in these names and remove all other columns"
-        )
-    return dict(zip(names, table.numbers().T.copy(), strict=True))
-
-
-def _find_held_rows(time: FloatArray, position: FloatArray, velocity: FloatArray) -> BoolArray:
-    """Return which rows (K,) repeat the row before.
-
-    An encoder repeats its angle while the joint rests. It repeats it wrongly if the velocity in these rows is not zero.
-    """
-    values = np.column_stack([position, velocity])
-    same = np.concatenate([[False], np.all(np.diff(values, axis=0) == 0.0, axis=1)])
-    found = np.zeros_like(same)
-    for run in find_runs(same):
-        moved = abs(velocity[run.start]) * float(time[run.stop - 1] - time[run.start - 1])
-        found[run] = run.stop - run.start >= _LEAST_HELD and moved > _HELD_MOVES
-    return found
 
 
 def _check_derivative(path: Path, time: FloatArray, position: FloatArray, velocity: FloatArray) -> None:
@@ -164,28 +151,23 @@ def read_force_log(path: Path) -> ForceLog:
             "other columns"
         )
     values = table.select(expected)
-    time = _space_evenly(path, values[:, 0])
+    stamps = values[:, 0]
+    check_times(path, stamps, f"`{TIME}`", SENSOR_HZ, pauses=True)
+    time = np.linspace(stamps[0], stamps[-1], len(stamps))
+    step = float(time[1] - time[0])
+    worst = int(np.argmax(np.abs(stamps - time)))
+    if abs(stamps[worst] - time[worst]) > _MAX_ERROR * step:
+        raise RecordingError(
+            f"{path}: the times are not evenly spaced: row {worst + 2} has {stamps[worst]:g} s, expected "
+            f"{time[worst]:g} s at {1 / step:.6g} Hz: samples are missing; export the file without gaps"
+        )
     loaded = np.any(values[:, 1:4] != 0.0, axis=1)
     rows = [each & loaded for each in find_held(values[:, 1:], (len(time) - 1) / float(np.ptp(time)))]
     values[rows[0] | rows[1], 1:] = np.nan
     held = list_held(f"the sensor in {path.name}", time, *rows)
-    resampled = np.column_stack([np.interp(time, values[:, 0], column) for column in values[:, 1:].T])
+    resampled = np.column_stack([np.interp(time, stamps, column) for column in values[:, 1:].T])
     moment = resampled[:, 3:] if len(expected) > len(FORCE) + 1 else np.zeros((len(time), 3))
     return ForceLog(float(time[0]), float((len(time) - 1) / (time[-1] - time[0])), resampled[:, :3], moment, held)
-
-
-def _space_evenly(path: Path, time: FloatArray) -> FloatArray:
-    """Return K evenly spaced times from the first to the last time, s; RecordingError if samples are missing."""
-    check_times(path, time, f"`{TIME}`", SENSOR_HZ, pauses=True)
-    even = np.linspace(time[0], time[-1], len(time))
-    step = float(even[1] - even[0])
-    worst = int(np.argmax(np.abs(time - even)))
-    if abs(time[worst] - even[worst]) > _MAX_ERROR * step:
-        raise RecordingError(
-            f"{path}: the times are not evenly spaced: row {worst + 2} has {time[worst]:g} s, expected "
-            f"{even[worst]:g} s at {1 / step:.6g} Hz: samples are missing; export the file without gaps"
-        )
-    return np.asarray(even)
 
 
 @dataclass(frozen=True)
@@ -204,33 +186,25 @@ def read_angles(path: Path, columns: Collection[str]) -> AngleTable:
     the file lacks a column. Raises RecordingError if the file is missing or not such a table, its times do not
     increase, or a CSV column name has no unit.
     """
-    return _read_csv_angles(path, columns) if path.suffix.lower() == ".csv" else _read_motion_angles(path, columns)
-
-
-def _read_motion_angles(path: Path, columns: Collection[str]) -> AngleTable:
-    table = read_table(path)
-    _check_columns(path, columns, table.columns)
-    factor = np.pi / 180.0 if table.in_degrees else 1.0
-    return AngleTable(table.time, {name: table[name] * factor for name in columns})
-
-
-def _read_csv_angles(path: Path, columns: Collection[str]) -> AngleTable:
+    if path.suffix.lower() != ".csv":
+        motion = read_table(path)
+        _check_columns(path, columns, motion.columns)
+        factor = np.pi / 180.0 if motion.in_degrees else 1.0
+        return AngleTable(motion.time, {name: motion[name] * factor for name in columns})
     table = read_csv(path)
     names = list(table.names)
     if names[0] not in _TIME:
         raise RecordingError(f"{path}: the first column is {names[:1]}, expected `time_s`")
     _check_columns(path, columns, names[1:])
     values = table.numbers()
-    time = values[:, 0]
-    check_times(path, time, f"`{names[0]}`", SENSOR_HZ, pauses=True)
-    return AngleTable(time, {name: values[:, names.index(name, 1)] * _find_factor(path, name) for name in columns})
-
-
-def _find_factor(path: Path, name: str) -> float:
-    for ending, factor in _TO_RAD.items():
-        if name.lower().endswith(ending):
-            return factor
-    raise RecordingError(f"{path}: column {name} has no unit in its name: the name must end in _deg or _rad")
+    check_times(path, values[:, 0], f"`{names[0]}`", SENSOR_HZ, pauses=True)
+    angles = {}
+    for name in columns:
+        factors = [factor for ending, factor in _TO_RAD.items() if name.lower().endswith(ending)]
+        if not factors:
+            raise RecordingError(f"{path}: column {name} has no unit in its name: the name must end in _deg or _rad")
+        angles[name] = values[:, names.index(name, 1)] * factors[0]
+    return AngleTable(values[:, 0], angles)
 
 
 def _check_columns(path: Path, columns: Collection[str], existing: Collection[str]) -> None:
@@ -284,19 +258,17 @@ def find_force_columns(path: Path, table: MotionTable) -> list[ForceColumns]:
             f"{path}: no column is a ground force ({', '.join(table.columns[:3])} …); expected names such as "
             "ground_force_1_vx, ground_force_1_px, ground_torque_1_x"
         )
-    return [_find_triples(path, name, parts) for name, parts in groups.items()]
-
-
-def _find_triples(path: Path, name: str, parts: dict[str, dict[str, int]]) -> ForceColumns:
-    triples: dict[str, tuple[int, int, int] | None] = {}
-    for what in ("force", "point", "moment"):
-        axes = parts.get(what, {})
-        if axes and set(axes) != set("xyz"):
-            raise RecordingError(f"{path}: the {what} {name or '(unnamed)'} has only the components {sorted(axes)}")
-        triples[what] = (axes["x"], axes["y"], axes["z"]) if axes else None
-    force = triples["force"]
-    assert force is not None
-    return ForceColumns(name, force, triples["point"], triples["moment"])
+    plates = []
+    for name, parts in groups.items():
+        triples: dict[str, tuple[int, int, int]] = {}
+        for what in ("force", "point", "moment"):
+            axes = parts.get(what, {})
+            if axes and set(axes) != set("xyz"):
+                raise RecordingError(f"{path}: the {what} {name or '(unnamed)'} has only the components {sorted(axes)}")
+            if axes:
+                triples[what] = axes["x"], axes["y"], axes["z"]
+        plates.append(ForceColumns(name, triples["force"], triples.get("point"), triples.get("moment")))
+    return plates
 
 
 def read_mot_plates(
@@ -316,50 +288,42 @@ def read_mot_plates(
     clock = fit_even_clock(path, table.time, fastest=SENSOR_HZ)
     if clock.rounding_note:
         oddities.append(f"{path.name}: {clock.rounding_note}")
-    return tuple(
-        _read_plate(table, each, index, clock, oddities, rotation=rotation, units=units)
-        for index, each in enumerate(columns, start=1)
-    )
-
-
-def _read_plate(
-    table: MotionTable,
-    columns: ForceColumns,
-    index: int,
-    clock: EvenClock,
-    oddities: list[str],
-    *,
-    rotation: FloatArray,
-    units: ForceUnits,
-) -> Plate:
-    force = table.values[:, columns.force] @ rotation.T * units.factor("force")
-    if columns.point is None:
-        moment, problem = np.full_like(force, np.nan), "the table has no point of application"
-    else:
-        free: FloatArray | float = 0.0
-        if columns.moment is None:
-            oddities.append(f"plate {index} ({columns.name}): no moment columns, a free moment of 0 was assumed")
+    plates = []
+    for index, each in enumerate(columns, start=1):
+        force = table.values[:, each.force] @ rotation.T * units.factor("force")
+        if each.point is None:
+            moment, problem = np.full_like(force, np.nan), "the table has no point of application"
         else:
-            free = table.values[:, columns.moment] @ rotation.T * units.factor("moment")
-        moment, problem = np.cross(table.values[:, columns.point] @ rotation.T, force) + free, ""
-    force, moment = reverse_force_on_plate(index, force, moment, np.isfinite(force[:, 2]), oddities)
-    if not np.any(force):
-        oddities.append(f"plate {index} ({columns.name}) is zero throughout")
-    if problem:
-        oddities.append(f"plate {index} is not used: {problem}")
-        force = np.full_like(force, np.nan)
-    finite = np.asarray(np.isfinite(force).all(axis=1) & np.isfinite(moment).all(axis=1))
-    full = find_clipped(force[:, 2]) if finite.any() else ~finite
-    if full.any():
-        oddities.append(f"plate {index}: {int(full.sum())} samples are saturated: they repeat an extreme of the load")
-    plate = Plate(index, "mot", None, force, moment, finite & ~full, clock.rate, clock.start, problem)
-    loaded = finite.any() and np.ptp(force[finite, 2]) > LOADED_N
-    dead = tuple(
-        (table.columns[column], rotation[:, axis])
-        for axis, column in enumerate(columns.force)
-        if loaded and np.ptp(table.values[finite, column]) == 0.0
-    )
-    return replace(plate, saturated=full if full.any() else None, dead=dead)
+            free: FloatArray | float = 0.0
+            if each.moment is None:
+                oddities.append(f"plate {index} ({each.name}): no moment columns, a free moment of 0 was assumed")
+            else:
+                free = table.values[:, each.moment] @ rotation.T * units.factor("moment")
+            moment, problem = np.cross(table.values[:, each.point] @ rotation.T, force) + free, ""
+        force, moment = reverse_force_on_plate(index, force, moment, np.isfinite(force[:, 2]), oddities)
+        if not np.any(force):
+            oddities.append(f"plate {index} ({each.name}) is zero throughout")
+        if problem:
+            oddities.append(f"plate {index} is not used: {problem}")
+            force = np.full_like(force, np.nan)
+        finite = np.asarray(np.isfinite(force).all(axis=1) & np.isfinite(moment).all(axis=1))
+        full = find_clipped(force[:, 2]) if finite.any() else ~finite
+        if full.any():
+            oddities.append(
+                f"plate {index}: {int(full.sum())} samples are saturated: they repeat an extreme of the load"
+            )
+        loaded = finite.any() and np.ptp(force[finite, 2]) > LOADED_N
+        dead = tuple(
+            (table.columns[column], rotation[:, axis])
+            for axis, column in enumerate(each.force)
+            if loaded and np.ptp(table.values[finite, column]) == 0.0
+        )
+        saturated = full if full.any() else None
+        ok = finite & ~full
+        plates.append(
+            Plate(index, "mot", None, force, moment, ok, clock.rate, clock.start, problem, (), saturated, dead)
+        )
+    return tuple(plates)
 
 
 CELLS = ("tl_kg", "tr_kg", "bl_kg", "br_kg")
@@ -434,24 +398,20 @@ def read_board(path: Path, loads: Path | None = None) -> BoardLog:
     held = list_held(f"the balance board ({path.name})", time, *rows)
     stretches = [np.searchsorted(time[kept], first) for each in held for first, _ in each.stretches]
     long = sum(time[kept][k] - time[kept][k - 1] > _LONGEST_GAP_S for k in stretches if 0 < k < kept.sum())
-    return replace(log, held=held, gaps=log.gaps - int(long), problem=_find_dead_cells(cells))
-
-
-def _find_dead_cells(cells: FloatArray) -> str:
-    """Return which cells of the loads (K, 4), kg, do not follow the person although others do; empty if all follow."""
-    varies = np.ptp(np.percentile(cells, [1, 99], axis=0), axis=0)
+    # A cell is dead if it does not follow the person although others do.
+    problem, varies = "", np.ptp(np.percentile(cells, [1, 99], axis=0), axis=0)
     dead = varies < _DEAD_SHARE * varies.max() if varies.max() > _MOVED_KG else np.ptp(cells, axis=0) == 0.0
-    if not dead.any() or dead.all():
-        return ""
-    listed = ", ".join(
-        f"`{name}` stays near {np.median(values):.1f} kg"
-        for name, values in zip(np.array(CELLS)[dead], cells.T[dead], strict=True)
-    )
-    return (
-        f"{listed} while the load of the other cells varies by up to {varies.max():.0f} kg: the cell is dead or its "
-        "column is wrong. Mass, force and centre of pressure would be wrong; check the board with a known weight on "
-        "each corner"
-    )
+    if dead.any() and not dead.all():
+        listed = ", ".join(
+            f"`{name}` stays near {np.median(each):.1f} kg"
+            for name, each in zip(np.array(CELLS)[dead], cells.T[dead], strict=True)
+        )
+        problem = (
+            f"{listed} while the load of the other cells varies by up to {varies.max():.0f} kg: the cell is dead or "
+            "its column is wrong. Mass, force and centre of pressure would be wrong; check the board with a known "
+            "weight on each corner"
+        )
+    return replace(log, held=held, gaps=log.gaps - int(long), problem=problem)
 
 
 def calibrate_cells(values: FloatArray) -> tuple[FloatArray, FloatArray]:

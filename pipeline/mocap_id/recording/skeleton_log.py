@@ -84,12 +84,15 @@ def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None 
     clean_positions(path, rows.positions, unit, oddities)
     check_depth(path, rows.positions, oddities)
     check_times(path, rows.time, "the time", SKELETON_HZ, repeated=True)
-    reasons = (
-        *rows.reasons,
-        *undo_exchanges(rows.labels, rows.time, rows.positions, rows.inferred),
-        *find_other_person(path, rows.time, rows.positions),
-        *_leave_out_held(rows),
-    )
+    exchanged = undo_exchanges(rows.labels, rows.time, rows.positions, rows.inferred)
+    others = find_other_person(path, rows.time, rows.positions)
+    held: list[HeldSamples] = []  # positions that software repeated or interpolated
+    rate = (len(rows.time) - 1) / float(np.ptp(rows.time))
+    for number, label in enumerate(rows.labels):
+        found = find_held(rows.positions[:, number], rate)
+        held += list_held(f"joint {label}", rows.time, *found)
+        rows.positions[found[0] | found[1], number] = np.nan
+    reasons = (*rows.reasons, *exchanged, *others, *describe_held(held))
     time, positions, inferred = _interpolate(path, rows, oddities)
     rotate_z_up(positions, axis)
     recording = Recording(
@@ -107,17 +110,6 @@ def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None 
         oddities=tuple(oddities),
     )
     return SkeletonRecording(recording, inferred, reasons)
-
-
-def _leave_out_held(rows: _Rows) -> tuple[Reason, ...]:
-    """Set positions that software repeated or interpolated to NaN, in place, and return a reason if there are any."""
-    held: list[HeldSamples] = []
-    rate = (len(rows.time) - 1) / float(np.ptp(rows.time))
-    for number, label in enumerate(rows.labels):
-        found = find_held(rows.positions[:, number], rate)
-        held += list_held(f"joint {label}", rows.time, *found)
-        rows.positions[found[0] | found[1], number] = np.nan
-    return describe_held(held)
 
 
 def _read_rows(path: Path, oddities: list[str]) -> _Rows:
@@ -210,9 +202,22 @@ def _leave_out_short_rows(table: TextTable, values: FloatArray) -> tuple[Reason,
 def _interpolate(path: Path, rows: _Rows, oddities: list[str]) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Return times (F,) with a constant step, s, positions (F, M, 3), and whether each is inferred (F, M).
 
-    Positions are interpolated linearly between rows; they are NaN where rows are missing.
+    Positions are interpolated linearly between rows; they are NaN where rows are missing. Rows that repeat the time of
+    the row before are left out; RecordingError if many of them have other positions.
     """
-    rows = _drop_repeated_times(path, rows, oddities)
+    keep = np.diff(rows.time, prepend=-np.inf) > 0
+    if not keep.all():
+        again = np.flatnonzero(~keep)
+        same = (rows.positions[again] == rows.positions[again - 1]) | np.isnan(rows.positions[again])
+        unlike = int(np.count_nonzero(~same.all(axis=(1, 2))))
+        if unlike > _MANY_REPEATED * len(keep):
+            raise RecordingError(
+                f"{path}: {unlike} of {len(keep)} rows have the time of the row before, but other positions: the times "
+                "are rounded too coarsely; expected a time for each row. Export them in seconds with at least three "
+                "decimals"
+            )
+        oddities.append(f"{path.name}: {len(again)} rows repeat the time of the row before and were left out")
+        rows = replace(rows, time=rows.time[keep], positions=rows.positions[keep], inferred=rows.inferred[keep])
     if len(rows.time) < _LEAST_ROWS:
         raise RecordingError(f"{path}: has {len(rows.time)} rows with different times, expected at least {_LEAST_ROWS}")
     steps = np.diff(rows.time)
@@ -237,23 +242,6 @@ def _interpolate(path: Path, rows: _Rows, oddities: list[str]) -> tuple[FloatArr
             + (f"; {missing} of {count} samples, where rows are missing, were left empty" if missing else "")
         )
     return time, positions, inferred
-
-
-def _drop_repeated_times(path: Path, rows: _Rows, oddities: list[str]) -> _Rows:
-    """Return the rows without repeated times; RecordingError if such rows have other positions."""
-    keep = np.diff(rows.time, prepend=-np.inf) > 0
-    if keep.all():
-        return rows
-    again = np.flatnonzero(~keep)
-    same = (rows.positions[again] == rows.positions[again - 1]) | np.isnan(rows.positions[again])
-    others = int(np.count_nonzero(~same.all(axis=(1, 2))))
-    if others > _MANY_REPEATED * len(keep):
-        raise RecordingError(
-            f"{path}: {others} of {len(keep)} rows have the time of the row before, but other positions: the times are "
-            "rounded too coarsely; expected a time for each row. Export them in seconds with at least three decimals"
-        )
-    oddities.append(f"{path.name}: {len(again)} rows repeat the time of the row before and were left out")
-    return replace(rows, time=rows.time[keep], positions=rows.positions[keep], inferred=rows.inferred[keep])
 
 
 _BODY = 6  # least number of joints of a body; the checks need so many

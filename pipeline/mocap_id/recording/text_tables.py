@@ -263,7 +263,9 @@ def parse_table(path: Path, text: str) -> MotionTable:
     header = next((i for i, line in enumerate(lines[:_HEADER_LINES]) if line.strip().lower() == "endheader"), None)
     if header is None:
         raise RecordingError(f"{path}: not a MOT or STO table: no 'endheader' in its first {_HEADER_LINES} lines")
-    keys = _read_header_values(lines[:header])
+    # values by lower-case name: `name=value` of OpenSim, or `name value` of SIMM
+    matches = filter(None, map(_HEADER_VALUE.match, lines[:header]))
+    keys = {match["key"].lower(): match["value"].strip() for match in matches}
     start = next((i for i in range(header + 1, len(lines)) if lines[i].strip()), len(lines))
     sample = next((line for line in lines[start + 1 :] if line.strip()), None)
     if sample is None:
@@ -277,38 +279,20 @@ def parse_table(path: Path, text: str) -> MotionTable:
     notes = table.check_count(declared, values, ended=has_final_line_end(text))
     filled = np.flatnonzero(~np.isnan(values).all(axis=0))
     columns, values = [names[column] for column in filled], values[:, filled]
-    columns, values = _put_time_first(path, columns, values, keys.get("range", ""), notes)
+    if not columns or columns[0].lower() not in _TIME:  # a SIMM table without times has a range in its header
+        declared_range = keys.get("range", "")
+        span = [float(word) for word in declared_range.split() if _DECIMAL.fullmatch(word)]
+        if any(name.lower() in _TIME for name in columns) or len(span) != 2 or len(values) < 2:
+            raise RecordingError(f"{path}: the first column is {columns[:1]}, expected 'time'")
+        notes.append(
+            f"the table has no times: its rows were spread evenly over the range of its header, {declared_range} s"
+        )
+        columns = ["time", *columns]
+        values = np.column_stack([np.linspace(span[0], span[1], len(values)), values])
     time = values[:, 0]
     check_times(path, time, "`time`", SENSOR_HZ, pauses=True)
     in_degrees = keys.get("indegrees", "no").lower() == "yes"
     return MotionTable(time, tuple(columns[1:]), values[:, 1:], in_degrees, tuple(notes))
-
-
-def _read_header_values(lines: Sequence[str]) -> dict[str, str]:
-    """Return the values of a header by lower-case name: ``name=value`` of OpenSim, or ``name value`` of SIMM."""
-    found: dict[str, str] = {}
-    for line in lines:
-        match = _HEADER_VALUE.match(line)
-        if match is not None:
-            found[match["key"].lower()] = match["value"].strip()
-    return found
-
-
-def _put_time_first(
-    path: Path, columns: list[str], values: FloatArray, declared: str, notes: list[str]
-) -> tuple[list[str], FloatArray]:
-    """Return the names and the values of the columns, with the time first.
-
-    If a SIMM table has no times, they are spread evenly over the range in its header, and a note is added to ``notes``.
-    Raises RecordingError if the first column is not the time and there is no such range.
-    """
-    if columns and columns[0].lower() in _TIME:
-        return columns, values
-    span = [float(word) for word in declared.split() if _DECIMAL.fullmatch(word)]
-    if any(name.lower() in _TIME for name in columns) or len(span) != 2 or len(values) < 2:
-        raise RecordingError(f"{path}: the first column is {columns[:1]}, expected 'time'")
-    notes.append(f"the table has no times: its rows were spread evenly over the range of its header, {declared} s")
-    return ["time", *columns], np.column_stack([np.linspace(span[0], span[1], len(values)), values])
 
 
 def parse_count(declared: str | None) -> int | None:
@@ -373,17 +357,6 @@ _AXIS = re.compile(r"[XYZ]\d+")
 _SHORT_KEYS = {"nummarker": "nummarkers", "numframe": "numframes"}  # spellings of other programs, by lower-case name
 
 
-@dataclass(frozen=True)
-class _Header:
-    """Header of a TRC file."""
-
-    values: dict[str, str]  # named values, by lower-case name
-    names: list[str]  # cells of the line with marker names
-    axes: int  # number of cells such as X1
-    first_row: int  # index of the first row of numbers
-    separator: str | None  # None if white space separates the cells
-
-
 def parse_trc(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     """Parse the text of a TRC file.
 
@@ -391,107 +364,94 @@ def parse_trc(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     they contradict each other, the number on which all of them but one agree is used, with a note in ``oddities``.
     Raises RecordingError if the text is not a TRC file, contradicts itself or is truncated.
     """
+    # The lines of the header are found by their content; lines may be missing or added.
     lines = split_lines(text)
-    header = _find_header(path, lines)
-    body = lines[header.first_row :]
-    if all(row[:1] in ("\t", "") for row in body):  # the first column is blank
-        body = [row[1:] for row in body]
-    separator = _find_row_separator(body[0], header.separator)
-    labels, table = _cut_table(path, header, body, separator, oddities)
-    rows = table.numbers()
-    table.check_triples(rows, 2)
-    declared = parse_count(header.values.get("numframes"))
-    if declared is None:
-        stated = header.values.get("numframes", "")[:40]
-        oddities.append(f"the header has no valid number of frames ({stated!r}): {len(rows)} were read")
-    oddities += table.check_count(declared, rows, ended=has_final_line_end(text))
-    frames = check_frame_numbers(path, np.where(np.isfinite(rows[:, 1]), rows[:, 0], np.nan), consecutive=False)
-    time, rate = fit_clock(path, header.values.get("datarate", ""), rows[:, 1], oddities, "DataRate")
-    units = header.values.get("units", "")
-    return MarkerTable("TRC", labels, frames, time, rows[:, 2:].reshape(len(rows), -1, 3), rate, units, "Y")
-
-
-def _find_header(path: Path, lines: Sequence[str]) -> _Header:
-    """Find the lines of the header by their content; lines may be missing or added."""
     if not lines:
         raise RecordingError(f"{path}: the file is empty")
-    names = next((k for k in range(1, min(len(lines), _TRC_TABLE_HEADER_LINES)) if _NAMES.match(lines[k])), None)
-    if "pathfiletype" not in lines[0].lower() or (names is None and len(lines) >= 5):
+    named = next((k for k in range(1, min(len(lines), _TRC_TABLE_HEADER_LINES)) if _NAMES.match(lines[k])), None)
+    if "pathfiletype" not in lines[0].lower() or (named is None and len(lines) >= 5):
         raise RecordingError(f"{path}: not a TRC file: the first line is {lines[0][:40]!r}, expected 'PathFileType …'")
-    if names is None:
+    if named is None:
         raise RecordingError(f"{path}: the file ends within its header; copy or export it again")
-    keys = next((k for k in range(1, names) if "datarate" in lines[k].lower()), None)
-    if keys is None:
+    at = next((k for k in range(1, named) if "datarate" in lines[k].lower()), None)
+    if at is None:
         raise RecordingError(
             f"{path}: the second line should contain DataRate, NumMarkers, Units …; export it again as TRC"
         )
-    following = next((line for line in lines[keys + 1 : names] if line.strip()), "")
-    values = _parse_values(lines[keys], following)
-    first = next((k for k in range(names + 1, len(lines)) if lines[k].lstrip()[:1].isdigit()), None)
-    if first is None:
-        raise RecordingError(f"{path}: no frames follow the header")
-    separator = next((each for each in ("\t", ",") if each in lines[names]), None)
-    axes = sum(len(_AXIS.findall(line)) for line in lines[names + 1 : first])
-    cells = lines[names].rstrip().rstrip(separator).split(separator)
-    if separator == "\t" and sum(map(bool, cells)) <= 2:  # spaces separate the names
-        separator, cells = None, lines[names].split()
-    return _Header(values, [cell.strip() for cell in cells], axes, first, separator)
-
-
-def _parse_values(names: str, line: str) -> dict[str, str]:
-    """Return the header's values by lower-case name; a value may contain spaces only if tabs separate the values."""
-    separator = "," if "," in names and "\t" not in names else "\t"
-    keys = [key.lower() for key in names.replace(separator, " ").split()]
-    cells = [cell.strip() for cell in line.split(separator)]
-    words = line.replace(separator, " ").split()
+    # Values by lower-case name; a value may contain spaces only if tabs separate the values.
+    between = "," if "," in lines[at] and "\t" not in lines[at] else "\t"
+    keys = [key.lower() for key in lines[at].replace(between, " ").split()]
+    following = next((line for line in lines[at + 1 : named] if line.strip()), "")
+    cells, words = [cell.strip() for cell in following.split(between)], following.replace(between, " ").split()
     if len(words) >= len(keys) and len(cells) != len(keys):  # a blank cell would shift the words
         cells = words
-    return dict(zip((_SHORT_KEYS.get(key, key) for key in keys), cells, strict=False))
-
-
-def _find_row_separator(row: str, separator: str | None) -> str | None:
-    """Return the separator of the rows; None if white space separates them, so that no cell can be blank."""
-    separator = separator if separator == "," else "\t"
-    if separator in row and len(row.split(separator, 1)[0].split()) == 1:
-        return separator
-    return None
-
-
-def _cut_table(
-    path: Path, header: _Header, body: Sequence[str], separator: str | None, oddities: list[str]
-) -> tuple[list[str], TextTable]:
-    """Return the marker names, and a table of the rows without the columns to the right of the named markers."""
-    filled = [row.rstrip() if separator is None else row.rstrip().rstrip(separator) for row in body]
-    counts = [len(row.split()) if separator is None else row.count(separator) + 1 for row in filled]
-    labels = _find_labels(path, header, max(counts), oddities)
+    header = dict(zip((_SHORT_KEYS.get(key, key) for key in keys), cells, strict=False))
+    first = next((k for k in range(named + 1, len(lines)) if lines[k].lstrip()[:1].isdigit()), None)
+    if first is None:
+        raise RecordingError(f"{path}: no frames follow the header")
+    # Marker names, and the number of cells such as X1
+    separator = next((each for each in ("\t", ",") if each in lines[named]), None)
+    names = lines[named].rstrip().rstrip(separator).split(separator)
+    if separator == "\t" and sum(map(bool, names)) <= 2:  # spaces separate the names
+        separator, names = None, lines[named].split()
+    names = [name.strip() for name in names[2:]]
+    axes = sum(len(_AXIS.findall(line)) for line in lines[named + 1 : first])
+    # Rows, without the columns to the right of the named markers
+    body = lines[first:]
+    if all(row[:1] in ("\t", "") for row in body):  # the first column is blank
+        body = [row[1:] for row in body]
+    usual = "," if separator == "," else "\t"
+    separated = usual in body[0] and len(body[0].split(usual, 1)[0].split()) == 1
+    mark = usual if separated else None  # None: white space separates the cells, so that no cell can be blank
+    filled = [row.rstrip() if mark is None else row.rstrip().rstrip(mark) for row in body]
+    counts = [len(row.split()) if mark is None else row.count(mark) + 1 for row in filled]
+    numbers = {"NumMarkers": parse_count(header.get("nummarkers")), "the X1 Y1 Z1 line": axes // 3 or None}
+    labels = _find_labels(path, names, numbers, max(counts), oddities, spaces=separator is None)
     width = 2 + 3 * len(labels)
-    if separator is None:
+    if mark is None:
         odd = next((k for k, count in enumerate(counts) if count not in (0, width)), None)
         if odd is not None:
             raise RecordingError(
-                f"{path}: line {header.first_row + odd + 1} has {counts[odd]} cells between spaces, expected {width}: "
+                f"{path}: line {first + odd + 1} has {counts[odd]} cells between spaces, expected {width}: "
                 "a missing marker cannot be located; export the file with tabs"
             )
-    rows = list(body)
-    if max(counts) > width:
-        assert separator is not None
-        rows = [separator.join(row.split(separator)[:width]) if separator in row else row for row in rows]
-    names = ["Frame#", "Time", *(f"{axis}{marker}" for marker in range(1, len(labels) + 1) for axis in "XYZ")]
-    return labels, TextTable(path, names, rows, header.first_row + 1, separator)
+    elif max(counts) > width:
+        body = [mark.join(row.split(mark)[:width]) if mark in row else row for row in body]
+    columns = ["Frame#", "Time", *(f"{axis}{marker}" for marker in range(1, len(labels) + 1) for axis in "XYZ")]
+    table = TextTable(path, columns, body, first + 1, mark)
+    rows = table.numbers()
+    table.check_triples(rows, 2)
+    declared = parse_count(header.get("numframes"))
+    if declared is None:
+        stated = header.get("numframes", "")[:40]
+        oddities.append(f"the header has no valid number of frames ({stated!r}): {len(rows)} were read")
+    oddities += table.check_count(declared, rows, ended=has_final_line_end(text))
+    frames = check_frame_numbers(path, np.where(np.isfinite(rows[:, 1]), rows[:, 0], np.nan), consecutive=False)
+    time, rate = fit_clock(path, header.get("datarate", ""), rows[:, 1], oddities, "DataRate")
+    units = header.get("units", "")
+    return MarkerTable("TRC", labels, frames, time, rows[:, 2:].reshape(len(rows), -1, 3), rate, units, "Y")
 
 
-def _find_labels(path: Path, header: _Header, widest: int, oddities: list[str]) -> list[str]:
-    """Return the marker names in the order of the columns.
+def _find_labels(
+    path: Path,
+    cells: Sequence[str],
+    numbers: dict[str, int | None],
+    widest: int,
+    oddities: list[str],
+    *,
+    spaces: bool,
+) -> list[str]:
+    """Return the marker names of a TRC file in the order of the columns.
 
     Names usually start three columns apart. If they do not, they belong to the columns in their order, provided that
-    every other line has as many markers as there are names.
+    every other line has as many markers as there are names. ``cells`` are the cells of the line with the names, with
+    ``spaces`` between them; ``numbers`` are the numbers of markers in other lines, and ``widest`` is the number of
+    cells in the widest row.
     """
-    cells = header.names[2:]
-    spaced = cells[::3] if header.separator is not None else cells
+    spaced = list(cells) if spaces else list(cells[::3])
     listed = [cell for cell in cells if cell]
-    in_place = header.separator is None or not any(cell for k, cell in enumerate(cells) if k % 3)
-    declared = parse_count(header.values.get("nummarkers"))
-    numbers = {"NumMarkers": declared, "the X1 Y1 Z1 line": header.axes // 3 or None}
+    in_place = spaces or not any(cell for k, cell in enumerate(cells) if k % 3)
+    declared = numbers["NumMarkers"]
     stated = {name: count for name, count in numbers.items() if count is not None}
     width = -(-(widest - 2) // 3)
     if not listed:
@@ -504,29 +464,23 @@ def _find_labels(path: Path, header: _Header, widest: int, oddities: list[str]) 
             f"all other lines have as many markers ({found}; rows with the coordinates of {width})"
         )
         return listed
-    if not in_place or (header.separator is None and others and len(spaced) not in others):
+    if not in_place or (spaces and others and len(spaced) not in others):
         raise RecordingError(
             f"{path}: the lines contradict each other on the number of markers: {len(listed)} names, which are not "
             f"three columns apart; {found or 'no NumMarkers'}; rows with the coordinates of {width}. Correct the "
             "header, or export it again"
         )
     if width > len(spaced):
-        _note_extra_columns(path, len(spaced), widest - 2, stated, oddities)
+        if (widest - 2) % 3 or len(spaced) not in others:
+            raise RecordingError(
+                f"{path}: the widest row has {widest} cells, expected at most {2 + 3 * len(spaced)} for {len(spaced)} "
+                f"names ({found or 'no NumMarkers'}); export it again"
+            )
+        agreeing = " and ".join(name for name, count in stated.items() if count == len(spaced))
+        oddities.append(
+            f"{width - len(spaced)} trajectories to the right of the {len(spaced)} named markers have no name and were "
+            f"not read ({agreeing} also has {len(spaced)})"
+        )
     elif declared is not None and declared != len(spaced):
         oddities.append(f"the header declares {declared} markers but names {len(spaced)}: the named markers were read")
     return spaced
-
-
-def _note_extra_columns(path: Path, named: int, columns: int, stated: dict[str, int], oddities: list[str]) -> None:
-    """Add a note if whole triples of columns follow those of the named markers; RecordingError for other columns."""
-    if columns % 3 or named not in stated.values():
-        found = ", ".join(f"{name} {count}" for name, count in stated.items()) or "no NumMarkers"
-        raise RecordingError(
-            f"{path}: the widest row has {2 + columns} cells, expected at most {2 + 3 * named} for {named} names "
-            f"({found}); export it again"
-        )
-    agreeing = " and ".join(name for name, count in stated.items() if count == named)
-    oddities.append(
-        f"{columns // 3 - named} trajectories to the right of the {named} named markers have no name and were not read "
-        f"({agreeing} also has {named})"
-    )

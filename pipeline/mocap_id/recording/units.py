@@ -165,17 +165,12 @@ class ForceUnits:
         return self.force is not None or self.moment is not None
 
 
-@dataclass(frozen=True)
-class ChannelScales:
-    """Factors that convert the C channels of a plate to N, m and N·m."""
+def find_channel_scales(
+    kind: int, declared: Sequence[str], metres: float, configured: ForceUnits
+) -> tuple[FloatArray, list[str], list[str]]:
+    """Return the factors (C,) that convert the channels of a plate of type 1, 2 or 3 to N, m and N·m.
 
-    factors: FloatArray  # (C,)
-    assumptions: tuple[str, ...]  # sentences about units that the file does not declare and that were assumed
-    oddities: tuple[str, ...]  # sentences about contradictory declarations
-
-
-def find_channel_scales(kind: int, declared: Sequence[str], metres: float, configured: ForceUnits) -> ChannelScales:
-    """Return the unit factors of every channel of a plate of type 1, 2 or 3.
+    Sentences follow about units that were assumed because the file does not declare them, and about contradictions.
 
     ``declared`` are the ANALOG:UNITS of the channels, empty if undeclared; ``metres`` is the size of POINT:UNITS, m.
     Every channel has its declared unit, unless ``configured`` replaces it. A missing unit is taken from the other
@@ -195,11 +190,28 @@ def find_channel_scales(kind: int, declared: Sequence[str], metres: float, confi
         at = np.flatnonzero(quantities == quantity)
         own = [names[i] for i in at]
         if (override := configured[quantity]) is not None:
-            own, found = _override_units(quantity, own, override)
-            oddities += found
+            scale_of = _SCALES[quantity]
+            other = sorted({name for name in own if name and scale_of(name) != scale_of(override)})
+            if other:
+                oddities.append(
+                    f"its {quantity} channels declare {', '.join(other)}, the configuration says {override}: "
+                    f"{override} was used"
+                )
+            own = [override] * len(own)
         elif only_newtons and quantity != "force":
             own = [""] * len(own)
-        scales = _find_declared(quantity, own)
+        scales = [_SCALES[quantity](name) for name in own]
+        wrong = sorted({name for name, scale in zip(own, scales, strict=True) if name and scale is None})
+        if wrong:
+            remedy = (
+                f"if you know it, set `planarise: {{{quantity}_unit: …}}` in the configuration"
+                if quantity != "point"
+                else "export the file again with the units of its channels"
+            )
+            raise UnusablePlateError(
+                f"its {quantity} channels declare {', '.join(map(repr, wrong))}, which is not a known unit of "
+                f"{'length' if quantity == 'point' else quantity}; {remedy}"
+            )
         if len(set(scales) - {None}) > 1:
             oddities.append(f"its {quantity} channels declare different units ({', '.join(own)}): each was converted")
         if None in scales:
@@ -208,32 +220,7 @@ def find_channel_scales(kind: int, declared: Sequence[str], metres: float, confi
             scales = [assumed if scale is None else scale for scale in scales]
             assumptions.append(sentence)
         factors[at] = np.array(scales, dtype=np.float64)
-    return ChannelScales(factors, tuple(assumptions), tuple(oddities))
-
-
-def _override_units(quantity: str, own: Sequence[str], override: str) -> tuple[list[str], list[str]]:
-    """Return the configured unit for all channels, and a note if they declare another unit."""
-    scale = _SCALES[quantity]
-    other = sorted({name for name in own if name and scale(name) != scale(override)})
-    note = f"its {quantity} channels declare {', '.join(other)}, the configuration says {override}: {override} was used"
-    return [override] * len(own), [note] if other else []
-
-
-def _find_declared(quantity: str, own: Sequence[str]) -> list[float | None]:
-    """Return the SI factor of each channel, with None for channels without a declared unit."""
-    scales = [_SCALES[quantity](name) for name in own]
-    wrong = sorted({name for name, scale in zip(own, scales, strict=True) if name and scale is None})
-    if wrong:
-        remedy = (
-            f"if you know it, set `planarise: {{{quantity}_unit: …}}` in the configuration"
-            if quantity != "point"
-            else "export the file again with the units of its channels"
-        )
-        raise UnusablePlateError(
-            f"its {quantity} channels declare {', '.join(map(repr, wrong))}, which is not a known unit of "
-            f"{'length' if quantity == 'point' else quantity}; {remedy}"
-        )
-    return scales
+    return factors, assumptions, oddities
 
 
 def _assume(

@@ -48,8 +48,23 @@ def write_c3d(
     import ezc3d  # noqa: PLC0415  only needed for writing
 
     content: Any = ezc3d.c3d()
-    _put_points(content, labels, positions, rate, first_frame)
-    _put_frame_fields(content, first_frame, frames)
+    point = content["parameters"]["POINT"]
+    point["UNITS"]["value"] = ["mm"]
+    point["RATE"]["value"] = [float(rate)]
+    point["LABELS"]["value"] = tuple(labels)
+    content.add_parameter("POINT", "X_SCREEN", "+X")
+    content.add_parameter("POINT", "Y_SCREEN", "+Z")
+    points = np.ones((4, markers, frames))
+    points[:3] = positions.transpose(2, 1, 0) * 1e3
+    residuals = np.where(np.isfinite(positions).all(axis=2).T, 0.0, -1.0)
+    content["data"]["points"] = points
+    content["data"]["meta_points"]["residuals"] = residuals[None]
+    content["header"]["points"]["first_frame"] = min(first_frame, 65535) - 1
+    # The first and last frame are two 16-bit words each, since a word of the header cannot exceed 65,535.
+    for name, number in (("ACTUAL_START_FIELD", first_frame), ("ACTUAL_END_FIELD", first_frame + frames - 1)):
+        low, high = number % 65536, number // 65536
+        content.add_parameter("TRIAL", name, [low - 65536 if low > 32767 else low, high])
+        content["parameters"]["TRIAL"][name]["type"] = 2  # 16-bit words; without this, ezc3d writes floats
     if plates:
         _put_plates(content, plates, rate, frames)
     _write_atomically(path, lambda partial: content.write(str(partial)))
@@ -63,7 +78,13 @@ def write_recording(path: Path, recording: Recording) -> None:
     the same rate, a multiple of the frame rate.
     """
     _check_even(recording)
-    first = _find_first_number(recording)
+    at = float(recording.time[0] * recording.rate)  # frame 1 of a C3D file is at 0 s
+    if at < -_SAME_FRAME or abs(at - round(at)) > _SAME_FRAME:
+        raise RecordingError(
+            f"the first frame is at {recording.time[0]:.9g} s; a C3D file stores times from 0 s on that are multiples "
+            f"of 1/{recording.rate:g} s: subtract a constant from all times, also from those of the plates"
+        )
+    first = round(at) + 1
     plates = [_compute_channels(plate, recording) for plate in recording.plates if plate.usable]
     try:
         write_c3d(path, recording.labels, recording.positions, recording.rate, first_frame=first, plates=plates)
@@ -112,17 +133,6 @@ def _check_even(recording: Recording) -> None:
         raise RecordingError("the frames are not evenly spaced in time; expected one frame every 1/rate")
 
 
-def _find_first_number(recording: Recording) -> int:
-    """Return the number of the first frame from its time, since frame 1 of a C3D file is at 0 s."""
-    at = float(recording.time[0] * recording.rate)
-    if at < -_SAME_FRAME or abs(at - round(at)) > _SAME_FRAME:
-        raise RecordingError(
-            f"the first frame is at {recording.time[0]:.9g} s; a C3D file stores times from 0 s on that are multiples "
-            f"of 1/{recording.rate:g} s: subtract a constant from all times, also from those of the plates"
-        )
-    return round(at) + 1
-
-
 def _compute_channels(plate: Plate, recording: Recording) -> PlateSignals:
     """Return the channels with which a plate of type 2 measures the wrench of ``plate``; NaN for invalid samples."""
     if plate.corners is None:
@@ -167,30 +177,6 @@ def _write_atomically(path: Path, write: Callable[[Path], object]) -> None:
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
-
-
-def _put_points(content: Any, labels: Sequence[str], positions: FloatArray, rate: float, first_frame: int) -> None:
-    frames, markers = positions.shape[:2]
-    point = content["parameters"]["POINT"]
-    point["UNITS"]["value"] = ["mm"]
-    point["RATE"]["value"] = [float(rate)]
-    point["LABELS"]["value"] = tuple(labels)
-    content.add_parameter("POINT", "X_SCREEN", "+X")
-    content.add_parameter("POINT", "Y_SCREEN", "+Z")
-    points = np.ones((4, markers, frames))
-    points[:3] = positions.transpose(2, 1, 0) * 1e3
-    residuals = np.where(np.isfinite(positions).all(axis=2).T, 0.0, -1.0)
-    content["data"]["points"] = points
-    content["data"]["meta_points"]["residuals"] = residuals[None]
-    content["header"]["points"]["first_frame"] = min(first_frame, 65535) - 1
-
-
-def _put_frame_fields(content: Any, first_frame: int, frames: int) -> None:
-    """Store the first and last frame as two 16-bit words each, since a word of the header cannot exceed 65,535."""
-    for name, number in (("ACTUAL_START_FIELD", first_frame), ("ACTUAL_END_FIELD", first_frame + frames - 1)):
-        low, high = number % 65536, number // 65536
-        content.add_parameter("TRIAL", name, [low - 65536 if low > 32767 else low, high])
-        content["parameters"]["TRIAL"][name]["type"] = 2  # 16-bit words; without this, ezc3d writes floats
 
 
 def _put_plates(content: Any, plates: Sequence[PlateSignals], rate: float, frames: int) -> None:
@@ -243,14 +229,12 @@ def format_trc(
         "",
     ]
     numbers = zip(frames.tolist(), time.tolist(), (positions.reshape(count, -1) * _MILLIMETRES).tolist(), strict=True)
-    rows = [f"{frame}\t{at:.9g}\t{_format_row(row)}" for frame, at, row in numbers]
+    rows = []
+    for frame, at, row in numbers:
+        cells = "\t".join("" if isnan(value) else f"{value:.5f}" for value in row)
+        end = "\t" if row and isnan(row[-1]) else ""  # after a blank last cell OpenSim needs another tab
+        rows.append(f"{frame}\t{at:.9g}\t{cells}{end}")
     return "\n".join([*header, *rows, ""])
-
-
-def _format_row(row: Sequence[float]) -> str:
-    """Return the coordinates of a frame as text; after a blank last cell OpenSim needs another tab."""
-    cells = "\t".join("" if isnan(value) else f"{value:.5f}" for value in row)
-    return f"{cells}\t" if row and isnan(row[-1]) else cells
 
 
 def format_motion_table(
