@@ -58,6 +58,7 @@ def workspace(
             f"from the first to the second: gained {change.gained:.5f} {unit}, lost {change.lost:.5f}, kept "
             f"{change.kept:.5f}; both are aligned at the first joint"
         )
+        lines += [f"  note: {each}" for each in result.content["change"]["notes"]]
     if files:
         lines.append(f"written to {out}: {', '.join(files)}")
     output.print_result(result.document, lines)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -245,6 +246,43 @@ def compare_workspaces(before: ArmWorkspace, after: ArmWorkspace) -> Overlay:
     return overlay_workspaces(before.workspace.shape, after.workspace.shape, shift, before.seed)
 
 
+_LENGTH_LIMIT = 0.03  # m; the segments of one person differ less between two sessions, with the markers placed again
+
+
+def find_other_lengths(before: SubjectArm, after: SubjectArm) -> tuple[str, ...]:
+    """Return why a comparison may show another chain instead of another range; () if the chains agree.
+
+    The later chain is that of another person, or has other joints or another tip. A length is compared if it is known
+    in both chains: it must differ by more than 30 mm and by more than two standard deviations.
+    """
+    if before.joints != after.joints:
+        joints = " and ".join(f"{', '.join(each.joints)} ({each.name})" for each in (before, after))
+        return (f"the chains have different joints: {joints}. The difference of the workspaces is not one of range",)
+    arms = [each.arm for each in (before, after) if isinstance(each.arm, PlanarArm)]
+    if len(arms) < 2:
+        return ()
+    segments = [f"from {low} to {high}" for low, high in pairwise(before.joints)]
+    segments.append(f"from {before.joints[-1]} to the tip ({' and '.join(dict.fromkeys((before.tip, after.tip)))})")
+    lengths, variances = np.array([_measure_lengths(arm) for arm in arms]).swapaxes(0, 1)
+    off, limit = lengths[1] - lengths[0], np.maximum(_LENGTH_LIMIT, 2 * np.sqrt(variances.sum(axis=0)))
+    changed = [f"{segments[k]} by {1e3 * off[k]:+.0f} mm" for k in np.flatnonzero(np.abs(off) > limit)]
+    if not changed:
+        return ()
+    return (
+        f"the lengths of the segments changed: {', '.join(changed)}. This is another person, the markers were placed "
+        "again, or a joint moved too little in one of the trials: part of the difference is not one of range",
+    )
+
+
+def _measure_lengths(arm: PlanarArm) -> tuple[FloatArray, FloatArray]:
+    """Return the distances (n,) from each joint to the next and to the tip, m, and their variances, m²."""
+    ends = np.vstack([arm.centres[1:], arm.tip])
+    length = np.linalg.norm(ends, axis=1)
+    along = ends / np.maximum(length, 1e-9)[:, None]
+    covariance = np.concatenate([arm.centre_covariance[1:], arm.tip_covariance[None]])
+    return length, np.einsum("ki,kij,kj->k", along, covariance, along)
+
+
 def workspace_result(reach: ArmWorkspace, later: ArmWorkspace | None = None, change: Overlay | None = None) -> Result:
     """Return ``workspace.json``, the edge as CSV, and figures: of one workspace, or of two and their difference."""
     content: dict[str, Any] = {"product": __version__, **_document(reach)}
@@ -256,6 +294,7 @@ def workspace_result(reach: ArmWorkspace, later: ArmWorkspace | None = None, cha
             "kept": change.kept,
             "counting_sd": change.sd,
             "aligned_at": "first joint",
+            "notes": list(find_other_lengths(reach.subject, later.subject)),
         }
     return Result("workspace", "workspace.json", content, other_files=lambda: _make_files(reach, later, change), end="")
 

@@ -212,7 +212,29 @@ def test_two_sessions_over_each_other(reaching_arm: Path, tmp_path: Path) -> Non
     found = json.loads(result.stdout)
     assert found["change"]["gained"] == found["change"]["lost"] == 0
     assert found["change"]["kept"] == pytest.approx(found["workspace"]["value"], rel=0.01)
+    assert found["change"]["notes"] == []
     assert (out / "change.svg").is_file()
+
+
+def test_a_comparison_with_another_person_says_so(tmp_path: Path) -> None:
+    def write(name: str, forearm: float, elbow: str = "elbow") -> Path:
+        file = tmp_path / f"{name}.yaml"
+        joints = (
+            f"  - {{name: shoulder, axis: z, limits_deg: [0, 90]}}\n  - {{name: {elbow}, axis: z, at: [0.3, 0, 0], "
+        )
+        file.write_text(f"chain: {name}\njoints:\n{joints}limits_deg: [0, 120]}}\ntip: [{forearm}, 0, 0]\n", "utf-8")
+        return file
+
+    first = write("first", 0.25)
+    for later, told in (
+        (write("same", 0.26), None),
+        (write("other", 0.29), "from elbow to the tip .* by +40 mm"),
+        (write("joints", 0.25, "wrist"), "different joints"),
+    ):
+        result = call("workspace", first, "--compare", later, "--samples", 600, "--json", "-q")
+        notes = json.loads(result.stdout)["change"]["notes"]
+        assert len(notes) == (told is not None)
+        assert told is None or all(part in notes[0] for part in told.split(" .* "))
 
 
 @pytest.mark.recordings

@@ -87,6 +87,7 @@ def check_owner(folder: Path, owner: Owner, output: str = "", *, path: Path | No
 
 def describe_conflict(path: Path, stored: str, found: str) -> str:
     """Return the message for results of another recording or study; ``stored`` and ``found`` describe both."""
+    stored = f"another recording with the name {stored}" if stored == found else stored
     return (
         f"{path} belongs to another recording or study: it contains the results of {stored}. The results of {found} "
         "would replace them: choose another folder (`out:` or `--out`), or delete this one if you no longer need it"

@@ -9,7 +9,7 @@ from spatial_cases import mixed_chain, positions
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation.space.frame_poses import degrees_of_freedom, group_columns, make_chain_model, make_track
 from mocap_id.estimation.space.skin_errors import compute_joint_rates, compute_rate_jacobians, compute_segment_rates
-from mocap_id.estimation.space.space_kernels import ChainModel, Pose, place_markers
+from mocap_id.estimation.space.space_kernels import ChainModel, Pose, locate_markers
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 
@@ -44,7 +44,7 @@ def test_markers_and_their_jacobian(seed: int) -> None:
     model = make_chain_model(chain)
     pose, d = random_pose(chain, model, rng), degrees_of_freedom(model)
     found, jacobian = np.empty((1, len(chain.segment), 3)), np.zeros((1, len(chain.segment), 3, d))
-    place_markers(model, pose, found, jacobian)
+    locate_markers(model, pose, found, jacobian)
 
     def at(by: FloatArray) -> FloatArray:
         new = moved(chain, model, pose, by)

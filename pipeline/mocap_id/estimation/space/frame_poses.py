@@ -8,7 +8,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.estimation.smoothing import PAIRS, SKIN_MEMORY, find_gaps, find_rejected_segments, split_variance
-from mocap_id.estimation.space.space_kernels import ChainModel, Found, Pose, Search, find_poses, place_markers
+from mocap_id.estimation.space.space_kernels import ChainModel, Found, Pose, Search, find_poses, locate_markers
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 
@@ -395,7 +395,7 @@ def remove_displacements(
 def predict_positions(model: ChainModel, track: Pose) -> FloatArray:
     """Return the positions (F, M, 3) of all markers on the chain, m."""
     predicted = np.empty((len(track.origin), len(model.segment), 3))
-    place_markers(model, track, predicted, np.empty((0, len(model.segment), 3, track.rate.shape[2])))
+    locate_markers(model, track, predicted, np.empty((0, len(model.segment), 3, track.rate.shape[2])))
     return predicted
 
 

@@ -17,7 +17,7 @@ from mocap_id.estimation.space.frame_poses import (
     select_frames,
 )
 from mocap_id.estimation.space.skin_errors import JointRates, SkinErrors, compute_joint_rates
-from mocap_id.estimation.space.space_kernels import ChainModel, Pose, place_markers
+from mocap_id.estimation.space.space_kernels import ChainModel, Pose, locate_markers
 from mocap_id.estimation.space.space_smoothing import (
     SpatialSettings,
     SpatialStates,
@@ -109,7 +109,7 @@ def _hold_last(values: FloatArray) -> FloatArray:
 def _frame_poses(model: ChainModel, points: FloatArray, track: Pose, observed: BoolArray, sd: FloatArray) -> FramePoses:
     d, (frames, count) = degrees_of_freedom(model), points.shape[:2]
     jacobian = np.zeros((frames, count, 3, d))
-    place_markers(model, track, np.empty((frames, count, 3)), jacobian)
+    locate_markers(model, track, np.empty((frames, count, 3)), jacobian)
     seen = np.asarray(np.isfinite(points).all(axis=2))
     weight = np.sqrt(seen) / sd
     rows = (jacobian * weight[..., None, None]).reshape(frames, -1, d)
@@ -228,7 +228,7 @@ def _estimate_lasting_errors(
     some = select_frames(pose, postures)
     shape = (len(postures), len(model.segment), 3)
     jacobian = np.zeros((*shape, d))
-    place_markers(model, some, np.empty(shape), jacobian)
+    locate_markers(model, some, np.empty(shape), jacobian)
     normal = np.einsum("fmik,fmil,m->fkl", jacobian, jacobian, noise.sd**-2) + _DAMPING * np.eye(d)
     gain = np.einsum("fkl,fmil,m->fmki", np.linalg.inv(normal), jacobian, noise.sd**-2)
     covariance = np.zeros((len(postures), 2 * segments, d, d))

@@ -13,7 +13,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.estimation.space.frame_poses import degrees_of_freedom, group_columns, select_frames
-from mocap_id.estimation.space.space_kernels import ChainModel, Pose, place_markers
+from mocap_id.estimation.space.space_kernels import ChainModel, Pose, locate_markers
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 
@@ -200,7 +200,7 @@ def estimate_skin_errors(
     d, count = degrees_of_freedom(model), len(model.segment)
     jacobian, positions = np.zeros((len(postures), count, 3, d)), np.empty((len(postures), count, 3))
     some = select_frames(pose, postures)
-    place_markers(model, some, positions, jacobian)
+    locate_markers(model, some, positions, jacobian)
     normal = np.einsum("fmik,fmil,m->fkl", jacobian, jacobian, weight)
     normal += _DAMPING * weight.mean() * np.eye(d)
     gain = np.einsum("fkl,fmil,m->fmki", np.linalg.inv(normal), jacobian, weight)

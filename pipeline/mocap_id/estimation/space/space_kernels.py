@@ -375,7 +375,7 @@ def _locate(model: ChainModel, placed: Placed, m: int, x: FloatArray, rows: Floa
 
 
 @compiled
-def place_markers(model: ChainModel, track: Pose, positions: FloatArray, jacobian: FloatArray) -> None:
+def locate_markers(model: ChainModel, track: Pose, positions: FloatArray, jacobian: FloatArray) -> None:
     """Fill positions (F, M, 3) and, if it has frames, the entries of ``jacobian`` (F, M, 3, d) that are not zero."""
     n, d = len(model.ball), track.rate.shape[2]
     placed, rows, columns = _new_placed(n, d), np.empty((d, 3)), np.empty(d, dtype=np.int64)

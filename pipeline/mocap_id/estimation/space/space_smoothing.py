@@ -43,7 +43,7 @@ from mocap_id.estimation.space.space_kernels import (
     Noise,
     Pose,
     Sensors,
-    place_markers,
+    locate_markers,
     run_filter_in_space,
     run_smoother_in_space,
 )
@@ -372,7 +372,7 @@ def _origin_jacobian(model: ChainModel, pose: Pose) -> FloatArray:
     )
     shape = (len(pose.origin), segments, 3)
     jacobian = np.zeros((*shape, degrees_of_freedom(model)))
-    place_markers(ends, pose, np.empty(shape), jacobian)
+    locate_markers(ends, pose, np.empty(shape), jacobian)
     return jacobian
 
 
