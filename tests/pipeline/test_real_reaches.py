@@ -107,6 +107,21 @@ def test_pointers_without_named_segments_are_reported(recordings: Path, tmp_path
     assert "segment: {names: [thorax, upper_arm, forearm, hand]}" in told["pointers-unused"].message
 
 
+def test_exchanged_labels_in_a_recording_of_the_pointer_are_reported(recordings: Path, tmp_path: Path) -> None:
+    file = write_trial(recordings, tmp_path, "RF1")
+    original = recordings / "upper-limb" / "ulema" / "calLEL.c3d"
+    exchanged = tmp_path / original.name
+    parts = original.read_bytes().split(b"LUA1")
+    exchanged.write_bytes(b"LUA3".join(part.replace(b"LUA3", b"LUA1") for part in parts))
+    good = Folder(run_to(load(file), "fit-joints").folder).tree("chain.h5")
+    file.write_text(file.read_text().replace(str(original), str(exchanged)))
+    wrong = Folder(run_to(load(file), "fit-joints").folder).tree("chain.h5")
+    assert "pointer-cluster" not in [reason.code for reason in good.reasons]
+    told = [reason for reason in wrong.reasons if reason.code == "pointer-cluster"]
+    assert len(told) == 1 and told[0].value > 0.004
+    assert told[0].message.startswith("EL: in calLEL.c3d")
+
+
 def rigid_place(axes: list[np.ndarray], point: np.ndarray) -> np.ndarray:
     """Return a point (F, 3) at its mean place in the frame of three markers (F, 3)."""
     x = axes[1] - axes[0]

@@ -54,6 +54,9 @@ class MarkedChain:
     left: bool
 
 
+_OTHER_CLUSTER = 0.004  # m, largest rms change of a cluster between two recordings; skin and bending: 0.1 to 2.5 mm
+
+
 def read_pointed_landmarks(
     trial: TrialKeys, marked: MarkedChain, segment: Mapping[str, int], labels: tuple[str, ...], palpation: float
 ) -> tuple[dict[str, LandmarkPosition], tuple[Reason, ...]]:
@@ -90,12 +93,21 @@ def read_pointed_landmarks(
             f"{next(iter(files.values()))}: {len(rod)} markers are in all recordings of the pointer but not in this "
             "trial; expected at least two, the markers of the pointer"
         )
-    touches = {name: _read_touch(each, rod, marked, segment[name]) for name, each in recordings.items()}
+    touches = {}
+    reasons: list[Reason] = []
+    for name, each in recordings.items():
+        touches[name], off = _read_touch(each, rod, marked, segment[name])
+        if off > _OTHER_CLUSTER:
+            text = (
+                f"{name}: in {files[name].name}, the markers of the landmark's segment are {1e3 * off:.1f} mm rms from "
+                f"their places in this trial, expected below {1e3 * _OTHER_CLUSTER:.0f} mm: two labels are exchanged in "
+                "one of the recordings, or the markers were placed again."
+            )
+            reasons.append(Reason("pointer-cluster", text, off, _OTHER_CLUSTER))
     pointer = (
         Pointer(np.array(list(trial.pointer.values()))) if trial.pointer else calibrate_pointer(list(touches.values()))
     )
     positions: dict[str, LandmarkPosition] = {}
-    reasons: list[Reason] = []
     for name, touch in touches.items():
         try:
             landmark = locate_pointed_landmark(*touch, pointer, palpation)
@@ -121,8 +133,11 @@ def explain_unused_pointers(trial: TrialKeys, names: Sequence[str], why: str = "
 
 def _read_touch(
     trial: Recording, rod: tuple[str, ...], marked: MarkedChain, segment: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return pointer markers (F, P, 3), m, rotations (F, 3, 3) and origins (F, 3), m, of a segment in a recording."""
+) -> tuple[tuple[FloatArray, FloatArray, FloatArray], float]:
+    """Return what a recording shows of a landmark's segment, and the rms distance of its markers from their places, m.
+
+    The first result is the pointer's markers (F, P, 3), m, and the segment's rotations (F, 3, 3) and origins (F, 3), m.
+    """
     points = PlaneFrame(0.0).to_plane(trial.positions)
     points = mirror_points(points) if marked.left else points
     own = [m for m in np.flatnonzero(marked.chain.segment == segment) if marked.labels[m] in trial.labels]
@@ -132,7 +147,11 @@ def _read_touch(
         )
     cluster = points[:, [trial.labels.index(marked.labels[m]) for m in own]]
     rotation, origin, _ = rigid_poses(cluster, marked.chain.local[own])
-    return points[:, [trial.labels.index(label) for label in rod]], rotation, origin
+    off = cluster - (np.einsum("fij,kj->fki", rotation, marked.chain.local[own]) + origin[:, None])
+    squares = np.sum(off**2, axis=2)[np.isfinite(rotation[:, 0, 0])]
+    seen = squares[np.isfinite(squares)]
+    away = float(np.sqrt(seen.mean())) if seen.size else 0.0
+    return (points[:, [trial.labels.index(label) for label in rod]], rotation, origin), away
 
 
 _ABOVE = (("IJ", "PX"), ("C7", "T8"))
