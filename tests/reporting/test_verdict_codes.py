@@ -25,14 +25,16 @@ def carriers(trees: list[ast.Module]) -> set[str]:
 
 
 def raised_codes() -> set[str]:
-    """Return the constant codes in all calls of these classes in the source code."""
+    """Return the constant codes in all calls of these classes, and of the method ``say``, in the source code."""
     trees = [ast.parse(file.read_text("utf-8")) for file in PACKAGE.rglob("*.py")]
     makers = carriers(trees)
     assert "Reason" in makers
     codes: set[str] = set()
     for tree in trees:
         for node in ast.walk(tree):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in makers:
+            made = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in makers
+            said = isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "say"
+            if isinstance(node, ast.Call) and (made or said):
                 given = [*node.args[:1], *(keyword.value for keyword in node.keywords if keyword.arg == "code")]
                 constants = (
                     leaf for argument in given for leaf in ast.walk(argument) if isinstance(leaf, ast.Constant)

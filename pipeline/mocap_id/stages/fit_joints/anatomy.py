@@ -100,8 +100,8 @@ def read_pointed_landmarks(
         if off > _OTHER_CLUSTER:
             text = (
                 f"{name}: in {files[name].name}, the markers of the landmark's segment are {1e3 * off:.1f} mm rms from "
-                f"their places in this trial, expected below {1e3 * _OTHER_CLUSTER:.0f} mm: two labels are exchanged in "
-                "one of the recordings, or the markers were placed again."
+                f"their places in this trial, expected below {1e3 * _OTHER_CLUSTER:.0f} mm: two labels are exchanged "
+                "in one of the recordings, or the markers were placed again."
             )
             reasons.append(Reason("pointer-cluster", text, off, _OTHER_CLUSTER))
     pointer = (
