@@ -52,8 +52,8 @@ def measure(options: Options) -> list[FloatArray]:
     """Return the figures (13,) of every estimator in one trial.
 
     They are errors of the lengths of shank and thigh, %; of three joints, mm, and of three angles, degrees; whether the
-    interval of each length includes the truth, NaN without intervals; and the arcs of the joints, degrees. The frames
-    are those that ``fit-joints`` selects and in which every angle is known.
+    interval of each length includes the truth, NaN without intervals; and the arcs of the joints, degrees. Of the
+    frames that ``fit-joints`` selects, those in which every angle is known are used.
     """
     made = generate("sit-to-stand", options)
     kept = np.unique(np.linspace(0, len(made.points) - 1, FRAMES).round().astype(np.int64))

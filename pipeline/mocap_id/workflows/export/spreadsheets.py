@@ -81,7 +81,7 @@ def export_spatial_tables(run: RunFolder, out: ExportFiles) -> None:
 
 
 def _add_tables(run: RunFolder, out: ExportFiles, tables: Mapping[str, pd.DataFrame | None]) -> None:
-    """Add a CSV file for each table, and a note for each table that is None."""
+    """Add a CSV file for each table; where a table is None, add a note that it is missing."""
     for name, table in tables.items():
         if table is None:
             out.note(f"csv: no {name}: {run.why_missing(_SOURCES.get(name, 'dynamics.h5'))}")
