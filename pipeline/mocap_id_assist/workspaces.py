@@ -246,7 +246,7 @@ def compare_workspaces(before: ArmWorkspace, after: ArmWorkspace) -> Overlay:
     return overlay_workspaces(before.workspace.shape, after.workspace.shape, shift, before.seed)
 
 
-_LENGTH_LIMIT = 0.03  # m; the segments of one person differ less between two sessions, with the markers placed again
+_LENGTH_LIMIT = 0.03  # m, chosen: above the usual error of a joint centre, and not measured on sessions of one person
 
 
 def find_other_lengths(before: SubjectArm, after: SubjectArm) -> tuple[str, ...]:
