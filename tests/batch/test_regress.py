@@ -12,7 +12,7 @@ import pytest
 from batch_cases import trials
 
 from mocap_id.arrays import NORMAL_95
-from mocap_id.errors import RecordingError
+from mocap_id.errors import RecordingError, StoreError
 from mocap_id.workflows.parallel import LocalBackend
 from mocap_id.workflows.regress import Baseline, Expected, check_trials, list_expected, update
 
@@ -48,6 +48,17 @@ def test_a_number_that_moves_is_found(made: tuple[Path, Baseline]) -> None:
     assert replace(found.moved[0], tolerance=2.0 * found.moved[0].tolerance).tolerance_used == pytest.approx(
         0.75, rel=1e-6
     )
+
+
+def test_another_recording_of_one_name_replaces_nothing(made: tuple[Path, Baseline]) -> None:
+    folder, baseline = made
+    other = replace(baseline, recordings={"well": 64 * "0"})
+    with pytest.raises(StoreError, match="another recording with the name well"):
+        update([str(folder / "well.yaml")], other, LocalBackend())
+    found = check_trials([str(folder / "well.yaml")], other, LocalBackend())
+    assert "not the one of the baseline" in found.messages["well"]
+    again = update([str(folder / "well.yaml")], replace(baseline, recordings={}), LocalBackend())
+    assert again.recordings["well"] == baseline.recordings["well"]
 
 
 def test_the_command(cli: Callable[..., Any], made: tuple[Path, Baseline], tmp_path: Path) -> None:

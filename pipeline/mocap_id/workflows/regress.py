@@ -9,15 +9,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from mocap_id import __version__
 from mocap_id.arrays import NORMAL_95
-from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.errors import ConfigError, RecordingError, StoreError
+from mocap_id.runner.dependencies import FileHashes, find_owner
 from mocap_id.store.atomic import replace_together
 from mocap_id.workflows.batch import find_readable_trials
 from mocap_id.workflows.parallel import Backend, TrialCallback, run_trials
 from mocap_id.workflows.trial_outcome import read_summary
+
+if TYPE_CHECKING:
+    from mocap_id.config.trial import Trial
 
 _SCHEMA = "mocap-id/baseline"
 _VERSION = 1
@@ -88,7 +92,12 @@ def check_trials(
     ConfigError
         A name matches no trial, or a trial's file is invalid.
     """
-    results, messages = _recompute(named, backend, tell)
+    trials = _find_trials(named)
+    results, messages = _recompute(trials, backend, tell)
+    for trial, digest in _hash_recordings(trials).items():
+        if baseline.recordings.get(trial, digest) != digest:
+            said = f"\n{messages[trial]}" if trial in messages else ""
+            messages[trial] = f"its recording is not the one of the baseline; the contents of the file differ{said}"
     changes, missing = [], Expected(None)
     for trial, now in results.items():
         before = baseline.trials.get(trial, {})
@@ -110,22 +119,50 @@ def check_trials(
 def update(
     named: Sequence[str], baseline: Baseline, backend: Backend, tell: TrialCallback = lambda done: None
 ) -> Baseline:
-    """Return the baseline with the current results of the named trials; other trials and tolerances are kept."""
-    results, _ = _recompute(named, backend, tell)
-    return Baseline({**baseline.trials, **results}, baseline.tolerances)
+    """Return the baseline with the current results of the named trials; other trials and tolerances are kept.
 
-
-def _recompute(
-    named: Sequence[str], backend: Backend, tell: TrialCallback
-) -> tuple[dict[str, Mapping[str, Expected]], Mapping[str, str]]:
-    """Return the results by trial, and the messages of failed or refused trials by trial.
-
-    A trial without a summary has only the exit code.
+    Raises
+    ------
+    ConfigError
+        A name matches no trial, or a trial's file is invalid.
+    StoreError
+        The baseline contains the results of another recording with a trial's name.
     """
+    trials = _find_trials(named)
+    recordings = _hash_recordings(trials)
+    for trial in trials:
+        if baseline.recordings.get(trial.name, recordings.get(trial.name)) != recordings.get(trial.name):
+            raise StoreError(
+                f"{trial.file}: the baseline contains the results of another recording with the name "
+                f"{trial.name}, and this one would replace them. Give one of the trials another `name:`. If this is "
+                f'the same recording, exported again, delete the entry of {trial.name} in "recordings" of the baseline'
+            )
+    results, _ = _recompute(trials, backend, tell)
+    return Baseline({**baseline.trials, **results}, baseline.tolerances, {**baseline.recordings, **recordings})
+
+
+def _find_trials(named: Sequence[str]) -> list[Trial]:
+    """Return the named trials; raise ConfigError if two have one name."""
     trials = find_readable_trials(named)
     twice = {trial.name for trial in trials if sum(other.name == trial.name for other in trials) > 1}
     if twice:
         raise ConfigError(f"two trials are called {sorted(twice)[0]}: the baseline identifies trials by their names")
+    return trials
+
+
+def _hash_recordings(trials: Sequence[Trial]) -> dict[str, str]:
+    """Return the SHA-256 of each trial's recording by trial, without the recordings that cannot be read."""
+    owners = {trial.name: find_owner(trial, FileHashes(trial)) for trial in trials}
+    return {name: owner.contents[0] for name, owner in owners.items() if owner.contents}
+
+
+def _recompute(
+    trials: Sequence[Trial], backend: Backend, tell: TrialCallback
+) -> tuple[dict[str, Mapping[str, Expected]], dict[str, str]]:
+    """Return the results by trial, and the messages of failed or refused trials by trial.
+
+    A trial without a summary has only the exit code.
+    """
     results: dict[str, Mapping[str, Expected]] = {}
     with tempfile.TemporaryDirectory(prefix="mocap-id-regress-") as folder:
         copies = [replace(trial, out=Path(folder) / trial.name) for trial in trials]
@@ -144,6 +181,7 @@ class Baseline:
     trials: Mapping[str, Mapping[str, Expected]] = field(default_factory=dict)  # quantities by trial and name
     # the user's tolerances by pattern of ``NAME`` or ``TRIAL/NAME``, in the unit of the quantity
     tolerances: Mapping[str, float] = field(default_factory=dict)
+    recordings: Mapping[str, str] = field(default_factory=dict)  # SHA-256 of the recordings by trial, where known
     product: str = __version__  # version of the program that computed the results
 
     def find_tolerance(self, trial: str, name: str, usual: float) -> float:
@@ -173,7 +211,8 @@ class Baseline:
                 for trial, expected in data["trials"].items()
             }
             tolerances = {pattern: float(value) for pattern, value in data["tolerances"].items()}
-            return cls(trials, tolerances, str(data["product"]))
+            recordings = {trial: str(digest) for trial, digest in data.get("recordings", {}).items()}
+            return cls(trials, tolerances, recordings, str(data["product"]))
         except FileNotFoundError as error:
             raise RecordingError(
                 f"{file}: no such file: create it from the trials' current results with `--update`"
@@ -192,6 +231,7 @@ class Baseline:
             "about": _ABOUT,
             "product": self.product,
             "tolerances": dict(self.tolerances),
+            "recordings": dict(self.recordings),
             "trials": {
                 trial: {
                     name: {"value": one.value}
