@@ -17,13 +17,14 @@ TRIALS = $(wildcard sample_trials/*/trial.yaml)
 RULES := $(VENV)/trials.mk
 OPENSIM := .venv-opensim
 
-.PHONY: help demo test test-slow proof fuzz trials docs docs-site release-check lock opensim clean
+.PHONY: help demo test test-slow proof house fuzz trials docs docs-site release-check lock opensim clean
 
 help:
 	@echo 'make demo    install, run the pipeline on a sample trial and print the path of the report'
 	@echo 'make test    install the development tools, check and test everything, one process per core (WORKERS=1: one process)'
 	@echo 'make test-slow   run the sweeps and other long tests, which make test leaves out; CI runs both'
 	@echo 'make proof   compare every number and text of a corpus with those of a commit (BASE=HEAD PART=whole JOBS=1)'
+	@echo 'make house   print the figures of the house: files, lines, functions, records, imports'
 	@echo 'make fuzz    try damaged files (NUMBER=10000 SEED=1 JOBS=1); the same call continues where it stopped'
 	@echo 'make trials  run every trial under sample_trials/; -j runs several at a time'
 	@echo 'make docs    write the generated pages (commands, settings, examples of configurations)'
@@ -58,6 +59,9 @@ JOBS := 1
 
 proof: $(VENV)/installed-dev
 	$(BIN)/python tests/proof/proof.py --base $(BASE) --part $(PART) --jobs $(JOBS)
+
+house: $(VENV)/installed-dev
+	$(BIN)/python tests/house/figures.py
 
 NUMBER := 10000
 SEED := 1

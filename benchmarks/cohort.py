@@ -42,16 +42,18 @@ from ruamel.yaml import YAML
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
+from mocap_id.dynamics.instrument_errors import PlanarCalibration
 from mocap_id.dynamics.parameter_transfer import transfer_parameters
 from mocap_id.dynamics.prediction import centre_of_pressure
 from mocap_id.runner import run_stage
 from mocap_id.workflows.identified_trial import IdentifiedTrial, MovingBodies, match_bodies, open_identified_trial
 from mocap_id.workflows.transfer import HELD_OUT, OWN, TRANSFERRED, apply_model
-from mocap_id_simulation.options import Options
+from mocap_id_simulation.options import FaultOptions, Options
 from mocap_id_simulation.studies import Cohort, simulate_cohort
 
 WINTER = "winter"
 TRUTHS = ("Fy", "tauz", "CoP", "tau_1", "tau_2", "tau_3")
+CALIBRATION = PlanarCalibration()
 _SUBJECT = ("height", "mass", "sex")
 _FOUND = 0.25  # s: an event this far from the true one belongs to another
 
@@ -252,6 +254,26 @@ def measure_variants(study: Path, place: Path, jobs: int) -> dict[str, pd.DataFr
     return found
 
 
+def measure_with_scale(folder: Path, subjects: int, options: Options, jobs: int) -> pd.DataFrame:
+    """Run persons whose instruments have the errors of scale that the intervals contain, drawn for each person."""
+    drawn, found = np.random.default_rng(options.seed), []
+    for number in range(subjects):
+        gain, moments, lengths, tilt, position = drawn.standard_normal(5)
+        faults = FaultOptions(
+            gain=CALIBRATION.gain * gain,
+            gain_moments=CALIBRATION.moments * moments,
+            camera_scale=CALIBRATION.lengths * lengths,
+            tilt_deg=float(np.degrees(CALIBRATION.tilt * tilt)),
+            corners_mm=1e3 * CALIBRATION.position * abs(position),
+        )
+        own = replace(options, seed=options.seed + number, faults=faults)
+        study = simulate_cohort(folder / f"scale-{number}", Cohort(1, options=own))
+        outcome = measure(study, study.parent / "trials", {}, jobs)
+        report_progress(f"errors of scale, person {number + 1}: trials without a model {outcome.lost}")
+        found.append(outcome.models.assign(subject=f"s{number + 1:02d}"))
+    return pd.concat(found, ignore_index=True)
+
+
 def format_pooled(frame: pd.DataFrame, name: str, scale: float = 1.0, form: str = ".2f") -> str:
     """Return mean ± standard deviation over the samples of several trials with equal weights."""
     means, sds = frame[f"{name}_mean"].to_numpy() * scale, frame[f"{name}_sd"].to_numpy() * scale
@@ -318,21 +340,21 @@ def compute_own_and_winter(here: pd.DataFrame, name: str) -> tuple[float, float]
     )
 
 
-def make_interval_table(found: pd.DataFrame, exact: pd.DataFrame) -> str:
+def make_interval_table(**found: pd.DataFrame) -> str:
     """Return errors of the own models' torques, and the share of the samples inside their intervals.
 
-    ``exact`` was identified without errors of scale of plates and cameras.
+    ``found`` has the errors by the kind of the intervals; the torques are those of the first kind.
     """
     head = ["strategy", *(f"{joint} torque, N·m" for joint in JOINTS)]
-    head += [f"inside, {kind}: {part}" for kind in ("default", "exact") for part in ("mean", "lowest", "highest")]
+    head += [f"inside, {kind}: {part}" for kind in found for part in ("mean", "lowest", "highest")]
     rows = []
     for name in (*ACTIONS, "all"):
-        own, other = (
+        own = [
             each[each["own"] & ((each["action"] == name) | (name == "all"))].filter(regex="true_tau_._(rms|inside)")
-            for each in (found, exact)
-        )
-        rows.append([name, *format_pairs(own.filter(like="rms").to_numpy(), quantiles=(0.5, 1.0))])
-        for each in (own, other):
+            for each in found.values()
+        ]
+        rows.append([name, *format_pairs(own[0].filter(like="rms").to_numpy(), quantiles=(0.5, 1.0))])
+        for each in own:
             shares = 100 * each.filter(like="inside").to_numpy()
             rows[-1] += format_numbers((shares.mean(), shares.min(), shares.max()), ".0f")
     return format_table(head, rows)
@@ -426,6 +448,8 @@ def main() -> None:
             report_progress(f"{name}: {len(found[name].lost)} trials without a model {found[name].lost}")
             if name == "ordinary":
                 varied = measure_variants(study, study.parent / "trials", arguments.jobs)
+        own = replace(ORDINARY, seed=arguments.first + 2, repetitions=arguments.repetitions)
+        with_scale = measure_with_scale(folder, arguments.subjects, own, arguments.jobs)
     first = found["ordinary"]
     source = (
         f"{arguments.subjects} persons with three strategies, one trial of {arguments.repetitions} sit-to-stands each: "
@@ -439,7 +463,8 @@ def main() -> None:
         "cohort": describe_source(__file__, source),
         "cohort-requirements": format_table(["quantity", "required", *found], required),
         "cohort-people": make_people_table(first.models),
-        "cohort-intervals": make_interval_table(first.models, varied.pop(EXACT)),
+        "cohort-intervals": make_interval_table(default=first.models, exact=varied.pop(EXACT)),
+        "cohort-scale": make_interval_table(default=with_scale),
         "cohort-models": make_table_6_3(first.models),
         "cohort-truth": make_torque_table(first.models),
         "cohort-lengths": make_length_table(first.skeletons),
