@@ -16,7 +16,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray, find_runs
 from mocap_id.kinematics.bundle import chain_angles, rigid_body_links
-from mocap_id.kinematics.chain_fit import ChainProblem, ChainState, angle_jacobian, joint_positions, residuals
+from mocap_id.kinematics.chain_fit import ChainProblem, ChainState, angle_jacobian, joint_positions
 from mocap_id.kinematics.frame_sampling import frames_along_motion
 from mocap_id.kinematics.segmentation import Segmentation
 from mocap_id.kinematics.swaps import find_jumps
@@ -133,7 +133,7 @@ def _fit_robust_angles(points: ComplexArray, segment: IntArray, state: ChainStat
     problem = ChainProblem.with_joint_markers(points, segment, {}, len(state.centres))
     ridge = _RIDGE * np.eye(len(state.centres))
     for scale in _SCALES:
-        off = residuals(problem, state)
+        off = problem.residuals(state)
         weights = seen / (1 + (np.abs(off) / scale) ** 2)
         swing = angle_jacobian(problem, state)
         pulled = np.conj(swing) * weights[..., None]

@@ -76,7 +76,7 @@ class SkinModel:
         segment, n = self.segment, len(self.centres)
         state = ChainState(self.centres, self.local, np.cumsum(angles, axis=1))
         weights = np.broadcast_to(self.weight, (len(angles), len(segment)))
-        cross, normal = angle_blocks(ChainProblem.without_points(weights, segment, n), state)
+        cross, normal, _ = angle_blocks(ChainProblem.without_points(weights, segment, n), state)
         turns = (np.eye(n) - np.eye(n, k=-1)) @ np.linalg.inv(normal) @ cross  # (T, n, P); absolute to joint angles
         gain = turns[..., 2 * n :].reshape(len(angles), n, len(segment), 2)
         shape = scale_angles(angles - self.mean, self.spread, segment)
