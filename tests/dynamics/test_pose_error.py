@@ -15,7 +15,7 @@ from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, prepare
 from mocap_id.dynamics.priors import build_table_prior
 from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
 from mocap_id.geometry import planar
-from mocap_id.kinematics.joint import rigid_poses
+from mocap_id.kinematics.joint import planar_poses
 
 TIME = np.arange(2000) / 100
 INNER = slice(300, -300)
@@ -123,7 +123,7 @@ def test_sliding_markers_move_the_pose_as_rigid_fits_say() -> None:
     slides = sd * (rng.normal(size=(40_000, 4)) + 1j * rng.normal(size=(40_000, 4)))
     z = template + slides
     middle = template.mean()
-    rotation, position = rigid_poses(z, np.ones(z.shape, dtype=bool), template - middle)
+    rotation, position = planar_poses(z, np.ones(z.shape, dtype=bool), template - middle)
     errors = np.stack([position.real - middle.real, position.imag - middle.imag, np.angle(rotation)])
     found = propagate_slides(LOCAL, sd**2, (0,))
     size = np.sqrt(np.diag(found.covariance))

@@ -51,7 +51,7 @@ def dense(truth, pinned: int | None) -> Dense:
     state = room.ChainState(start.centres, local, start.angles)
 
     def predict_markers(common: np.ndarray, turns: np.ndarray) -> np.ndarray:
-        z = room.predict_markers(problem, room.apply_step(state, (common, turns)))
+        z = problem.predict(state.change(common, turns))
         return np.stack([z.real, z.imag], axis=2).reshape(5, -1)
 
     def slope(make) -> np.ndarray:
@@ -62,7 +62,7 @@ def dense(truth, pinned: int | None) -> Dense:
         [slope(lambda h, k=k: (none + h * np.eye(len(none))[k], still)) for k in range(len(none))], axis=2
     )
     swing = np.stack([slope(lambda h, k=k: (none, still + h * np.eye(3)[k])) for k in range(3)], axis=2)
-    z = problem.points - room.predict_markers(problem, state)
+    z = problem.points - problem.predict(state)
     off = np.stack([z.real, z.imag], axis=2).reshape(5, -1)
     return Dense(problem, state, common, swing, np.repeat(weights, 2, axis=1), off)
 
@@ -71,12 +71,12 @@ def dense(truth, pinned: int | None) -> Dense:
 def test_the_normal_equations_are_those_of_finite_differences(chain, pinned: int | None) -> None:
     by = dense(chain(3, frames=5), pinned)
     common, swing, weight, off = by.common, by.swing, by.weight, by.off
-    normal = room.normal_equations(by.problem, by.state)
-    assert np.allclose(normal.common, np.einsum("tkp,tk,tkq->pq", common, weight, common), atol=1e-8)
-    assert np.allclose(normal.cross, np.einsum("tkn,tk,tkq->tnq", swing, weight, common), atol=1e-8)
-    assert np.allclose(normal.angles, np.einsum("tkn,tk,tkm->tnm", swing, weight, swing), atol=1e-8)
-    assert np.allclose(normal.pull, np.einsum("tkp,tk,tk->tp", common, weight, off), atol=1e-8)
-    assert np.allclose(normal.turn, np.einsum("tkn,tk,tk->tn", swing, weight, off), atol=1e-8)
+    of_common, cross, angles, pull, turn = room.normal_equations(by.problem, by.state)
+    assert np.allclose(of_common, np.einsum("tkp,tk,tkq->pq", common, weight, common), atol=1e-8)
+    assert np.allclose(cross, np.einsum("tkn,tk,tkq->tnq", swing, weight, common), atol=1e-8)
+    assert np.allclose(angles, np.einsum("tkn,tk,tkm->tnm", swing, weight, swing), atol=1e-8)
+    assert np.allclose(pull, np.einsum("tkp,tk,tk->tp", common, weight, off), atol=1e-8)
+    assert np.allclose(turn, np.einsum("tkn,tk,tk->tn", swing, weight, off), atol=1e-8)
 
 
 @pytest.mark.parametrize("pinned", [None, 1, 2, 3])

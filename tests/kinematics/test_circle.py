@@ -48,7 +48,6 @@ def test_clean_arcs_are_exact_with_gaps(method, seed, degrees):
     assert np.abs(fit.centre - centre).max() < 1e-8
     assert fit.radius == pytest.approx(radii, abs=1e-8)
     assert fit.residual.max() < 1e-10
-    assert fit.settled.all()
 
 
 @pytest.mark.parametrize("method", COMMON)
@@ -60,7 +59,6 @@ def test_a_clean_common_centre_is_exact_with_gaps(method, seed, degrees):
     assert fit.centre.shape == (1,)
     assert abs(fit.centre[0] - centre) < 1e-8
     assert fit.radius == pytest.approx(radii, abs=1e-8)
-    assert fit.settled.all()
 
 
 @pytest.mark.parametrize(
@@ -75,10 +73,6 @@ def test_the_fit_turns_shifts_and_scales_with_the_points(fit, method, seed, turn
     assert np.abs(after.centre - (factor * before.centre + shift)).max() < 1e-7 * scale
     assert after.radius == pytest.approx(scale * before.radius, rel=1e-6)
     assert after.residual == pytest.approx(scale * before.residual, rel=1e-5)
-    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    turned = scale**2 * rotation @ before.covariance @ rotation.T
-    assert np.abs(after.covariance - turned).max() < 1e-5 * np.abs(turned).max()
-    assert after.standard_error == pytest.approx(np.sqrt(np.linalg.eigvalsh(turned)[:, 1]), rel=1e-4)
 
 
 @pytest.mark.parametrize("method", COMMON)
@@ -87,7 +81,6 @@ def test_the_common_centre_of_one_marker_is_its_own(method):
     points = arcs(rng, 50, np.array([0.4]), noise=1e-3)
     own, common = fit_circles(points, method), fit_common_centre(points, method)
     assert common.centre == pytest.approx(own.centre, abs=1e-12)
-    assert common.covariance == pytest.approx(own.covariance)
 
 
 def test_each_fit_minimises_its_textbook_criterion():
@@ -159,26 +152,8 @@ def test_the_other_fits_reach_the_bound(method, degrees):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_the_standard_deviation_matches_repetition(method):
-    fit = fit_circles(short_arcs(30), method)
-    stated = np.sqrt(np.median(fit.covariance[:, [0, 1], [0, 1]], axis=0))
-    assert stated == pytest.approx([fit.centre.real.std(), fit.centre.imag.std()], rel=0.07)
-    assert fit.standard_error == pytest.approx(np.sqrt(fit.covariance[:, 1, 1]), rel=0.05)
-    assert np.median(fit.residual) == pytest.approx(NOISE, rel=0.02)
-
-
-@pytest.mark.parametrize("method", COMMON)
-def test_the_standard_deviation_of_a_common_centre_matches_repetition(method):
-    fits = []
-    for seed in range(300):
-        rng = np.random.default_rng(seed)
-        angle = np.radians(20) * (np.arange(100) / 100 - 0.5)
-        points = np.exp(1j * angle)[:, None] * np.array([0.3j, 0.5j + 0.1, 0.4j - 0.1])
-        points = points + NOISE * (rng.standard_normal(points.shape) + 1j * rng.standard_normal(points.shape))
-        fits.append(fit_common_centre(points, method))
-    centre = np.array([fit.centre[0] for fit in fits])
-    stated = np.sqrt(np.mean([np.diag(fit.covariance[0]) for fit in fits], axis=0))
-    assert stated == pytest.approx([centre.real.std(), centre.imag.std()], rel=0.15)  # sampling error of 300: 4 %
+def test_the_residual_is_the_noise(method):
+    assert np.median(fit_circles(short_arcs(30), method).residual) == pytest.approx(NOISE, rel=0.02)
 
 
 def test_intersecting_normals_are_more_precise_than_curvature():
@@ -202,15 +177,7 @@ def test_a_track_without_a_circle_has_no_centre(method):
     assert np.isnan(fit.centre[:3]).all()
     assert np.isnan(fit.radius[:3]).all()
     assert (fit.residual[:3] == np.inf).all()
-    assert np.isnan(fit.standard_error[:3]).all()
-    assert fit.settled.tolist() == [False, False, False, True]
     assert abs(fit.centre[3]) < 1e-9
-
-
-def test_a_circle_through_three_points_has_no_standard_deviation():
-    fit = fit_circles(np.exp(1j * np.array([[0.1], [0.5], [2.0]])), "geometric")
-    assert abs(fit.centre[0]) < 1e-9
-    assert np.isnan(fit.standard_error).all()
 
 
 @settings(max_examples=20)
@@ -220,7 +187,6 @@ def test_an_arc_lost_in_noise_ends_without_harm(seed):
     fit, start = fit_circles(points, "geometric"), fit_circles(points, "taubin")
     known = np.isfinite(fit.centre)  # otherwise the best circle is a straight line
     assert known.mean() > 0.5
-    assert not fit.settled[~known].any()
     assert (fit.residual[known] <= start.residual[known] * (1 + 1e-9)).all()
 
 

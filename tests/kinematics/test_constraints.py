@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from mocap_id.errors import Refused
 from mocap_id.kinematics import Constraints, SegmentationRules, segment_markers
-from mocap_id.kinematics.clusters import Clusters, find_base
+from mocap_id.kinematics.clusters import MarkerClusters, find_base
 
 RULES = SegmentationRules()
 
@@ -136,11 +136,11 @@ def held(segment: np.ndarray, constraints: Constraints) -> bool:
 def test_clusters_satisfy_the_constraints(chain) -> None:
     truth = chain(2, joints=2, noise=5e-4)
     moving = np.flatnonzero(truth.segment > 0)
-    plain = Clusters(truth.points, moving, Constraints.of(14)).bodies_at(2)
+    plain = MarkerClusters(truth.points, moving, Constraints.of(14)).bodies_at(2)
     assert sorted(body.markers.tolist() for body in plain) == [list(range(4, 9)), list(range(9, 14))]
-    forced = Clusters(truth.points, moving, Constraints.of(14, [[5, 10]])).bodies_at(2)
+    forced = MarkerClusters(truth.points, moving, Constraints.of(14, [[5, 10]])).bodies_at(2)
     assert any({5, 10} <= set(body.markers.tolist()) for body in forced)
-    parted = Clusters(truth.points, moving, Constraints.of(14, (), [[5, 6]])).bodies_at(3)
+    parted = MarkerClusters(truth.points, moving, Constraints.of(14, (), [[5, 6]])).bodies_at(3)
     assert not any({5, 6} <= set(body.markers.tolist()) for body in parted)
 
 
@@ -182,8 +182,8 @@ def test_apart_moves_a_malleolus_off_the_base(chain) -> None:
 
 def test_the_base_keeps_the_stiller_of_a_barred_pair_and_no_marker_of_a_moving_unit(chain) -> None:
     truth = chain(4, noise=3e-4)
-    scatter = find_base(truth.points, 0.015).scatter
-    assert find_base(truth.points, 0.015).markers.tolist() == [0, 1, 2, 3]
+    scatter = find_base(truth.points, 0.015, Constraints.of(19)).scatter
+    assert find_base(truth.points, 0.015, Constraints.of(19)).markers.tolist() == [0, 1, 2, 3]
     still, less = sorted((0, 2), key=lambda marker: scatter[marker])
     kept = find_base(truth.points, 0.015, Constraints.of(19, (), [[0, 2]])).markers
     assert still in kept

@@ -59,7 +59,7 @@ def test_a_malleolus_on_the_axis_joins_the_shank(chain) -> None:
     malleolus = malleolus + 3e-4 * (rng.standard_normal(len(malleolus)) + 1j * rng.standard_normal(len(malleolus)))
     points = np.concatenate([truth.points, malleolus[:, None]], axis=1)
     found = segment_markers(points, np.append(truth.lateral, 0.0), SegmentationRules())
-    assert points.shape[1] - 1 in find_base(points, 0.015).markers
+    assert points.shape[1] - 1 in find_base(points, 0.015, Constraints.of(points.shape[1])).markers
     assert found.segment[-1] == 1
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -29,54 +29,42 @@ def propose_window(positions: FloatArray, rate: float) -> tuple[int, int]:
     of :data:`MIN_SECONDS`. Positions (F, M, 3) are in the lab, m, NaN where missing; ``rate`` is in frames per second.
     """
     frames = len(positions)
-    if _find_still_markers(positions).sum() >= 2:
-        return 0, frames
-    base = find_base_motion(positions, np.arange(frames) / rate, rate)
-    if base is not None and sum(each.end - each.start for each in base.stretches) * rate > _STANDS * frames:
-        return 0, frames
-    least = MIN_SECONDS * rate
-    stillness = [run for still in _find_still_samples(positions, rate).T for run in find_runs(still)]
-    runs = [(run.start, run.stop) for run in stillness if run.stop - run.start >= least]
-    shared = {(max(a[0], b[0]), min(a[1], b[1])) for a, b in combinations(runs, 2)}
-    longest_first = sorted((s for s in shared if s[1] - s[0] >= least), key=lambda s: s[0] - s[1])
-    return next((s for s in longest_first[:_TRIED] if _has_motion(positions[s[0] : s[1]])), (0, frames))
-
-
-def _has_motion(positions: FloatArray) -> bool:
-    """Return whether at least two markers travel far beyond the still radius, unlike markers on a waiting person."""
+    # markers that are within the still radius of their median in 98 % of the visible frames
     seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
-    low = np.where(seen[..., None], positions, np.inf).min(axis=0)
-    high = np.where(seen[..., None], positions, -np.inf).max(axis=0)
-    extent = np.linalg.norm(np.where(high >= low, high - low, 0), axis=1)
-    return int(np.sum(extent > _TRAVEL * STILL_RADIUS)) >= 2
-
-
-def _find_still_markers(positions: FloatArray) -> BoolArray:
-    """Return the markers (M,) that are within the still radius of their median in 98 % of the visible frames."""
-    seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
-    tracks = np.swapaxes(positions, 0, 1)
+    tracks, counts = np.swapaxes(positions, 0, 1), seen.sum(axis=0)
     median = np.array(
         [np.median(p[s], axis=0) if s.any() else np.full(3, np.nan) for p, s in zip(tracks, seen.T, strict=True)]
     )
     away = (np.linalg.norm(positions - median, axis=2) > STILL_RADIUS) & seen
-    return np.asarray((seen.sum(axis=0) > len(positions) / 2) & (away.sum(axis=0) * 50 <= seen.sum(axis=0)))
+    if ((counts > frames / 2) & (away.sum(axis=0) * 50 <= counts)).sum() >= 2:
+        return 0, frames
+    base = find_base_motion(positions, np.arange(frames) / rate, rate)
+    if base is not None and sum(each.end - each.start for each in base.stretches) * rate > _STANDS * frames:
+        return 0, frames
 
-
-def _find_still_samples(positions: FloatArray, rate: float) -> BoolArray:
-    """Return whether each marker stays within the still radius of one point in the second around each frame, (F, M).
-
-    The point is the centre of the bounding box of its positions. Missing samples are ignored, but half of the second
-    must be visible.
-    """
     from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d  # noqa: PLC0415  a fixed base is usual
 
+    # a marker is still in a frame if it stays within the still radius of the centre of its bounding box in the second
+    # around it; missing samples are ignored, but half of the second must be visible
     size = 2 * max(1, round(rate / 2)) + 1
-    seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
     low = minimum_filter1d(np.where(seen[..., None], positions, np.inf), size, axis=0, mode="nearest")
     high = maximum_filter1d(np.where(seen[..., None], positions, -np.inf), size, axis=0, mode="nearest")
     often = uniform_filter1d(seen.astype(np.float64), size, axis=0, mode="nearest") > 0.5 - 1e-9
     extent = np.where(often[..., None], high - low, np.inf)
-    return np.asarray(np.linalg.norm(extent, axis=2) / 2 < STILL_RADIUS)
+    still = np.linalg.norm(extent, axis=2) / 2 < STILL_RADIUS
+    least = MIN_SECONDS * rate
+    stillness = [run for own in still.T for run in find_runs(own)]
+    runs = [(run.start, run.stop) for run in stillness if run.stop - run.start >= least]
+    shared = {(max(a[0], b[0]), min(a[1], b[1])) for a, b in combinations(runs, 2)}
+    longest_first = sorted((s for s in shared if s[1] - s[0] >= least), key=lambda s: s[0] - s[1])
+    for start, stop in longest_first[:_TRIED]:
+        # at least two markers travel far beyond the still radius, unlike markers on a waiting person
+        part, there = positions[start:stop], seen[start:stop, :, None]
+        low, high = np.where(there, part, np.inf).min(axis=0), np.where(there, part, -np.inf).max(axis=0)
+        travel = np.linalg.norm(np.where(high >= low, high - low, 0), axis=1)
+        if int(np.sum(travel > _TRAVEL * STILL_RADIUS)) >= 2:
+            return start, stop
+    return 0, frames
 
 
 _BLOCK_S = 0.1  # positions are averaged over blocks of this length
@@ -172,27 +160,57 @@ def find_base_motion(positions: FloatArray, time: FloatArray, rate: float) -> Ba
     size = max(1, round(_BLOCK_S * rate))
     blocks, middle = block_means(positions, size), block_means(time[:, None, None], size)[:, 0, 0]
     standing = find_standing(blocks, size / rate)
+
+    # markers that keep their positions: the distance from the 2.5 to the 97.5 percentile of their tracks is small
+    tracks = blocks[:, standing, :2]
+    ordered, seen = np.sort(tracks, axis=0), np.isfinite(tracks[..., 0]).sum(axis=0)  # NaN last
+    low, high = ((share * (seen - 1)).astype(np.int64) for share in (0.025, 0.975))
+    every = np.arange(tracks.shape[1])
+    keep = np.asarray(np.linalg.norm(ordered[high, every] - ordered[low, every], axis=1)) < _FIXED_M
+    if (~keep).sum() < 2:
+        return None
+    # but not those on a foot that keeps its position: near the moving feet, and at the same height
+    places = np.nan_to_num(np.nanmean(blocks[:, standing], axis=0))
+    near = np.linalg.norm(places[:, :2] - places[~keep, :2].mean(axis=0), axis=1) < _STEP_M
+    other = keep & near & (places[:, 2] > np.median(places[~keep, 2]) - _AS_HIGH_M)
     fixed = standing.copy()
-    fixed[standing] = _measure_range(blocks[:, standing, :2]) < _FIXED_M
-    if (standing & ~fixed).sum() < 2:
-        return None
-    other = _find_other_foot(np.nan_to_num(np.nanmean(blocks[:, standing], axis=0)), fixed[standing], standing)
-    fixed &= ~other
+    fixed[standing] = keep & ~other
     feet = np.flatnonzero(standing & ~fixed)
-    still = _find_still_blocks(blocks[:, feet], max(1, round(_STEP_S * rate / size)))
-    least, margin = _STRETCH_S * rate / size, round(_MARGIN_S * rate / size)
-    runs = [
-        section
-        for run in find_runs(still)
-        if run.stop - run.start >= least
-        for section in _divide_slow_slide((run.start, run.stop), blocks[:, feet, :2], math.ceil(least))
-    ]
-    runs = _merge_stretches(runs, blocks[:, feet, :2]) if runs else []
-    feet = feet[np.isfinite(_median_positions(blocks[:, feet, :2], runs[0])[:, 0])] if runs else feet
-    if len(runs) < 2 or len(feet) < 2:
+
+    # blocks in which most foot markers stand still (compared with a block later) or all are hidden
+    step = max(1, round(_STEP_S * rate / size))
+    travel = np.linalg.norm(blocks[step:, feet] - blocks[:-step, feet], axis=2)
+    moved = (travel >= _STILL_M).sum(axis=1) * 2 > np.isfinite(travel).sum(axis=1)
+    still = np.ones(len(blocks), np.bool_)
+    for k in np.flatnonzero(moved):
+        still[k : k + step + 1] = False
+    tracks, least = blocks[:, feet, :2], _STRETCH_S * rate / size
+    runs: list[tuple[int, int]] = []
+    for run in find_runs(still):
+        if run.stop - run.start < least:
+            continue
+        # Feet that slide by a millimetre per second stand still in every step, but not where they stood before. Such
+        # an interval is divided.
+        count = (run.stop - run.start) // math.ceil(least)
+        sections = list(pairwise(run.start + (run.stop - run.start) * k // count for k in range(count + 1)))
+        begun, *later = (_median_positions(tracks, section) for section in sections)
+        within = any(_measure_distance(begun, place) >= MOVED_M for place in later)
+        runs += sections if within and (_slides(tracks[run]) or _slides(tracks)) else [(run.start, run.stop)]
+    at = [_median_positions(tracks, run) for run in runs]
+    if not any(_measure_distance(at[0], place) >= MOVED_M for place in at[1:]):
         return None
-    motion = _fit_motion(blocks[:, feet, :2], middle, runs, margin, alone=bool(other.any()))
-    return replace(motion, feet=tuple(int(marker) for marker in feet), fixed=fixed)
+    # intervals are joined where the feet have the same positions
+    merged: list[tuple[int, int]] = []
+    for (begin, end), place in zip(runs, at, strict=True):
+        same = merged and _measure_distance(_median_positions(tracks, merged[-1]), place) < _SAME_M
+        merged.append((merged.pop()[0] if same else begin, end))
+    feet = feet[np.isfinite(_median_positions(tracks, merged[0])[:, 0])]
+    if len(merged) < 2 or len(feet) < 2:
+        return None
+    margin = round(_MARGIN_S * rate / size)
+    stretches, centre, alone, knots = _fit_motion(blocks[:, feet, :2], middle, merged, margin, alone=bool(other.any()))
+    times, poses = np.array(list(knots)), np.array(list(knots.values()))
+    return BaseMotion(stretches, tuple(int(marker) for marker in feet), fixed, centre, alone, times, poses)
 
 
 def find_standing(blocks: FloatArray, block_s: float, least: float = _STANDING) -> BoolArray:
@@ -220,77 +238,14 @@ def find_standing(blocks: FloatArray, block_s: float, least: float = _STANDING) 
     return np.asarray(standing & (height < height.min() + LOW_M))
 
 
-def _measure_range(tracks: FloatArray) -> FloatArray:
-    """Return the distance (N,), m, from the 2.5 to the 97.5 percentile of each track (K, N, 2)."""
-    ordered, seen = np.sort(tracks, axis=0), np.isfinite(tracks[..., 0]).sum(axis=0)  # NaN last
-    low, high = ((share * (seen - 1)).astype(np.int64) for share in (0.025, 0.975))
-    markers = np.arange(tracks.shape[1])
-    return np.asarray(np.linalg.norm(ordered[high, markers] - ordered[low, markers], axis=1))
-
-
-def _find_other_foot(places: FloatArray, fixed: BoolArray, standing: BoolArray) -> BoolArray:
-    """Return the markers (M,) on a foot that keeps its position: fixed, near the moving feet, and at the same height.
-
-    ``standing`` (M,) marks the N markers that stand still. ``places`` (N, 3) are their mean positions, m, and ``fixed``
-    (N,) marks the markers that keep their positions for the whole recording.
-    """
-    feet = places[~fixed]
-    near = np.linalg.norm(places[:, :2] - feet[:, :2].mean(axis=0), axis=1) < _STEP_M
-    other = np.zeros(len(standing), np.bool_)
-    other[standing] = fixed & near & (places[:, 2] > np.median(feet[:, 2]) - _AS_HIGH_M)
-    return other
-
-
-def _find_still_blocks(feet: FloatArray, step: int) -> BoolArray:
-    """Return the blocks (K,) in which most foot markers (K, N, 3) stand still or all are hidden.
-
-    A marker is compared with its position ``step`` blocks later.
-    """
-    travel = np.linalg.norm(feet[step:] - feet[:-step], axis=2)
-    moved = (travel >= _STILL_M).sum(axis=1) * 2 > np.isfinite(travel).sum(axis=1)
-    still = np.ones(len(feet), np.bool_)
-    for k in np.flatnonzero(moved):
-        still[k : k + step + 1] = False
-    return still
-
-
-def _divide_slow_slide(run: tuple[int, int], feet: FloatArray, least: int) -> list[tuple[int, int]]:
-    """Return sections of ``least`` blocks or more if the feet slide slowly in a still interval, or else the interval.
-
-    Feet that slide by a millimetre per second stand still in every step, but not where they stood before. They are
-    compared in the first and the last third, because the skin returns with every repetition.
-    """
-    start, stop = run
-    count = (stop - start) // least
-    ends = [start + (stop - start) * k // count for k in range(count + 1)]
-    sections = list(pairwise(ends))
-    places = [_median_positions(feet, section) for section in sections]
-    within = any(_measure_distance(places[0], place) >= MOVED_M for place in places[1:])
-    return sections if within and (_slides(feet[start:stop]) or _slides(feet)) else [run]
-
-
 def _slides(feet: FloatArray) -> bool:
-    """Return whether feet (K, N, 2) are at another place in the last third than in the first third."""
+    """Return whether feet (K, N, 2) are at another place in the last third than in the first third.
+
+    Only thirds are compared, because the skin returns with every repetition.
+    """
     third = len(feet) // 3
     before, after = (_median_positions(feet, part) for part in ((0, third), (len(feet) - third, len(feet))))
     return _measure_distance(before, after) >= MOVED_M
-
-
-def _merge_stretches(runs: list[tuple[int, int]], feet: FloatArray) -> list[tuple[int, int]]:
-    """Return the intervals, joined where the foot markers (K, N, 2) have the same positions in successive intervals.
-
-    Only the first interval is returned if no marker moves by :data:`MOVED_M` or more between it and another interval.
-    """
-    places = [_median_positions(feet, run) for run in runs]
-    if not any(_measure_distance(places[0], place) >= MOVED_M for place in places[1:]):
-        return runs[:1]
-    merged: list[tuple[int, int]] = []
-    for run, place in zip(runs, places, strict=True):
-        begin = run[0]
-        if merged and _measure_distance(_median_positions(feet, merged[-1]), place) < _SAME_M:
-            begin = merged.pop()[0]
-        merged.append((begin, run[1]))
-    return merged
 
 
 def _median_positions(feet: FloatArray, run: tuple[int, int]) -> FloatArray:
@@ -310,21 +265,25 @@ def _measure_distance(here: FloatArray, there: FloatArray) -> float:
 
 def _fit_motion(
     tracks: FloatArray, time: FloatArray, runs: list[tuple[int, int]], margin: int, *, alone: bool
-) -> BaseMotion:
+) -> tuple[tuple[BaseStretch, ...], FloatArray, bool, dict[float, FloatArray]]:
     """Fit the motion of the base to tracks (K, N, 2) of foot markers that are visible in the first interval.
 
     ``runs`` are the still intervals, (first block, stop); ``margin`` blocks at their inner ends count as motion.
-    ``alone`` tells that markers on a foot keep their places. The fields ``feet`` and ``fixed`` of the result are empty.
+    ``alone`` tells that markers on a foot keep their places. The results are the fields ``stretches``, ``centre`` and
+    ``alone`` of :class:`BaseMotion`, and its poses by their times.
     """
     first = _median_positions(tracks, runs[0])
     centre = first.mean(axis=0)
-    fits = [_fit_rigid_motion(first - centre, _median_positions(tracks, run) - centre) for run in runs]
+
+    def fit(places: FloatArray) -> tuple[FloatArray, float]:
+        return _fit_rigid_motion(first - centre, places - centre, turning=turning)
+
+    turning = True
+    fits = [fit(_median_positions(tracks, run)) for run in runs]
     turning = all(misfit <= (_SAME_M if alone else _RIGID_M) for _, misfit in fits)
     alone &= not turning  # feet may also rotate about a marker that keeps its place
     if not turning:
-        fits = [
-            _fit_rigid_motion(first - centre, _median_positions(tracks, run) - centre, turning=False) for run in runs
-        ]
+        fits = [fit(_median_positions(tracks, run)) for run in runs]
     last, step = len(runs) - 1, max(2, round(_STRETCH_S / float(time[1] - time[0])))
     stretches, knots = [], dict[float, FloatArray]()
     for k, ((start, stop), (pose, misfit)) in enumerate(zip(runs, fits, strict=True)):
@@ -332,26 +291,16 @@ def _fit_motion(
         stretches.append(BaseStretch(float(time[begin]), float(time[end]), pose[:2], float(pose[2]), misfit))
         if (k > 0 and runs[k - 1][1] == start) or (k < last and runs[k + 1][0] == stop):  # a slow slide is followed
             parts = [(a, min(a + step, stop)) for a in range(start, stop - step // 2, step)]
-            knots |= {
-                float(time[(a + b - 1) // 2]): _fit_rigid_motion(
-                    first - centre, _median_positions(tracks, (a, b)) - centre, turning=turning
-                )[0]
-                for a, b in parts
-            }
+            knots |= {float(time[(a + b - 1) // 2]): fit(_median_positions(tracks, (a, b)))[0] for a, b in parts}
         else:
             knots |= {float(time[begin]): pose, float(time[end]): pose}
         between = range(end + 1, runs[k + 1][0] + margin) if k < last and runs[k + 1][0] > stop else range(0)
         seen = [block for block in between if np.isfinite(tracks[block, :, 0]).sum() >= 2]
-        knots |= {
-            float(time[b]): _fit_rigid_motion(first - centre, tracks[b] - centre, turning=turning)[0] for b in seen
-        }
-    knots = dict(sorted(knots.items()))
-    nothing = np.zeros(0, np.bool_)
-    places = np.array(list(knots)), np.array(list(knots.values()))
-    return BaseMotion(tuple(stretches), (), nothing, centre, alone, *places)
+        knots |= {float(time[block]): fit(tracks[block])[0] for block in seen}
+    return tuple(stretches), centre, alone, dict(sorted(knots.items()))
 
 
-def _fit_rigid_motion(before: FloatArray, after: FloatArray, *, turning: bool = True) -> tuple[FloatArray, float]:
+def _fit_rigid_motion(before: FloatArray, after: FloatArray, *, turning: bool) -> tuple[FloatArray, float]:
     """Return the shift and rotation (3,) about the origin that move points (N, 2), and the remaining rms distance.
 
     Without ``turning``, the rotation is 0.
@@ -428,8 +377,19 @@ def find_heel_lift(positions: FloatArray, time: FloatArray, rate: float) -> Heel
     largest: HeelLift | None = None
     for up in np.flatnonzero(height > _LIFT_M):
         for down in np.flatnonzero((away > _HEEL_LIFT_STILL_M) & (height < height[up])):
+            # the rotation, for ``lasting`` blocks, of the line between two markers of one foot
             between = blocks[:, up] - blocks[:, down]
-            turn = _measure_rotation(between[np.isfinite(between[:, 0])], lasting)
+            between = between[np.isfinite(between[:, 0])]
+            if len(between) <= lasting:
+                continue
+            lengths = np.linalg.norm(between, axis=1)
+            length, line = float(np.median(lengths)), np.median(between, axis=0)
+            level = abs(line[2]) < np.hypot(line[0], line[1])
+            rigid = np.quantile(np.abs(lengths - length), 0.98) <= _HEEL_LIFT_RIGID_M
+            if not (level and _FOOT_M[0] < length < _FOOT_M[1] and rigid):
+                continue
+            slope = np.arcsin(np.clip(between[:, 2] / length, -1, 1))
+            turn = float(np.sort(slope - np.median(slope))[-lasting])
             if turn > LEAST_TURN and (largest is None or turn > largest.turn):
                 first = int(np.argmax(blocks[:, up, 2] - usual[up, 2] > _LIFT_M))
                 largest = HeelLift(int(low[up]), int(low[down]), float(height[up]), turn, float(time[size * first]))
@@ -452,19 +412,3 @@ def find_moving_markers(points: FloatArray, rate: float) -> BoolArray:
     moves = np.nanquantile(away, _MOSTLY, axis=0) > _HEEL_LIFT_STILL_M
     moving[moving] = moves & (count_positions(as_complex(usual[moves])) >= _LEAST_POSITIONS)
     return moving
-
-
-def _measure_rotation(between: FloatArray, lasting: int) -> float:
-    """Return the rotation for ``lasting`` blocks of the line (K, 3) between two markers, rad; 0 if not on a foot."""
-    if len(between) <= lasting:
-        return 0.0
-    lengths = np.linalg.norm(between, axis=1)
-    length, usual = float(np.median(lengths)), np.median(between, axis=0)
-    level = abs(usual[2]) < np.hypot(usual[0], usual[1])
-    if (
-        not (level and _FOOT_M[0] < length < _FOOT_M[1])
-        or np.quantile(np.abs(lengths - length), 0.98) > _HEEL_LIFT_RIGID_M
-    ):
-        return 0.0
-    slope = np.arcsin(np.clip(between[:, 2] / length, -1, 1))
-    return float(np.sort(slope - np.median(slope))[-lasting])

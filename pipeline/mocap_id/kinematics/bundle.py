@@ -21,24 +21,31 @@ from mocap_id.kinematics.chain_fit import (
     ChainFit,
     ChainProblem,
     ChainState,
-    apply_step,
     centre_covariance,
     eliminate_angles,
     joint_angles,
     joint_positions,
     lag_one_covariance,
     length_sd,
-    residuals,
     share_variance,
     unwrap_angles,
 )
-from mocap_id.kinematics.joint import RigidBody, arc, fit_body, fit_common_centre, fit_joint, rigid_poses, still_body
+from mocap_id.kinematics.joint import (
+    RigidBody,
+    arc,
+    fit_body,
+    fit_common_centre,
+    fit_joint,
+    planar_poses,
+    still_body,
+    unit_directions,
+)
 
 LinkMethod = Literal["rigid-body", "circle"]
 
 _BLOCKS = 20  # blocks of time, each left out once for the covariance
 _FRAMES_A_JOINT = 10
-_ITERATIONS = 50
+_TURNS = 50  # iterations of the rotations about a known centre
 _TOLERANCE = 1e-9  # m
 _UNSEEN = 7.5  # ratio of the whole slide to its part that is visible in the residuals of body pairs
 
@@ -55,27 +62,22 @@ def fit_links(points: ComplexArray, segment: IntArray, method: LinkMethod) -> Ch
     """
     state = rigid_body_links(points, segment) if method == "rigid-body" else circle_links(points, segment)
     used = find_used_frames(state.angles)
-    off = points - _predict_markers(state, segment)
+    origin, turn = joint_positions(state)
+    origin = np.concatenate([np.zeros((len(turn), 1)), origin], axis=1)
+    turn = np.concatenate([np.ones((len(turn), 1)), turn], axis=1)
+    off = points - (origin[:, segment] + turn[:, segment] * state.local)
     off[~used] = np.nan
     off[:, segment == 0] = points[:, segment == 0] - state.local[segment == 0]
     angles = unwrap_angles(np.where(used[:, None], state.angles, np.nan))
     arcs = np.array([arc(np.exp(1j * relative)) for relative in joint_angles(angles[used]).T])
     covariance = np.full((len(arcs), 2, 2), np.nan)
     if method == "rigid-body":
-        slip = slip_variance(off[used], segment, arcs, _UNSEEN)
+        slip = _slip_variance(off[used], segment, arcs)
         covariance = _jackknife_covariance(points, segment, state, np.flatnonzero(used)) + slip[:, None, None] * np.eye(
             2
         )
-    return ChainFit(
-        state.centres,
-        state.local,
-        segment,
-        angles,
-        covariance,
-        length_sd(state.centres, covariance),
-        np.asarray(np.sqrt(np.nanmean(np.abs(off) ** 2, axis=0))),
-        arcs,
-    )
+    sd = length_sd(state.centres, covariance)
+    return ChainFit(state.centres, state.local, segment, angles, covariance, sd, _rms(off), arcs)
 
 
 def rigid_body_links(points: ComplexArray, segment: IntArray) -> ChainState:
@@ -84,9 +86,8 @@ def rigid_body_links(points: ComplexArray, segment: IntArray) -> ChainState:
     The result has coordinates of all M markers (base markers in the plane frame), and angles in all F frames, NaN where
     fewer than two markers of the segment are visible.
     """
-    joints = int(segment.max())
     bodies: list[RigidBody] = [still_body(points, np.flatnonzero(segment == 0))]
-    bodies += [fit_body(points, np.flatnonzero(segment == k)) for k in range(1, joints + 1)]
+    bodies += [fit_body(points, np.flatnonzero(segment == k)) for k in range(1, int(segment.max()) + 1)]
     pairs = [fit_joint(parent, child) for parent, child in pairwise(bodies)]
     origins = [0j, *(pair.in_child for pair in pairs)]
     centres = np.array([pair.in_parent - origin for pair, origin in zip(pairs, origins, strict=False)])
@@ -119,7 +120,7 @@ def chain_angles(
         if len(own) < 2 or np.ptp(local[own].real) + np.ptp(local[own].imag) < 0.05:
             continue
         seen = np.isfinite(points[:, own])
-        turn, origin = rigid_poses(np.where(seen, points[:, own], 0), seen.astype(np.float64), local[own])
+        turn, origin = planar_poses(np.where(seen, points[:, own], 0), seen.astype(np.float64), local[own])
         known = np.where(seen.sum(axis=1) >= 2, 1.0, np.nan)
         angles[:, k - 1] = np.angle(turn * known)
         place[k - 1] = origin * known if k > 1 else place[0]
@@ -150,41 +151,21 @@ def circle_links(points: ComplexArray, segment: IntArray) -> ChainState:
                 "circles have no centre. Use `fit-joints: {estimator: bundle}`."
             )
         centres[joint] = centre
-        turn, local[own] = _fit_rotations(seen_from[:, own] - centre)
+        # rotation (F,) and coordinates (k,) about the known centre by least squares; NaN with fewer than two markers
+        arms = seen_from[:, own] - centre
+        seen = np.isfinite(arms)
+        z, counts = np.where(seen, arms, 0), np.maximum(seen.sum(axis=0), 1)
+        place = z[int(np.argmax(seen.sum(axis=1)))]
+        for _ in range(_TURNS):
+            previous = place
+            place = (np.conj(unit_directions(z @ np.conj(place)))[:, None] * z).sum(axis=0) / counts
+            if np.max(np.abs(place - previous)) < _TOLERANCE:
+                break
+        turn = np.where(seen.sum(axis=1) >= 2, unit_directions(z @ np.conj(place)), np.nan)
+        local[own] = place
         angles[:, joint] = (angles[:, joint - 1] if joint else 0) + np.angle(turn)
         seen_from = np.conj(turn)[:, None] * (seen_from - centre)  # 3.9
     return ChainState(centres, local, angles)
-
-
-def _predict_markers(state: ChainState, segment: IntArray) -> ComplexArray:
-    """Return the markers (F, M) predicted by the chain, m, also on the base; NaN where an angle is unknown."""
-    origin, turn = joint_positions(state)
-    origin = np.concatenate([np.zeros((len(turn), 1)), origin], axis=1)
-    turn = np.concatenate([np.ones((len(turn), 1)), turn], axis=1)
-    return np.asarray(origin[:, segment] + turn[:, segment] * state.local)
-
-
-def _fit_rotations(arms: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Return rotation (F,) and coordinates (k,) of markers (F, k) about a known centre, by least squares.
-
-    A frame with fewer than two markers has no rotation (NaN).
-    """
-    seen = np.isfinite(arms)
-    z, counts = np.where(seen, arms, 0), np.maximum(seen.sum(axis=0), 1)
-    local = z[int(np.argmax(seen.sum(axis=1)))]
-    for _ in range(_ITERATIONS):
-        previous = local
-        local = (np.conj(_directions(z @ np.conj(local)))[:, None] * z).sum(axis=0) / counts
-        if np.max(np.abs(local - previous)) < _TOLERANCE:
-            break
-    turn = _directions(z @ np.conj(local))
-    return np.where(seen.sum(axis=1) >= 2, turn, np.nan), local
-
-
-def _directions(moment: ComplexArray) -> ComplexArray:
-    """Return complex numbers scaled to length 1; zeros become 1."""
-    size = np.abs(moment)
-    return np.where(size > 0, moment / np.where(size > 0, size, 1), 1)
 
 
 def find_used_frames(angles: FloatArray) -> BoolArray:
@@ -203,52 +184,51 @@ def find_used_frames(angles: FloatArray) -> BoolArray:
     return used
 
 
-def _jackknife_covariance(points: ComplexArray, segment: IntArray, state: ChainState, used: IntArray) -> FloatArray:
+def _jackknife_covariance(points: ComplexArray, segment: IntArray, reference: ChainState, used: IntArray) -> FloatArray:
     """Return the covariance (n, 2, 2) of the centres by leaving out one block of time at a time (jackknife), m^2.
 
     The covariance includes the dependence between joints and the correlation of residuals within a block, but not
     errors common to all blocks.
     """
     blocks = np.array_split(used, min(_BLOCKS, len(used)))
-    centres = np.stack(
-        [_align_frames(rigid_body_links(np.delete(points, block, axis=0), segment), state, segment) for block in blocks]
-    )
-    off = centres - centres.mean(axis=0)
+    refitted = []
+    for block in blocks:
+        state = rigid_body_links(np.delete(points, block, axis=0), segment)
+        centres = state.centres.copy()
+        for k in range(1, len(centres)):  # each segment frame is rotated to match the reference
+            own = segment == k
+            towards = np.vdot(state.local[own], reference.local[own]) + np.conj(state.centres[k]) * reference.centres[k]
+            centres[k] *= np.exp(1j * np.angle(towards))
+        refitted.append(centres)
+    off = np.stack(refitted)
+    off = off - off.mean(axis=0)
     xy = np.stack([off.real, off.imag], axis=2)
     return np.asarray((len(blocks) - 1) / len(blocks) * np.einsum("bji,bjk->jik", xy, xy))
 
 
-def _align_frames(state: ChainState, reference: ChainState, segment: IntArray) -> ComplexArray:
-    """Return the centres (n,) after each segment frame is rotated to match a reference chain."""
-    joints = len(state.centres)
-    centres = state.centres.copy()
-    for k in range(1, joints):
-        own = segment == k
-        towards = np.vdot(state.local[own], reference.local[own]) + np.conj(state.centres[k]) * reference.centres[k]
-        centres[k] *= np.exp(1j * np.angle(towards))
-    return centres
-
-
-def slip_variance(off: ComplexArray, segment: IntArray, arcs: FloatArray, unseen: float) -> FloatArray:
+def _slip_variance(off: ComplexArray, segment: IntArray, arcs: FloatArray) -> FloatArray:
     """Return the variance (n,) of each centre from skin that slides with the angle, m^2.
 
     A slide of s over an arc shifts the centre by about s / arc without a residual. The visible part of the slide is the
     part of the residuals ``off`` (T, M; NaN where missing) that persists to the next frame. The invisible part is
-    ``unseen`` times as large, calibrated on simulated bodies for each method. Each centre is relative to the joint
-    below, whose slide is included.
+    :data:`_UNSEEN` times as large, calibrated on simulated bodies. Each centre is relative to the joint below, whose
+    slide is included.
     """
-    joints = len(arcs)
     seen = np.isfinite(off)
     lasting, chance = lag_one_covariance(np.where(seen, off, 0), seen)
-    slip = np.empty(joints)
-    for k in range(1, joints + 1):
+    slip = np.empty(len(arcs))
+    for k in range(1, len(arcs) + 1):
         members = segment == k
         slip[k - 1] = max(np.mean(lasting[members] - chance[members]), 0) / 2 / members.sum()
     at_joint = (slip + np.concatenate([[0.0], slip[:-1]])) / np.maximum(arcs, 1e-6) ** 2
-    return np.asarray(unseen**2 * (at_joint + np.concatenate([[0.0], at_joint[:-1]])))
+    return np.asarray(_UNSEEN**2 * (at_joint + np.concatenate([[0.0], at_joint[:-1]])))
 
 
-_BUNDLE_ITERATIONS = 300
+def _rms(off: ComplexArray) -> FloatArray:
+    return np.asarray(np.sqrt(np.nanmean(np.abs(off) ** 2, axis=0)))
+
+
+_ITERATIONS = 300
 _ADAPTED = 100  # iterations in which the limits of bursts follow the residuals; later, they could alternate
 _CONVERGED = 1e-7  # relative decrease of the cost
 _NEARLY = 1e-3  # relative decrease of the cost at which the markers are weighted by their residuals
@@ -288,133 +268,87 @@ def fit_chain(
         ``too-few-frames`` if too few frames contain all segments; ``joint-unsettled`` if the iteration does not
         converge.
     """
-    moving = np.flatnonzero(segment > 0)
-    joints = int(segment.max())
+    moving, still = np.flatnonzero(segment > 0), np.flatnonzero(segment == 0)
     start = start or rigid_body_links(points, segment)
     used = np.flatnonzero(find_used_frames(start.angles))
     tracks = {joint: track[used] for joint, track in (auxiliary or {}).items()}
-    problem = ChainProblem.with_joint_markers(points[np.ix_(used, moving)], segment[moving], tracks, joints)
+    problem = ChainProblem.with_joint_markers(points[np.ix_(used, moving)], segment[moving], tracks, int(segment.max()))
     local = np.concatenate([start.local[moving], np.zeros(int(problem.pinned.sum()))])
     state, problem, iterations = _solve(problem, ChainState(start.centres, local, start.angles[used]), pull)
-    return replace(_collect(points, segment, used, problem, state), iterations=iterations)
+
+    # residuals and arcs
+    template = still_body(points, still).template
+    local, residual = np.zeros(len(segment), dtype=np.complex128), np.zeros(len(segment))
+    local[still], local[moving] = template, state.local[~problem.pinned]
+    off = np.where(problem.weights > 0, problem.residuals(state), np.nan)
+    residual[still], residual[moving] = _rms(points[:, still] - template), _rms(off[:, ~problem.pinned])
+    angles = np.full((len(points), problem.joints), np.nan)
+    angles[used] = state.angles
+    angles = unwrap_angles(angles)
+    arcs = np.array([arc(np.exp(1j * relative)) for relative in joint_angles(angles[used]).T])
+
+    # covariance of the centres, with that from the unknown distances of pinned markers to their joints
+    full = centre_covariance(problem, state, eliminate_angles(problem, state))
+    placement = np.zeros(full.shape)
+    at_rest = eliminate_angles(problem, state).step()[0] if problem.pinned.any() else np.zeros(len(full))
+    for column in np.flatnonzero(problem.pinned):
+        for offset in (_OFF_JOINT, 1j * _OFF_JOINT):
+            shifted = problem.points.copy()
+            shifted[:, column] += offset
+            moved = (eliminate_angles(replace(problem, points=shifted), state).step()[0] - at_rest)[: len(full)]
+            placement += np.outer(moved, moved)
+    full += placement
+    covariance = np.stack([full[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] for j in range(problem.joints)])
+    sd = length_sd(state.centres, covariance)
+    return ChainFit(state.centres, local, segment, angles, covariance, sd, residual, arcs, iterations)
 
 
 def _solve(problem: ChainProblem, state: ChainState, pull: float) -> tuple[ChainState, ChainProblem, int]:
     """Return the best state, the problem with final weights (``pull`` for pinned markers) and the iteration count."""
+    own, seen = ~problem.pinned, problem.weights > 0
     scale = np.where(problem.pinned, pull, 1.0)
     cost, weighings = np.inf, 0
-    limits, moved, off = np.zeros(problem.joints), np.zeros(problem.joints), np.abs(residuals(problem, state))
-    for iteration in range(1, _BUNDLE_ITERATIONS + 1):
-        if iteration <= _ADAPTED:
-            limits = _find_burst_limits(problem, off)
+    limits, moved, off = np.zeros(problem.joints), np.zeros(problem.joints), np.abs(problem.residuals(state))
+    for iteration in range(1, _ITERATIONS + 1):
+        # bursts, residuals above a limit for each segment, have less weight (Huber)
+        for k in range(1, problem.joints + 1) if iteration <= _ADAPTED else ():
+            members = (problem.segment == k) & own
+            rayleigh = np.median(off[:, members][seen[:, members]]) / 1.1774  # scale of a Rayleigh distribution
+            limits[k - 1] = _HUBER * max(rayleigh, 1e-9)
         limit = limits[problem.segment - 1]
-        bursts = np.where(problem.pinned, 1.0, limit / np.maximum(off, limit))  # Huber weights
-        problem = replace(problem, weights=np.where(problem.weights > 0, scale * bursts, 0.0))
-        before, (state, off) = state, _take_step(problem, state, off)
+        bursts = np.where(problem.pinned, 1.0, limit / np.maximum(off, limit))
+        problem = replace(problem, weights=np.where(seen, scale * bursts, 0.0))
+
+        # a Gauss-Newton step, which is halved while the cost increases
+        before, previous = state, cost
+        common, turns = eliminate_angles(problem, before).step()
+        highest = float(np.sum(problem.weights * off**2)) * (1 + _CONVERGED)
+        for _ in range(_SHORTENINGS + 1):
+            state = before.change(common, turns)
+            off = np.abs(problem.residuals(state))
+            cost = float(np.sum(problem.weights * off**2))
+            if cost <= highest:
+                break
+            common, turns = common / 2, turns / 2
         moved = np.abs(state.centres - before.centres)
-        previous, cost = cost, _cost(problem, off)
         fall = abs(previous - cost)
         if fall <= _NEARLY * cost and weighings < _WEIGHINGS:
-            scale[~problem.pinned] = _weight_markers(problem, state, off)
+            # each marker that is not pinned is weighted by its inverse variance, scaled to a mean of 1
+            left = np.where(seen[:, own], off[:, own], 0)
+            square = np.minimum(left, _HUBER * np.sqrt(np.mean(left**2, axis=0))) ** 2
+            variance = square.sum(axis=0) / np.maximum(seen[:, own].sum(axis=0), 1)
+            weights = problem.weights[:, own].mean(axis=0)
+            variance = share_variance(variance, weights, problem.segment[own], state.local[own])
+            weight = 1 / np.maximum(variance, _EXACT**2)
+            scale[own] = weight / weight.mean()
             cost, weighings = np.inf, weighings + 1
         elif fall <= _CONVERGED * cost + 1e-18:
             return state, problem, iteration
     raise Refused(
         "joint-unsettled",
-        f"the centre of joint {np.argmax(moved) + 1} still changes after {_BUNDLE_ITERATIONS} iterations of the joint "
+        f"the centre of joint {np.argmax(moved) + 1} still changes after {_ITERATIONS} iterations of the joint "
         "fit. Either the two segments of this joint hardly rotate relative to each other, or a marker is on the wrong "
         "segment. Check their markers in the report (segments), and set `segment: {count: …}`, list markers that are "
         "`together` or `apart`, or list markers to `ignore`",
         float(moved.max()),
     )
-
-
-def _take_step(problem: ChainProblem, state: ChainState, off: FloatArray) -> tuple[ChainState, FloatArray]:
-    """Return the state after a step, which is halved while the cost increases, and the residual distances (T, K), m."""
-    common, turns = eliminate_angles(problem, state).step()
-    before = _cost(problem, off)
-    for _ in range(_SHORTENINGS):
-        tried = apply_step(state, (common, turns))
-        off = np.abs(residuals(problem, tried))
-        if _cost(problem, off) <= before * (1 + _CONVERGED):
-            return tried, off
-        common, turns = common / 2, turns / 2
-    tried = apply_step(state, (common, turns))
-    return tried, np.abs(residuals(problem, tried))
-
-
-def _cost(problem: ChainProblem, off: FloatArray) -> float:
-    return float(np.sum(problem.weights * off**2))
-
-
-def _find_burst_limits(problem: ChainProblem, off: FloatArray) -> FloatArray:
-    """Return the distance, m, above which a residual is a burst, for each segment (n,)."""
-    seen = problem.weights > 0
-    limits = np.zeros(problem.joints)
-    for k in range(1, problem.joints + 1):
-        members = (problem.segment == k) & ~problem.pinned
-        median = np.median(off[:, members][seen[:, members]])
-        rayleigh = median / 1.1774  # scale of a Rayleigh distribution from its median
-        limits[k - 1] = _HUBER * max(rayleigh, 1e-9)
-    return limits
-
-
-def _weight_markers(problem: ChainProblem, state: ChainState, off: FloatArray) -> FloatArray:
-    """Return the weight of each marker that is not pinned: its inverse variance, scaled to a mean of 1."""
-    own = ~problem.pinned
-    seen = (problem.weights > 0)[:, own]
-    off = np.where(seen, off[:, own], 0)
-    square = np.minimum(off, _HUBER * np.sqrt(np.mean(off**2, axis=0))) ** 2
-    variance = square.sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
-    variance = share_variance(variance, problem.weights[:, own].mean(axis=0), problem.segment[own], state.local[own])
-    weight = 1 / np.maximum(variance, _EXACT**2)
-    return np.asarray(weight / weight.mean())
-
-
-def _collect(
-    points: ComplexArray, segment: IntArray, used: IntArray, problem: ChainProblem, state: ChainState
-) -> ChainFit:
-    """Return the fit with residuals, arcs and covariance."""
-    moving, still = np.flatnonzero(segment > 0), np.flatnonzero(segment == 0)
-    base = still_body(points, still)
-    local = np.zeros(len(segment), dtype=np.complex128)
-    local[still], local[moving] = base.template, state.local[~problem.pinned]
-    residual = np.zeros(len(segment))
-    residual[still] = _rms(points[:, still] - base.template)
-    seen = problem.weights > 0
-    off = np.where(seen, residuals(problem, state), np.nan)
-    residual[moving] = _rms(off[:, ~problem.pinned])
-    angles = np.full((len(points), problem.joints), np.nan)
-    angles[used] = state.angles
-    angles = unwrap_angles(angles)
-    full = centre_covariance(problem, state, eliminate_angles(problem, state))
-    full += _placement_covariance(problem, state, len(full))
-    covariance = np.stack([full[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] for j in range(problem.joints)])
-    arcs = np.array([arc(np.exp(1j * relative)) for relative in joint_angles(angles[used]).T])
-    return ChainFit(
-        state.centres,
-        local,
-        segment,
-        angles,
-        covariance,
-        length_sd(state.centres, covariance),
-        residual,
-        arcs,
-    )
-
-
-def _placement_covariance(problem: ChainProblem, state: ChainState, size: int) -> FloatArray:
-    """Return the covariance (size, size) of the centres, m^2, from unknown distances of pinned markers to joints."""
-    total = np.zeros((size, size))
-    at_rest = eliminate_angles(problem, state).step()[0] if problem.pinned.any() else np.zeros(size)
-    for column in np.flatnonzero(problem.pinned):
-        for offset in (_OFF_JOINT, 1j * _OFF_JOINT):
-            points = problem.points.copy()
-            points[:, column] += offset
-            shift = (eliminate_angles(replace(problem, points=points), state).step()[0] - at_rest)[:size]
-            total += np.outer(shift, shift)
-    return total
-
-
-def _rms(off: ComplexArray) -> FloatArray:
-    return np.asarray(np.sqrt(np.nanmean(np.abs(off) ** 2, axis=0)))

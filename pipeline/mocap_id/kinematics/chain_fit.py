@@ -54,6 +54,15 @@ class ChainProblem:
         """Indices of the common unknowns without the coordinates of pinned markers."""
         return np.flatnonzero(np.repeat(np.append(np.zeros(self.joints, dtype=np.bool_), self.pinned), 2) == 0)
 
+    def predict(self, state: ChainState) -> ComplexArray:
+        """Return the predicted marker positions (T, K), m."""
+        origin, turn = joint_positions(state)
+        return np.asarray(origin[:, self.segment - 1] + turn[:, self.segment - 1] * state.local)
+
+    def residuals(self, state: ChainState) -> ComplexArray:
+        """Return measured minus predicted marker positions (T, K), m; meaningless where a marker is missing."""
+        return self.points - self.predict(state)
+
 
 @dataclass(frozen=True)
 class ChainState:
@@ -63,16 +72,10 @@ class ChainState:
     local: ComplexArray  # (K,) marker coordinates, m
     angles: FloatArray  # (T, n) absolute segment angles, rad
 
-
-def predict_markers(problem: ChainProblem, state: ChainState) -> ComplexArray:
-    """Return the predicted marker positions (T, K), m."""
-    origin, turn = joint_positions(state)
-    return np.asarray(origin[:, problem.segment - 1] + turn[:, problem.segment - 1] * state.local)
-
-
-def residuals(problem: ChainProblem, state: ChainState) -> ComplexArray:
-    """Return measured minus predicted marker positions (T, K), m; meaningless where a marker is missing."""
-    return problem.points - predict_markers(problem, state)
+    def change(self, common: FloatArray, turns: FloatArray) -> ChainState:
+        """Return the state after a change of the common unknowns (P,) and of the angles (T, n)."""
+        joints, moved = len(self.centres), common[0::2] + 1j * common[1::2]
+        return ChainState(self.centres + moved[:joints], self.local + moved[joints:], self.angles + turns)
 
 
 def joint_positions(state: ChainState) -> tuple[ComplexArray, ComplexArray]:
@@ -86,90 +89,73 @@ def joint_positions(state: ChainState) -> tuple[ComplexArray, ComplexArray]:
 
 def angle_jacobian(problem: ChainProblem, state: ChainState) -> ComplexArray:
     """Return the derivatives (T, K, n) of the markers with respect to the absolute segment angles, m/rad."""
-    _, turn = joint_positions(state)
+    turn = np.exp(1j * state.angles)
     below = np.arange(problem.joints) < problem.segment[:, None]
     swing = 1j * np.where(below, (turn * np.append(state.centres[1:], 0))[:, None, :], 0)
     swing[:, np.arange(len(below)), problem.segment - 1] = 1j * turn[:, problem.segment - 1] * state.local
     return np.asarray(swing)
 
 
-@dataclass(frozen=True)
-class Normal:
-    """Weighted normal equations of all frames, bordered block-diagonal, for P = 2 (n + K) common unknowns.
+def _levers(problem: ChainProblem, state: ChainState) -> tuple[ComplexArray, ComplexArray, BoolArray]:
+    """Return the derivatives of the markers with respect to the centres and to their own coordinates.
 
-    Real and imaginary parts of the common unknowns alternate.
+    The results are the derivatives (T, n) with respect to the centres, the derivatives (T, K) with respect to the
+    marker's coordinates, and the centres (K, n) on which each marker depends.
     """
-
-    common: FloatArray  # (P, P) block of the common unknowns, summed over frames
-    cross: FloatArray  # (T, n, P) blocks between a frame's angles and the common unknowns
-    angles: FloatArray  # (T, n, n) blocks of a frame's angles
-    pull: FloatArray  # (T, P) right-hand sides of the common unknowns
-    turn: FloatArray  # (T, n) right-hand sides of the angles
+    turn = np.exp(1j * state.angles)
+    lever = np.concatenate([np.ones((len(turn), 1)), turn[:, :-1]], axis=1)
+    return lever, turn[:, problem.segment - 1], np.arange(problem.joints) < problem.segment[:, None]
 
 
-def normal_equations(problem: ChainProblem, state: ChainState) -> Normal:
-    """Return the normal equations. No dense Jacobian is built, because a marker depends on few unknowns."""
-    derivatives = _derivatives(problem, state)
-    lever, below, own, _, pulled = derivatives
+def angle_blocks(problem: ChainProblem, state: ChainState) -> tuple[FloatArray, FloatArray, ComplexArray]:
+    """Return the blocks of a frame's angles in the normal equations, for P = 2 (n + K) common unknowns.
+
+    The results are the blocks (T, n, P) between angles and common unknowns, the blocks (T, n, n) of the angles, and the
+    weighted conjugate derivatives (T, K, n) of the markers with respect to the angles.
+    """
+    lever, own, below = _levers(problem, state)
+    swing = angle_jacobian(problem, state)
+    pulled = np.asarray(np.conj(swing) * problem.weights[..., None], dtype=np.complex128)
+    turned = np.swapaxes(pulled, 1, 2)
+    cross = np.concatenate([turned @ below.astype(np.complex128) * lever[:, None, :], turned * own[:, None]], axis=2)
+    interleaved = np.stack([cross.real, -cross.imag], axis=3).reshape(*cross.shape[:2], -1)
+    return interleaved, (turned @ swing).real, pulled
+
+
+def normal_equations(
+    problem: ChainProblem, state: ChainState
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return the weighted normal equations of all frames, bordered block-diagonal, for P = 2 (n + K) common unknowns.
+
+    The results are the block of the common unknowns summed over frames (P, P), the two blocks of :func:`angle_blocks`,
+    and the right-hand sides of the common unknowns (T, P) and of the angles (T, n). Real and imaginary parts of the
+    common unknowns alternate. No dense Jacobian is built, because a marker depends on few unknowns.
+    """
+    lever, own, below = _levers(problem, state)
+    cross, angles, pulled = angle_blocks(problem, state)
     joints, markers, weights = problem.joints, len(problem.segment), problem.weights
-    off = residuals(problem, state)
+    off = problem.residuals(state)
     carried = weights @ (below[:, :, None] & below[:, None, :]).reshape(markers, -1).astype(np.float64)
     centres = np.einsum("ti,tj,tij->ij", np.conj(lever), lever, carried.reshape(-1, joints, joints))
     border = (np.conj(lever).T @ (weights * own)) * below.T
     hermitian = np.block([[centres, border], [np.conj(border).T, np.diag(weights.sum(axis=0))]])
+    size = len(hermitian)
+    common = np.empty((size, 2, size, 2))  # the real form of the Hermitian matrix
+    common[:, 0, :, 0] = common[:, 1, :, 1] = hermitian.real
+    common[:, 1, :, 0] = hermitian.imag
+    common[:, 0, :, 1] = -hermitian.imag
     pull = np.concatenate([np.conj(lever) * ((weights * off) @ below), np.conj(own) * weights * off], axis=1)
-    return Normal(
-        _interleave(hermitian),
-        *_angle_blocks(*derivatives),
+    return (
+        common.reshape(2 * size, 2 * size),
+        cross,
+        angles,
         np.stack([pull.real, pull.imag], axis=2).reshape(len(pull), -1),
         (off[:, None] @ pulled)[:, 0].real,
     )
 
 
-def angle_blocks(problem: ChainProblem, state: ChainState) -> tuple[FloatArray, FloatArray]:
-    """Return only the blocks of a frame's angles: ``cross`` (T, n, P) and ``angles`` (T, n, n) of :class:`Normal`."""
-    return _angle_blocks(*_derivatives(problem, state))
-
-
-def _derivatives(
-    problem: ChainProblem, state: ChainState
-) -> tuple[ComplexArray, BoolArray, ComplexArray, ComplexArray, ComplexArray]:
-    """Return the derivatives of the markers.
-
-    The five results are: the derivatives (T, n) with respect to the centres, the centres (K, n) on which each marker
-    depends, the derivatives (T, K) with respect to the marker's coordinates, the derivatives (T, K, n) with respect to
-    the angles, and the latter conjugated and weighted.
-    """
-    _, turn = joint_positions(state)
-    lever = np.concatenate([np.ones((len(turn), 1)), turn[:, :-1]], axis=1)
-    below: BoolArray = np.arange(problem.joints) < problem.segment[:, None]
-    swing = angle_jacobian(problem, state)
-    pulled = np.asarray(np.conj(swing) * problem.weights[..., None], dtype=np.complex128)
-    return lever, below, turn[:, problem.segment - 1], swing, pulled
-
-
-def _angle_blocks(
-    lever: ComplexArray, below: BoolArray, own: ComplexArray, swing: ComplexArray, pulled: ComplexArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the blocks of :func:`angle_blocks` from the derivatives of the markers."""
-    turned = np.swapaxes(pulled, 1, 2)
-    cross = np.concatenate([turned @ below.astype(np.complex128) * lever[:, None, :], turned * own[:, None]], axis=2)
-    interleaved = np.stack([cross.real, -cross.imag], axis=3).reshape(*cross.shape[:2], -1)
-    return interleaved, (turned @ swing).real
-
-
-def _interleave(hermitian: ComplexArray) -> FloatArray:
-    """Return the real form (2P, 2P) of a Hermitian matrix (P, P), with real and imaginary parts alternating."""
-    size = len(hermitian)
-    real = np.empty((size, 2, size, 2))
-    real[:, 0, :, 0] = real[:, 1, :, 1] = hermitian.real
-    real[:, 1, :, 0] = hermitian.imag
-    real[:, 0, :, 1] = -hermitian.imag
-    return real.reshape(2 * size, 2 * size)
-
-
 @dataclass(frozen=True)
-class Reduced:
+class ReducedEquations:
     """Normal equations after elimination of the angles."""
 
     inverse: FloatArray  # (P, P) pseudo-inverse of the Schur complement; zero for pinned coordinates
@@ -182,33 +168,22 @@ class Reduced:
         return delta, self.solved[..., -1] - self.solved[..., :-1] @ delta
 
 
-def eliminate_angles(problem: ChainProblem, state: ChainState) -> Reduced:
-    """Return the normal equations after elimination of the angles, frame by frame."""
-    normal = normal_equations(problem, state)
+def eliminate_angles(problem: ChainProblem, state: ChainState) -> ReducedEquations:
+    """Return the normal equations after elimination of the angles, frame by frame.
+
+    The pseudo-inverse ignores the orientations of the segment frames, which do not change marker positions.
+    """
+    common, cross, angles, pull, turn = normal_equations(problem, state)
     # with as many right-hand sides as unknowns, the product with the inverse is twice as fast as solving
-    solved = np.linalg.inv(normal.angles) @ np.concatenate([normal.cross, normal.turn[..., None]], axis=2)
-    flat = normal.cross.reshape(-1, problem.unknowns)
-    hessian = normal.common - flat.T @ solved[..., :-1].reshape(flat.shape)
-    scores = normal.pull - np.einsum("tnp,tn->tp", normal.cross, solved[..., -1])
-    return Reduced(_pseudo_inverse(hessian, problem), scores, solved)
-
-
-def _pseudo_inverse(hessian: FloatArray, problem: ChainProblem) -> FloatArray:
-    """Return the pseudo-inverse without the orientations of segment frames, which do not change marker positions."""
+    solved = np.linalg.inv(angles) @ np.concatenate([cross, turn[..., None]], axis=2)
+    flat = cross.reshape(-1, problem.unknowns)
+    hessian = common - flat.T @ solved[..., :-1].reshape(flat.shape)
     free = np.ix_(problem.free, problem.free)
     values, vectors = np.linalg.eigh((hessian[free] + hessian[free].T) / 2)
     kept = slice(problem.joints, None)
     inverse = np.zeros_like(hessian)
     inverse[free] = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
-    return inverse
-
-
-def apply_step(state: ChainState, step: tuple[FloatArray, FloatArray]) -> ChainState:
-    """Return the state after a change of the common unknowns (P,) and of the angles (T, n)."""
-    common, turns = step
-    joints = len(state.centres)
-    change = common[0::2] + 1j * common[1::2]
-    return ChainState(state.centres + change[:joints], state.local + change[joints:], state.angles + turns)
+    return ReducedEquations(inverse, pull - np.einsum("tnp,tn->tp", cross, solved[..., -1]), solved)
 
 
 def remaining_share(weights: FloatArray, local: ComplexArray) -> FloatArray:
@@ -307,7 +282,7 @@ def unwrap_angles(angles: FloatArray) -> FloatArray:
 _BLOCKS = 20  # blocks of time assumed independent
 
 
-def centre_covariance(problem: ChainProblem, state: ChainState, reduced: Reduced) -> FloatArray:
+def centre_covariance(problem: ChainProblem, state: ChainState, reduced: ReducedEquations) -> FloatArray:
     """Return the covariance (2 n, 2 n) of the centres, m^2, in the order x, y of each centre.
 
     The arguments are values at the solution of the joint fit.
@@ -329,7 +304,7 @@ def slide_variances(problem: ChainProblem, state: ChainState) -> FloatArray:
     pose is fitted.
     """
     seen = problem.weights > 0
-    off = np.where(seen, residuals(problem, state), 0)
+    off = np.where(seen, problem.residuals(state), 0)
     lasting, chance = lag_one_covariance(off, seen)
     slide = np.zeros(len(lasting))
     for k in range(1, problem.joints + 1):
@@ -350,7 +325,7 @@ def lag_one_covariance(off: ComplexArray, seen: BoolArray) -> tuple[FloatArray, 
 
 
 def slide_responses(
-    problem: ChainProblem, state: ChainState, reduced: Reduced, shape: FloatArray, towards: FloatArray
+    problem: ChainProblem, state: ChainState, reduced: ReducedEquations, shape: FloatArray, towards: FloatArray
 ) -> FloatArray:
     """Return the change (K, S, 2, p) of p common unknowns if each marker slides along x or y of its segment.
 
@@ -358,27 +333,20 @@ def slide_responses(
     ``reduced.inverse`` for the requested unknowns. The other arguments are values at the solution.
     """
     joints = problem.joints
-    _, turn = joint_positions(state)
-    own = turn[:, problem.segment - 1]  # (T, K)
+    lever, own, below = _levers(problem, state)
     slid = (problem.weights * own)[..., None] * shape
-    lever = np.concatenate([np.ones((len(turn), 1)), turn[:, :-1]], axis=1)
-    below = np.arange(joints) < problem.segment[:, None]  # (K, n)
     centres = np.einsum("tj,tks->ksj", np.conj(lever), slid) * below[:, None, :]
+    # real gradients (K, S, 2, 2 n) for slides along x and y, from the complex gradients for slides along x
+    both = (centres.real, centres.imag), (-centres.imag, centres.real)
+    gradients = [np.stack(each, axis=-1).reshape(*centres.shape[:-1], -1) for each in both]
+    of_centre = np.stack(gradients, axis=-2) @ towards[: 2 * joints]
     itself = np.einsum("tk,tks->ks", problem.weights, shape)
-    of_centre = _split_directions(centres) @ towards[: 2 * joints]
     rows = towards[2 * joints :].reshape(-1, 2, towards.shape[1])  # (K, 2, p)
     of_itself = itself[:, :, None, None] * rows[:, None]
     pull = np.conj(angle_jacobian(problem, state))[:, :, None, :] * slid[..., None]  # (T, K, S, n)
     solved = reduced.solved[..., :-1]  # (T, n, P)
     turned = [np.tensordot(part, solved, axes=([0, 3], [0, 1])) for part in (pull.real, -pull.imag)]
     return np.asarray(of_centre + of_itself - np.stack(turned, axis=2) @ towards)
-
-
-def _split_directions(pull: np.ndarray) -> FloatArray:
-    """Return real gradients (..., 2, 2 n) for slides along x and y, from complex gradients (..., n) along x."""
-    along = np.stack([pull.real, pull.imag], axis=-1).reshape(*pull.shape[:-1], -1)
-    across = np.stack([-pull.imag, pull.real], axis=-1).reshape(*pull.shape[:-1], -1)
-    return np.stack([along, across], axis=-2)
 
 
 def slide_shapes(problem: ChainProblem, state: ChainState) -> FloatArray:

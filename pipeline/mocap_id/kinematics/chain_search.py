@@ -7,14 +7,15 @@ of a level can be chosen.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
-from mocap_id.kinematics.clusters import Base, Clusters, Constraints
+from mocap_id.kinematics.clusters import Base, Constraints, MarkerClusters
 from mocap_id.kinematics.joint import PairJoint, RigidBody
 
 FLOOR = 3e-4
@@ -53,14 +54,13 @@ class SegmentationProblem:
     moving: IntArray  # columns of the moving markers
     rules: SegmentationRules
     constraints: Constraints
-    clusters: Clusters  # rigid bodies of the moving markers
+    clusters: MarkerClusters  # rigid bodies of the moving markers
 
 
 @dataclass(frozen=True)
 class Hypothesis:
     """One segmentation of the recording: bodies in order from base to tip, and its cost."""
 
-    level: int  # level of detail: number of bodies requested from the clustering
     chain: tuple[RigidBody, ...]  # moving segments
     joints: tuple[PairJoint, ...]  # joint of each segment with the previous one
     left_out: tuple[RigidBody, ...]  # bodies of the level that are not on the chain
@@ -78,43 +78,35 @@ class Hypothesis:
         """Return in words why the best hypothesis was chosen instead; ``chosen`` for the best one itself.
 
         The terms add up to the difference in cost: markers only on the best chain, markers only on this chain, markers
-        on both, the number of segments, and the shortening of the chain.
+        on both, the number of segments, and the shortening of the chain. First come the terms that raise the cost.
         """
         if self is best:
             return "chosen"
+
+        def compare(markers: IntArray) -> float:
+            """Return the summed log residual of some markers, minus the same sum in the best hypothesis."""
+            return float(np.sum(np.log(self.predicted[markers] / best.predicted[markers])))
+
+        def count(number: int, what: str) -> str:
+            return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
         own, other = self.markers, best.markers
-        out, extra, both = np.setdiff1d(other, own), np.setdiff1d(own, other), np.intersect1d(own, other)
-        fit = self._compare_residuals(best, both)
+        out, extra = np.setdiff1d(other, own), np.setdiff1d(own, other)
+        fit = compare(np.intersect1d(own, other))
         terms = {
-            f"leaves out {_format_count(len(out), 'marker')} of the chosen segments": self._compare_residuals(
-                best, out
-            ),
-            f"includes {_format_count(len(extra), 'marker')} more": self._compare_residuals(best, extra),
+            f"leaves out {count(len(out), 'marker')} of the chosen segments": compare(out),
+            f"includes {count(len(extra), 'marker')} more": compare(extra),
             f"fits {'the other' if len(out) + len(extra) else 'the'} markers {'worse' if fit > 0 else 'better'}": fit,
             "a longer chain was better, and was shortened afterwards": self.cut,
         }
         more = len(self.chain) - len(best.chain)
         price = self.cost - best.cost - sum(terms.values())  # split_gain times the difference in the number of segments
-        return _describe_cost(
-            {f"has {_format_count(abs(more), 'segment')} {'more' if more > 0 else 'fewer'}": price, **terms}
-        )
-
-    def _compare_residuals(self, best: Hypothesis, markers: IntArray) -> float:
-        """Return the summed log residual of some markers, minus the same sum in the best hypothesis."""
-        return float(np.sum(np.log(self.predicted[markers] / best.predicted[markers])))
-
-
-def _describe_cost(terms: Mapping[str, float]) -> str:
-    """Return a difference in cost in words: first the terms that raise it, then the terms that reduce it."""
-    reported = sorted((each for each in terms.items() if abs(each[1]) >= _REPORTED), key=lambda each: -abs(each[1]))
-    against = ", ".join(f"{words} (+{value:.1f})" for words, value in reported if value > 0)
-    in_favour = ", ".join(f"{words} ({_MINUS}{-value:.1f})" for words, value in reported if value < 0)
-    text = f"costs {sum(terms.values()):.1f} more" + (f": {against}" if against else "")
-    return f"{text}; but {in_favour}" if in_favour else text
-
-
-def _format_count(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+        terms = {f"has {count(abs(more), 'segment')} {'more' if more > 0 else 'fewer'}": price, **terms}
+        reported = sorted((each for each in terms.items() if abs(each[1]) >= _REPORTED), key=lambda each: -abs(each[1]))
+        against = ", ".join(f"{words} (+{value:.1f})" for words, value in reported if value > 0)
+        in_favour = ", ".join(f"{words} ({_MINUS}{-value:.1f})" for words, value in reported if value < 0)
+        text = f"costs {sum(terms.values()):.1f} more" + (f": {against}" if against else "")
+        return f"{text}; but {in_favour}" if in_favour else text
 
 
 _APART = 0.2  # m; least distance between two limbs on either side of their parent
@@ -126,78 +118,56 @@ _DEEPEST = 9  # largest number of segments of a path, with the base
 _LEVELS = 12  # largest number of bodies into which the markers are sorted
 
 
-@dataclass(frozen=True)
-class _Path:
-    """Chain before it is shortened to the allowed length."""
-
-    chain: tuple[RigidBody, ...]
-    joints: tuple[PairJoint, ...]
-    cost: float
-
-
 def find_hypotheses(problem: SegmentationProblem) -> Iterator[Hypothesis]:
     """Yield the best chain of every level, then the best chains of all other lengths, each chain once."""
+
+    def key(bodies: Sequence[RigidBody]) -> tuple[tuple[int, ...], ...]:
+        """Return the columns of all bodies' markers, to compare chains."""
+        return tuple(tuple(int(marker) for marker in body.markers) for body in bodies)
+
     known: set[tuple[tuple[int, ...], ...]] = set()
     sorted_before: set[tuple[tuple[int, ...], ...]] = set()
     others: list[Hypothesis] = []
     for level in range(1, min(_LEVELS, len(problem.moving) // 2) + 1):
-        bodies = _find_bodies(problem, level)
-        if _key(bodies) in sorted_before:
+        # bodies are merged where one fits as well as two; there are none if the constraints forbid one
+        bodies = problem.clusters.bodies_at(level)
+        allowed = all(problem.constraints.allow(body.markers) for body in bodies)
+        bodies = problem.clusters.merge(bodies, problem.rules.min_arc, problem.rules.merge_tolerance) if allowed else []
+        if key(bodies) in sorted_before:
             continue
-        sorted_before.add(_key(bodies))
-        for hypothesis in _search_level(problem, level, bodies):
+        sorted_before.add(key(bodies))
+        for hypothesis in _search_level(problem, bodies):
             if not hypothesis.best_of_level:
                 others.append(hypothesis)
-            elif _key(hypothesis.chain) not in known:
-                known.add(_key(hypothesis.chain))
+            elif key(hypothesis.chain) not in known:
+                known.add(key(hypothesis.chain))
                 yield hypothesis
     for other in others:
-        if _key(other.chain) not in known:
-            known.add(_key(other.chain))
+        if key(other.chain) not in known:
+            known.add(key(other.chain))
             yield other
 
 
-def _key(bodies: Sequence[RigidBody]) -> tuple[tuple[int, ...], ...]:
-    """Return the columns of all bodies' markers, to compare chains."""
-    return tuple(tuple(int(marker) for marker in body.markers) for body in bodies)
+_Path: TypeAlias = tuple[float, tuple[RigidBody, ...], tuple[PairJoint, ...]]  # cost, segments and joints
 
 
-def _find_bodies(problem: SegmentationProblem, level: int) -> list[RigidBody]:
-    """Return the bodies of a level, merged where one fits as well as two; no bodies if the constraints forbid one."""
-    bodies = problem.clusters.bodies_at(level)
-    if not all(problem.constraints.allow(body.markers) for body in bodies):
-        return []
-    return problem.clusters.merge(bodies, problem.rules.min_arc, problem.rules.merge_tolerance)
-
-
-def _search_level(problem: SegmentationProblem, level: int, bodies: list[RigidBody]) -> Iterator[Hypothesis]:
+def _search_level(problem: SegmentationProblem, bodies: list[RigidBody]) -> Iterator[Hypothesis]:
     """Yield the best chain of a level, shortened if too long, then the best chain of every other allowed length."""
-    rules = problem.rules
     paths = _best_chains(problem, bodies)
-    if not paths:
+    best = min(paths, key=lambda path: path[0], default=None)
+    if best is None:
         return
-    longest = rules.longest - 1
-    best = min(paths, key=lambda path: path.cost)
-    first = _build_hypothesis(problem, level, bodies, _Path(best.chain[:longest], best.joints[:longest], best.cost))
-    yield first
-    for path in paths:
-        if path is not best and len(path.chain) <= longest:
-            yield _build_hypothesis(problem, level, bodies, path, first.cost - best.cost)
-
-
-def _build_hypothesis(
-    problem: SegmentationProblem, level: int, bodies: list[RigidBody], path: _Path, cut: float | None = None
-) -> Hypothesis:
-    """Return a path as a hypothesis, with the bodies that it leaves out.
-
-    ``cut`` is added to its cost: the increase of the cost when the best path of the level was shortened. None marks
-    this best path.
-    """
-    on_chain = np.concatenate([link.markers for link in path.chain])
-    left_out = tuple(body for body in bodies if not np.isin(body.markers, on_chain).all())
-    predicted = _predict_residuals(problem, path.chain, path.joints)
-    cost = _cost(problem, predicted, len(path.chain)) + (cut or 0.0)
-    return Hypothesis(level, path.chain, path.joints, left_out, predicted, cost, cut is None, cut or 0.0)
+    longest, cut = problem.rules.longest - 1, 0.0
+    for path in (best, *(path for path in paths if path is not best and len(path[1]) <= longest)):
+        chain, joints = path[1][:longest], path[2][:longest]
+        on_chain = np.concatenate([link.markers for link in chain])
+        left_out = tuple(body for body in bodies if not np.isin(body.markers, on_chain).all())
+        predicted, cost = _rate_chain(problem, chain, joints)
+        if path is best:
+            yield Hypothesis(chain, joints, left_out, predicted, cost, best_of_level=True, cut=0.0)
+            cut = cost - best[0]
+        else:
+            yield Hypothesis(chain, joints, left_out, predicted, cost + cut, best_of_level=False, cut=cut)
 
 
 def _best_chains(problem: SegmentationProblem, bodies: list[RigidBody]) -> list[_Path]:
@@ -205,18 +175,37 @@ def _best_chains(problem: SegmentationProblem, bodies: list[RigidBody]) -> list[
 
     All paths are tried.
     """
-    rules = problem.rules
+    rules, clusters, lateral = problem.rules, problem.clusters, problem.lateral
     links: list[RigidBody] = [problem.ground, *(body for body in bodies if body.residual <= rules.max_body_residual)]
     pairs = [(i, j) for i in range(len(links)) for j in range(1, len(links)) if i != j]
-    joints = {(i, j): problem.clusters.joint(links[i], links[j]) for i, j in pairs}
+    joints = {(i, j): clusters.joint(links[i], links[j]) for i, j in pairs}
     real = {pair for pair, joint in joints.items() if rules.is_joint(joint)}
-    real -= _find_paired_limbs(real, joints, np.array([np.nanmean(problem.lateral[body.markers]) for body in links]))
-    real = {(i, j) for i, j in real if i == 0 or not _is_pair_of_limbs(problem.lateral, links[j], links[i])}
+    # a serial chain contains no joints to pairs of limbs, one on each side of a body, and no joints from such a pair
+    side = np.array([np.nanmean(lateral[body.markers]) for body in links])
+    aside = {(i, j): side[j] - side[i] for i, j in real}
+    real -= {
+        (i, j)
+        for i, j in real
+        for k in range(len(links))
+        if (i, k) in real
+        and min(abs(aside[i, j]), abs(aside[i, k])) > _ASIDE
+        and aside[i, j] * aside[i, k] < 0
+        and abs(joints[i, j].in_parent - joints[i, k].in_parent) < _SAME_PLACE
+    }
+    real = {(i, j) for i, j in real if i == 0 or not _is_pair_of_limbs(lateral, links[j], links[i])}
     if rules.count is not None:
-        for tip, below in list(merge_tips(links, real, problem.clusters.join, rules.max_residual)):
-            joints |= {(k, len(links)): problem.clusters.joint(link, tip) for k, link in enumerate(links)}
-            of_tip = {k for k in below if not _is_pair_of_limbs(problem.lateral, tip, links[k])}
-            real |= {(k, len(links)) for k in of_tip if rules.is_joint(joints[k, len(links)])}
+        # A chain with a given number of segments may end at a body that carries another one, such as a pelvis with a
+        # trunk: the two bodies with a joint between them are merged to a tip. Else the markers of the other body would
+        # be on no segment, and a model based on the chain would add their mass to the pelvis.
+        for i, j in sorted({(min(pair), max(pair)) for pair in real if 0 not in pair}):
+            tip = clusters.join(links[i], links[j])
+            if tip is None or tip.residual > rules.max_residual:
+                continue
+            new = len(links)
+            joints |= {(k, new): clusters.joint(link, tip) for k, link in enumerate(links)}
+            below = {k for k, above in real if above in {i, j}} - {i, j}
+            of_tip = {k for k in below if not _is_pair_of_limbs(lateral, tip, links[k])}
+            real |= {(k, new) for k in of_tip if rules.is_joint(joints[k, new])}
             links.append(tip)
     best: dict[int, _Path] = {}
     for path in _extend_path((0,), real, len(links), rules):
@@ -228,26 +217,10 @@ def _best_chains(problem: SegmentationProblem, bodies: list[RigidBody]) -> list[
         if repeated or needless:
             continue
         path_joints = tuple(joints[pair] for pair in pairwise(path))
-        cost = _cost(problem, _predict_residuals(problem, chain, path_joints), len(chain))
-        if len(path) not in best or cost < best[len(path)].cost:
-            best[len(path)] = _Path(chain, path_joints, cost)
+        _, cost = _rate_chain(problem, chain, path_joints)
+        if len(path) not in best or cost < best[len(path)][0]:
+            best[len(path)] = cost, chain, path_joints
     return list(best.values())
-
-
-def _find_paired_limbs(
-    real: set[tuple[int, int]], joints: dict[tuple[int, int], PairJoint], lateral: FloatArray
-) -> set[tuple[int, int]]:
-    """Return the joints to pairs of limbs, one on each side of a body; a serial chain cannot contain these joints."""
-    aside = {(i, j): lateral[j] - lateral[i] for i, j in real}
-    return {
-        (i, j)
-        for i, j in real
-        for k in range(len(lateral))
-        if (i, k) in real
-        and min(abs(aside[i, j]), abs(aside[i, k])) > _ASIDE
-        and aside[i, j] * aside[i, k] < 0
-        and abs(joints[i, j].in_parent - joints[i, k].in_parent) < _SAME_PLACE
-    }
 
 
 def _is_pair_of_limbs(lateral: FloatArray, child: RigidBody, parent: RigidBody) -> bool:
@@ -274,36 +247,16 @@ def _extend_path(
                 yield from _extend_path((*path, following), real, count, rules)
 
 
-def _predict_residuals(
+def _rate_chain(
     problem: SegmentationProblem, chain: tuple[RigidBody, ...], joints: tuple[PairJoint, ...]
-) -> FloatArray:
-    """Return the residuals (M,), m, of the chain's markers predicted through their joints; for others, the scatter."""
+) -> tuple[FloatArray, float]:
+    """Return the residuals (M,), m, of the chain's markers predicted through their joints, and the cost of the chain.
+
+    For other markers, the residual is the scatter. The cost is the summed log residual of the moving markers, plus a
+    penalty for each segment.
+    """
     floor = max(problem.base.noise, FLOOR)
     residual = np.maximum(problem.base.scatter, floor)
     for body, joint in zip(chain, joints, strict=True):
         residual[body.markers] = np.sqrt(body.residual**2 + joint.residual**2 + floor**2)
-    return residual
-
-
-def _cost(problem: SegmentationProblem, predicted: FloatArray, segments: int) -> float:
-    """Return the cost of a chain: summed log residual of the moving markers, plus a penalty for each segment."""
-    return float(np.sum(np.log(predicted[problem.moving]))) + problem.rules.split_gain * segments
-
-
-def merge_tips(
-    links: Sequence[RigidBody],
-    real: set[tuple[int, int]],
-    joined: Callable[[RigidBody, RigidBody], RigidBody | None],
-    limit: float,
-) -> Iterator[tuple[RigidBody, set[int]]]:
-    """Yield, for every two bodies with a real joint between them, their merged body and the links below it.
-
-    A chain with a given number of segments may end at a body that carries another one, such as a pelvis with a trunk.
-    Without a merged tip, the markers of the other body would be on no segment, and a model based on the chain would add
-    their mass to the pelvis. ``joined`` returns two bodies as one, or None if they may not be merged. ``limit`` is the
-    largest residual of the merged body, m.
-    """
-    for i, j in sorted({(min(pair), max(pair)) for pair in real if 0 not in pair}):
-        tip = joined(links[i], links[j])
-        if tip is not None and tip.residual <= limit:
-            yield tip, {below for below, above in real if above in {i, j}} - {i, j}
+    return residual, float(np.sum(np.log(residual[problem.moving]))) + problem.rules.split_gain * len(chain)

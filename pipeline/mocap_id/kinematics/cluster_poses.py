@@ -13,7 +13,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray, chunks
 from mocap_id.kinematics.frame_sampling import frames_along_motion
-from mocap_id.kinematics.joint import fit_body, marker_residuals, rigid_poses
+from mocap_id.kinematics.joint import fit_body, marker_residuals, planar_poses
 
 LEAST_MARKERS = 2
 """Fewest markers that determine a pose."""
@@ -104,7 +104,7 @@ def _fit_template(
 ) -> tuple[ComplexArray, ComplexArray, FloatArray]:
     """Return rotation and position (f,), and the distances (f, m) of all markers from the fitted template, m."""
     z = np.where(seen, points, 0)
-    rotation, position = rigid_poses(z, seen, template)
+    rotation, position = planar_poses(z, seen, template)
     return rotation, position, np.abs(z - position[:, None] - rotation[:, None] * template)
 
 

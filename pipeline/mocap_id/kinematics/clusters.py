@@ -62,22 +62,18 @@ class Constraints:
         barred = self.barred[np.ix_(first, first)]
         best = np.argmin(cost, axis=0)
         for u, v in np.argwhere(np.triu(barred)):
-            if best[u] == best[v]:
-                self._separate(cost, best, barred, (int(u), int(v)))
+            if best[u] != best[v]:
+                continue
+            moves = []  # to the next best free body, by the unit for which this costs less
+            for unit in (int(u), int(v)):
+                taken = np.isin(np.arange(len(cost)), best[barred[unit]])
+                elsewhere = np.where(taken, np.inf, cost[:, unit])
+                body = int(np.argmin(elsewhere))
+                moves.append((float(elsewhere[body] - cost[best[unit], unit]), unit, body))
+            loss, unit, body = min(moves)
+            if np.isfinite(loss):
+                best[unit] = body
         return np.asarray(best[index])
-
-    @staticmethod
-    def _separate(cost: FloatArray, best: IntArray, barred: BoolArray, pair: tuple[int, int]) -> None:
-        """Reassign, in ``best``, one of two units to its next best free body: the unit for which this costs less."""
-        moves = []
-        for unit in pair:
-            taken = np.isin(np.arange(len(cost)), best[barred[unit]])
-            elsewhere = np.where(taken, np.inf, cost[:, unit])
-            body = int(np.argmin(elsewhere))
-            moves.append((float(elsewhere[body] - cost[best[unit], unit]), unit, body))
-        loss, unit, body = min(moves)
-        if np.isfinite(loss):
-            best[unit] = body
 
 
 _REASSIGNMENTS = 20
@@ -98,7 +94,7 @@ class Base:
     scatter: FloatArray  # (M,) rms distance of every marker from its mean, m; inf if it is hardly visible
 
 
-def find_base(points: ComplexArray, limit: float, constraints: Constraints | None = None) -> Base:
+def find_base(points: ComplexArray, limit: float, constraints: Constraints) -> Base:
     """Return the base: the still markers whose scatter is below the largest jump in the sorted scatters of all markers.
 
     ``limit`` is the largest scatter of a still marker, m. A still marker that the user has put together with a moving
@@ -113,24 +109,17 @@ def find_base(points: ComplexArray, limit: float, constraints: Constraints | Non
         return Base(np.array([], dtype=np.int64), 0.0, 1.0, scatter)
     jumps = np.append(floor[1:], np.inf if still == len(order) else floor[-1]) / floor
     last = int(np.argmax(jumps[:still]))
-    markers = _apply_constraints(order[: last + 1], order[last + 1 :], constraints)
+    units = constraints.unit[order]
+    allowed: list[int] = []
+    for marker in order[: last + 1][~np.isin(units[: last + 1], units[last + 1 :])]:
+        if not constraints.barred[marker, allowed].any():
+            allowed.append(int(marker))
+    markers = np.sort(np.array(allowed, dtype=np.int64))
     noise = float(np.median(scatter[markers]) / np.sqrt(2)) if len(markers) else 0.0
     return Base(markers, noise, float(jumps[last]), scatter)
 
 
-def _apply_constraints(still: IntArray, moving: IntArray, constraints: Constraints | None) -> IntArray:
-    """Return the still markers that the constraints allow on the base. ``still`` is sorted by scatter."""
-    if constraints is None:
-        return np.sort(still)
-    alone = still[~np.isin(constraints.unit[still], constraints.unit[moving])]
-    allowed: list[int] = []
-    for marker in alone:
-        if not constraints.barred[marker, allowed].any():
-            allowed.append(int(marker))
-    return np.sort(np.array(allowed, dtype=np.int64))
-
-
-class Clusters:
+class MarkerClusters:
     """Division of the moving markers into any number of rigid bodies. Fits are cached.
 
     The trajectories ``points`` (F, M) are in the plane, m, NaN where missing.
@@ -141,9 +130,18 @@ class Clusters:
         self._bodies: dict[bytes, RigidBody] = {}
         self._off: dict[bytes, FloatArray] = {}
         self._joints: dict[tuple[bytes, bytes], PairJoint] = {}
-        variance = constraints.constrained_variance(_distance_variance(points[:, moving]), moving)
         units = constraints.unit[moving]
         self._alone = np.bincount(units)[units] == 1  # hints keep the other markers together
+        # variance of mutual distances, m^2; the largest one for pairs that are never visible together
+        tracks = points[:, moving]
+        variance = np.zeros((len(moving), len(moving)))
+        for k in range(len(moving)):
+            square, counts = variance_over_time(np.abs(tracks - tracks[:, k : k + 1]))
+            variance[k] = np.where(counts > 1, square, np.nan)
+        variance = np.where(np.isfinite(variance), variance, np.nanmax(variance, initial=0.0))
+        variance = (variance + variance.T) / 2
+        np.fill_diagonal(variance, 0)
+        variance = constraints.constrained_variance(variance, moving)
         self._tree = linkage(squareform(variance, checks=False), "average") if len(moving) > 1 else None
 
     def bodies_at(self, count: int) -> list[RigidBody]:
@@ -157,19 +155,23 @@ class Clusters:
         labels = fcluster(self._tree, count, "maxclust")
         groups = [self.moving[labels == label] for label in np.unique(labels)]
         for _ in range(_REASSIGNMENTS):
-            bodies = self._fit_groups(groups)
+            bodies = [self._fit(group) for group in groups if len(group) > 1]
             if len(bodies) < 2:
                 break
             residuals = np.stack([self._residuals(body) for body in bodies])
             best = self.constraints.nearest_bodies(residuals**2, self.moving)
-            foreign = _find_outsiders(residuals[best, np.arange(len(best))], best) & self._alone
+            # foreign markers fit their nearest body much worse than its typical marker does
+            own = residuals[best, np.arange(len(best))]
+            usual = {index: float(np.median(own[best == index])) for index in np.unique(best)}
+            limit = np.maximum([_FOREIGN * usual[index] for index in best], _MIN_FOREIGN)
+            foreign = (own > limit) & self._alone
             if foreign.sum() <= _MOST_FOREIGN:  # more of them are bodies that this level does not separate
                 best[foreign] = -1
             regrouped = [self.moving[best == index] for index in range(len(bodies))]
             if len(regrouped) == len(groups) and all(map(np.array_equal, regrouped, groups)):
                 break
             groups = regrouped
-        return self._fit_groups(groups)
+        return [self._fit(group) for group in groups if len(group) > 1]
 
     def merge(self, bodies: list[RigidBody], min_arc: float, tolerance: float) -> list[RigidBody]:
         """Merge bodies that one rigid body fits nearly as well as two, and return all bodies.
@@ -184,7 +186,9 @@ class Clusters:
                 both = self.join(first, second)
                 if both is None:
                     continue
-                growth = both.residual / _pool_residuals(first, second)
+                counts = len(first.markers), len(second.markers)
+                pooled = (counts[0] * first.residual**2 + counts[1] * second.residual**2) / sum(counts)
+                growth = both.residual / float(max(np.sqrt(pooled), 1e-4))
                 if growth > _AS_WELL:
                     noise = _WOBBLE * np.hypot(first.angle_noise, second.angle_noise)
                     if growth > tolerance or self.joint(first, second).arc >= max(min_arc, noise):
@@ -208,9 +212,6 @@ class Clusters:
             self._joints[key] = fit_joint(parent, child)
         return self._joints[key]
 
-    def _fit_groups(self, groups: list[IntArray]) -> list[RigidBody]:
-        return [self._fit(group) for group in groups if len(group) > 1]
-
     def _fit(self, markers: IntArray) -> RigidBody:
         key = markers.tobytes()
         if key not in self._bodies:
@@ -223,30 +224,3 @@ class Clusters:
         if key not in self._off:
             self._off[key] = marker_residuals(body, self.points[:, self.moving])
         return self._off[key]
-
-
-def _find_outsiders(residual: FloatArray, body: IntArray) -> BoolArray:
-    """Return which markers (M,) fit their nearest body much worse than its typical marker does."""
-    usual = {index: float(np.median(residual[body == index])) for index in np.unique(body)}
-    limit = np.maximum([_FOREIGN * usual[index] for index in body], _MIN_FOREIGN)
-    return np.asarray(residual > limit)
-
-
-def _pool_residuals(first: RigidBody, second: RigidBody) -> float:
-    """Return the pooled rms residual of two bodies, m."""
-    counts = len(first.markers), len(second.markers)
-    square = (counts[0] * first.residual**2 + counts[1] * second.residual**2) / sum(counts)
-    return float(max(np.sqrt(square), 1e-4))
-
-
-def _distance_variance(points: ComplexArray) -> FloatArray:
-    """Return the variance (M, M) of mutual distances, m^2; the largest variance for pairs never visible together."""
-    count = points.shape[1]
-    variance = np.zeros((count, count))
-    for marker in range(count):
-        square, counts = variance_over_time(np.abs(points - points[:, marker : marker + 1]))
-        variance[marker] = np.where(counts > 1, square, np.nan)
-    variance = np.where(np.isfinite(variance), variance, np.nanmax(variance, initial=0.0))
-    variance = (variance + variance.T) / 2
-    np.fill_diagonal(variance, 0)
-    return variance

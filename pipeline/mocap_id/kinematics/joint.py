@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -43,18 +42,17 @@ class RigidBody:
         return np.asarray(np.conj(self.rotation).reshape(shape) * (points - self.position.reshape(shape)))
 
 
-def fit_body(points: ComplexArray, markers: Sequence[int] | IntArray) -> RigidBody:
+def fit_body(points: ComplexArray, markers: IntArray) -> RigidBody:
     """Fit a rigid body to markers by least squares (generalised Procrustes analysis over the frames, ignoring gaps).
 
     ``markers`` are at least two columns of the trajectories (F, M), m, NaN where missing.
     """
-    columns = np.asarray(markers, dtype=np.int64)
-    seen = np.isfinite(points[:, columns])
-    z = np.where(seen, points[:, columns], 0)
+    seen = np.isfinite(points[:, markers])
+    z = np.where(seen, points[:, markers], 0)
     weight = seen.astype(np.float64)
     template = z[int(np.argmax(seen.sum(axis=1)))]
     for _ in range(_ITERATIONS):
-        rotation, position = rigid_poses(z, weight, template)
+        rotation, position = planar_poses(z, weight, template)
         back = np.conj(rotation)
         updated = (back @ z - (back * position) @ weight) / np.maximum(weight.sum(axis=0), 1)
         updated -= updated.mean()
@@ -62,27 +60,20 @@ def fit_body(points: ComplexArray, markers: Sequence[int] | IntArray) -> RigidBo
         template = updated
         if moved < _TOLERANCE:
             break
-    rotation, position = rigid_poses(z, weight, template)
+    rotation, position = planar_poses(z, weight, template)
     enough = seen.sum(axis=1) >= 2
     off = np.abs(z - position[:, None] - rotation[:, None] * template)[seen & enough[:, None]]
     residual = float(np.sqrt(np.mean(off**2))) if off.size else np.inf
     unknown = np.where(enough, 1.0, np.nan)
-    return RigidBody(columns, template, rotation * unknown, position * unknown, residual)
+    return RigidBody(markers, template, rotation * unknown, position * unknown, residual)
 
 
-def still_body(points: ComplexArray, markers: Sequence[int] | IntArray) -> RigidBody:
+def still_body(points: ComplexArray, markers: IntArray) -> RigidBody:
     """Return the fixed base as a rigid body whose frame is the plane frame."""
-    columns = np.asarray(markers, dtype=np.int64)
-    template = np.nanmean(points[:, columns], axis=0)
-    frames = len(points)
-    off = np.abs(points[:, columns] - template)
-    return RigidBody(
-        columns,
-        template,
-        np.ones(frames, dtype=np.complex128),
-        np.zeros(frames, dtype=np.complex128),
-        float(np.sqrt(np.nanmean(off**2))),
-    )
+    template = np.nanmean(points[:, markers], axis=0)
+    residual = float(np.sqrt(np.nanmean(np.abs(points[:, markers] - template) ** 2)))
+    fixed = np.ones(len(points), dtype=np.complex128)
+    return RigidBody(markers, template, fixed, 0 * fixed, residual)
 
 
 def marker_residuals(body: RigidBody, points: ComplexArray) -> FloatArray:
@@ -109,7 +100,13 @@ def count_positions(local: ComplexArray) -> int:
     return len(kept)
 
 
-def rigid_poses(
+def unit_directions(moment: ComplexArray) -> ComplexArray:
+    """Return complex numbers scaled to length 1; zeros become 1."""
+    size = np.abs(moment)
+    return np.where(size > 0, moment / np.where(size > 0, size, 1), 1)
+
+
+def planar_poses(
     z: ComplexArray, seen: BoolArray | FloatArray, template: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:
     """Return the rotation and position (F,) that fit a template to each frame (closed form in the plane).
@@ -120,9 +117,7 @@ def rigid_poses(
     counts = np.maximum(seen.sum(axis=1), 1)
     centroid = z.sum(axis=1) / counts
     template_centroid = seen @ template / counts
-    moment = z @ np.conj(template) - counts * centroid * np.conj(template_centroid)
-    size = np.abs(moment)
-    rotation = np.where(size > 0, moment / np.where(size > 0, size, 1), 1)
+    rotation = unit_directions(z @ np.conj(template) - counts * centroid * np.conj(template_centroid))
     return rotation, centroid - rotation * template_centroid
 
 
@@ -139,25 +134,11 @@ _FLAT = 1e-14  # determinant over squared trace; smaller for a line or a point
 
 @dataclass(frozen=True)
 class CircleFit:
-    """Circles of M markers about G centres: one centre for each marker (G = M), or one common centre (G = 1).
+    """Circles of M markers about G centres: one centre for each marker (G = M), or one common centre (G = 1)."""
 
-    The covariance of the centres is first-order, for noise that is independent between frames. The covariance has no
-    meaning if the standard error exceeds a quarter of the radius, because the arc is then almost straight. For
-    ``kasa``, it does not include the bias.
-    """
-
-    method: CircleMethod  # method of the fit
     centre: ComplexArray  # (G,) centres, m; NaN for a still or straight track, or fewer than three frames
     radius: FloatArray  # (M,) mean distances from the centre, m
     residual: FloatArray  # (M,) rms distances of the points from their circles, m; inf without a circle
-    covariance: FloatArray  # (G, 2, 2) covariance of the centres, m^2; NaN without degrees of freedom
-    settled: BoolArray  # (G,) False without a centre, or if ``geometric`` did not converge
-
-    @property
-    def standard_error(self) -> FloatArray:
-        """Standard deviations (G,) of the centres in the direction of the radius, in which they are largest, m."""
-        xx, xy, yy = self.covariance[:, 0, 0], self.covariance[:, 0, 1], self.covariance[:, 1, 1]
-        return np.asarray(np.sqrt((xx + yy + np.hypot(xx - yy, 2 * xy)) / 2))
 
 
 def fit_circles(points: ComplexArray, method: CircleMethod = "taubin") -> CircleFit:
@@ -165,8 +146,7 @@ def fit_circles(points: ComplexArray, method: CircleMethod = "taubin") -> Circle
 
     The tracks ``points`` (F, M) are in the frame of the previous segment, m, NaN where missing.
     """
-    tracks = _normalise_tracks(points, common=False)
-    return _build_fit(tracks, method, *_fit_centre(tracks, method))
+    return _fit_tracks(points, method, common=False)
 
 
 def fit_common_centre(points: ComplexArray, method: CommonMethod = "geometric") -> CircleFit:
@@ -178,8 +158,7 @@ def fit_common_centre(points: ComplexArray, method: CommonMethod = "geometric") 
     """
     if method not in get_args(CommonMethod):
         raise ValueError(f"method {method!r} has no common centre; use one of {', '.join(get_args(CommonMethod))}")
-    tracks = _normalise_tracks(points, common=True)
-    return _build_fit(tracks, method, *_fit_centre(tracks, method))
+    return _fit_tracks(points, method, common=True)
 
 
 @dataclass(frozen=True)
@@ -188,21 +167,19 @@ class _Tracks:
 
     z: ComplexArray  # (F, M), zero where missing
     seen: BoolArray  # (F, M)
-    frames: FloatArray  # (M,) number of visible frames
-    origin: ComplexArray  # (G,)
-    scale: FloatArray  # (G,)
-
-    @property
-    def common(self) -> bool:
-        return bool(len(self.origin) != self.z.shape[1])
+    common: bool
 
     def pool(self, sums: FloatArray) -> FloatArray:
         """Return the sums (G, ...) for each centre from the sums (M, ...) for each marker."""
         return np.asarray(sums.sum(axis=0, keepdims=True)) if self.common else sums
 
+    def moments(self, design: FloatArray) -> FloatArray:
+        """Return the second moments (G, k, k) of the rows (F, M, k)."""
+        return self.pool(np.einsum("fmi,fmj->mij", design, design))
+
     def mean(self, values: FloatArray) -> FloatArray:
         """Return the means (M,) over the frames in which each marker is visible."""
-        return np.asarray((values * self.seen).sum(axis=0) / np.maximum(self.frames, 1))
+        return np.asarray((values * self.seen).sum(axis=0) / np.maximum(self.seen.sum(axis=0).astype(np.float64), 1))
 
     def centre(self, values: FloatArray) -> FloatArray:
         """Return values (F, M) minus each marker's mean, zero where missing."""
@@ -213,7 +190,7 @@ class _Tracks:
         return np.stack([self.centre(z.real), self.centre(z.imag)], axis=2)
 
 
-def _normalise_tracks(points: ComplexArray, *, common: bool) -> _Tracks:
+def _fit_tracks(points: ComplexArray, method: CircleMethod, *, common: bool) -> CircleFit:
     seen = np.isfinite(points)
     z = np.where(seen, points, 0)
     over = None if common else 0
@@ -222,32 +199,31 @@ def _normalise_tracks(points: ComplexArray, *, common: bool) -> _Tracks:
     z = (z - origin) * seen
     scale = np.sqrt(np.atleast_1d((np.abs(z) ** 2).sum(axis=over)) / count)
     scale = np.where(scale > 0, scale, 1.0)
-    return _Tracks(z / scale, seen, seen.sum(axis=0).astype(np.float64), origin, scale)
-
-
-def _fit_centre(tracks: _Tracks, method: CircleMethod) -> tuple[ComplexArray, BoolArray]:
-    """Return the centres (G,) in the units of the tracks, and whether they have converged."""
-    if method == "geometric":
-        centre, settled = _fit_geometric(tracks, _fit_taubin(tracks))
-    else:
-        centre = {"kasa": _fit_kasa, "taubin": _fit_taubin, "pratt": _fit_pratt}[method](tracks)
-        settled = np.ones(len(centre), dtype=np.bool_)
-    near = np.abs(centre) <= _FAR  # false for NaN
-    return np.where(near, centre, np.nan), settled & near
+    tracks = _Tracks(z / scale, seen, common)
+    centre = {"kasa": _fit_kasa, "taubin": _fit_taubin, "pratt": _fit_pratt, "geometric": _fit_geometric}[method](
+        tracks
+    )
+    centre = np.where(np.abs(centre) <= _FAR, centre, np.nan)  # false for NaN
+    distance = np.abs(tracks.z - centre)
+    known = np.isfinite(centre) & seen.any(axis=0)
+    return CircleFit(
+        origin + scale * centre,
+        np.where(known, tracks.mean(distance), np.nan) * scale,
+        np.where(known, np.sqrt(tracks.mean(tracks.centre(distance) ** 2)), np.inf) * scale,
+    )
 
 
 def _fit_kasa(tracks: _Tracks) -> ComplexArray:
     """Return the centres p by Kåsa's method: least squares on |z|^2 = 2 p . z + one constant for each marker (3.8)."""
     design, target = 2 * tracks.centre_points(tracks.z), tracks.centre(np.abs(tracks.z) ** 2)
     pull = tracks.pool(np.einsum("fmi,fm->mi", design, target))
-    return _solve(tracks.pool(np.einsum("fmi,fmj->mij", design, design)), pull)
+    return _solve(tracks.moments(design), pull)
 
 
 def _fit_taubin(tracks: _Tracks) -> ComplexArray:
     """Return the centres by Taubin's method: eigenvector of the least eigenvalue of moments of (|z|^2 / 2, x, y)."""
     square = tracks.centre(np.abs(tracks.z) ** 2) / 2
-    design = np.concatenate([square[..., None], tracks.centre_points(tracks.z)], axis=2)
-    moments = tracks.pool(np.einsum("fmi,fmj->mij", design, design))
+    moments = tracks.moments(np.concatenate([square[..., None], tracks.centre_points(tracks.z)], axis=2))
     smallest = np.linalg.eigh(moments)[1][..., 0]
     return _divide_coefficients(-(smallest[:, 1] + 1j * smallest[:, 2]), smallest[:, 0], moments[:, 1:, 1:])
 
@@ -255,8 +231,9 @@ def _fit_taubin(tracks: _Tracks) -> ComplexArray:
 def _fit_pratt(tracks: _Tracks) -> ComplexArray:
     """Return the centres by Pratt's method: circles A |z|^2 + B . z + D = 0 with the constraint B^2 - 4 A D = 1."""
     z = tracks.z
-    design = np.stack([np.abs(z) ** 2, z.real, z.imag, np.ones(z.shape)], axis=2) * tracks.seen[..., None]
-    moments = np.einsum("fmi,fmj->mij", design, design)
+    moments = tracks.moments(
+        np.stack([np.abs(z) ** 2, z.real, z.imag, np.ones(z.shape)], axis=2) * tracks.seen[..., None]
+    )
     inverse = np.diag([0.0, 1.0, 1.0, 0.0])
     inverse[0, 3] = inverse[3, 0] = -0.5
     values, vectors = np.linalg.eig(inverse @ moments)
@@ -268,68 +245,36 @@ def _fit_pratt(tracks: _Tracks) -> ComplexArray:
     )
 
 
-def _fit_geometric(tracks: _Tracks, start: ComplexArray) -> tuple[ComplexArray, BoolArray]:
+def _fit_geometric(tracks: _Tracks) -> ComplexArray:
     """Return the centres p that minimise (|z - p| - r)^2 by Gauss-Newton, where r is the mean distance."""
-    centre, settled = start, np.zeros(len(start), dtype=np.bool_)
-    direction, off, cost = _measure_distances(tracks, centre)
+
+    def measure(centre: ComplexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return unit vectors (F, M, 2) and distances (F, M) from the centre, minus their means, and the cost (G,)."""
+        arm = tracks.z - centre
+        distance = np.abs(arm)
+        off = tracks.centre(distance)
+        return tracks.centre_points(arm / np.where(distance > 0, distance, 1)), off, tracks.pool((off**2).sum(axis=0))
+
+    centre = _fit_taubin(tracks)
+    settled = np.zeros(len(centre), dtype=np.bool_)
+    direction, off, cost = measure(centre)
     for _ in range(_CIRCLE_ITERATIONS):
-        normal = tracks.pool(np.einsum("fmi,fmj->mij", direction, direction))
-        step = _solve(normal, tracks.pool(np.einsum("fmi,fm->mi", direction, off)))
+        step = _solve(tracks.moments(direction), tracks.pool(np.einsum("fmi,fm->mi", direction, off)))
         moving = np.isfinite(step) & (np.abs(centre) <= _FAR) & ~settled
         settled = settled | (moving & (np.abs(step) <= _CIRCLE_TOLERANCE * (1 + np.abs(centre))))
         step = np.where(moving & ~settled, step, 0)
         if not step.any():
             break
         centre, previous = centre + step, cost
-        direction, off, cost = _measure_distances(tracks, centre)
+        direction, off, cost = measure(centre)
         for _ in range(_HALVINGS):
             climbs = cost > previous * (1 + _ROUNDING)
             if not climbs.any():
                 break
             step = np.where(climbs, step / 2, 0)
             centre = centre - step
-            direction, off, cost = _measure_distances(tracks, centre)
-    return centre, settled
-
-
-def _measure_distances(tracks: _Tracks, centre: ComplexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return unit vectors (F, M, 2) and distances (F, M) from the centre, minus their means, and the cost (G,)."""
-    arm = tracks.z - centre
-    distance = np.abs(arm)
-    off = tracks.centre(distance)
-    unit = tracks.centre_points(arm / np.where(distance > 0, distance, 1))
-    return unit, off, tracks.pool((off**2).sum(axis=0))
-
-
-def _build_fit(tracks: _Tracks, method: CircleMethod, centre: ComplexArray, settled: BoolArray) -> CircleFit:
-    direction, off, _ = _measure_distances(tracks, centre)
-    covariance = _estimate_covariance(tracks, direction, off)
-    if method == "kasa":
-        design = 2 * tracks.centre_points(tracks.z)
-        fitted = design[..., 0] * centre.real + design[..., 1] * centre.imag
-        covariance = _estimate_covariance(tracks, design, tracks.centre(np.abs(tracks.z) ** 2) - fitted)
-    known = np.isfinite(centre) & (tracks.frames > 0)
-    residual = np.where(known, np.sqrt(tracks.mean(off**2)), np.inf)
-    return CircleFit(
-        method,
-        tracks.origin + tracks.scale * centre,
-        np.where(known, tracks.mean(np.abs(tracks.z - centre)), np.nan) * tracks.scale,
-        residual * tracks.scale,
-        covariance * tracks.scale[:, None, None] ** 2,
-        settled,
-    )
-
-
-def _estimate_covariance(tracks: _Tracks, design: FloatArray, off: FloatArray) -> FloatArray:
-    """Return the covariance (G, 2, 2) of a least-squares centre; the residuals' variance may differ between frames."""
-    normal = tracks.pool(np.einsum("fmi,fmj->mij", design, design))
-    scores = design * off[..., None]
-    spread = tracks.pool(np.einsum("fmi,fmj->mij", scores, scores))
-    rows = tracks.pool(tracks.frames)
-    left = rows - 2 - tracks.pool((tracks.frames > 0).astype(np.float64))  # minus centre and radii
-    inverse = _invert(normal)
-    correction = np.where(left > 0, rows / np.maximum(left, 1), np.nan)
-    return np.asarray(correction[:, None, None] * inverse @ spread @ inverse)
+            direction, off, cost = measure(centre)
+    return centre
 
 
 def _invert(normal: FloatArray) -> FloatArray:
@@ -450,18 +395,15 @@ def measure_asymmetry(points: ComplexArray, lateral: FloatArray, segment: IntArr
     fewer than two markers on a side. ``points`` (F, M) are trajectories in the plane, m, ``lateral`` (M,) mean
     out-of-plane coordinates, m, and ``segment`` (M,) is 0 on the base and -1 on no segment.
     """
-    middle = np.nanmean(lateral[segment > 0])
-    return np.array(
-        [_compare_sides(points, lateral - middle, np.flatnonzero(segment == k)) for k in range(1, segment.max() + 1)]
-    )
-
-
-def _compare_sides(points: ComplexArray, lateral: FloatArray, members: IntArray) -> float:
-    """Return the standard deviation of the angle between the left and the right markers of a segment, rad."""
-    sides = members[lateral[members] < -_ASIDE], members[lateral[members] > _ASIDE]
-    if min(len(side) for side in sides) < 2:
-        return np.nan
-    left, right = (fit_body(points, side) for side in sides)
-    difference = unwrap_rotation(left.rotation * np.conj(right.rotation))
-    known = difference[np.isfinite(difference)]
-    return float(np.std(known)) if len(known) else np.nan
+    aside = lateral - np.nanmean(lateral[segment > 0])
+    asymmetry = np.full(segment.max(), np.nan)
+    for k in range(1, segment.max() + 1):
+        sides = np.flatnonzero((segment == k) & (aside < -_ASIDE)), np.flatnonzero((segment == k) & (aside > _ASIDE))
+        if min(len(side) for side in sides) < 2:
+            continue
+        left, right = (fit_body(points, side) for side in sides)
+        difference = unwrap_rotation(left.rotation * np.conj(right.rotation))
+        known = difference[np.isfinite(difference)]
+        if len(known):
+            asymmetry[k - 1] = float(np.std(known))
+    return asymmetry

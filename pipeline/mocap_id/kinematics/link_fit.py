@@ -10,18 +10,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
+from typing import TypeAlias
 
 import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
-from mocap_id.kinematics.chain_fit import (
-    ChainProblem,
-    ChainState,
-    apply_step,
-    eliminate_angles,
-    joint_positions,
-    predict_markers,
-)
+from mocap_id.kinematics.chain_fit import ChainProblem, ChainState, eliminate_angles, joint_positions
 from mocap_id.kinematics.chain_search import FLOOR, SegmentationProblem
 from mocap_id.kinematics.joint import RigidBody, arc, count_positions, fit_circles
 
@@ -124,35 +119,44 @@ def fit_path(problem: SegmentationProblem, path: Path, pins: tuple[Pin, ...] = (
     used = used[np.unique(np.linspace(0, len(used) - 1, _FRAMES).round().astype(np.int64))]
     points, state = problem.points[used], replace(state, angles=state.angles[used])
     costs, local = costs_on_segments(points, state)
+    known, every = np.isfinite(problem.base.scatter), np.arange(points.shape[1])
     segment: IntArray | None = None
     for _ in range(_ROUNDS):
-        assigned = _assign_segments(problem, costs)
+        # every marker is assigned to the segment that fits it best, or to none if it is foreign there
+        assigned = np.argmin(costs, axis=0)
+        own = costs[assigned, every]
+        assigned[~np.isfinite(own) | ~known] = -1
+        residual = np.where(np.isfinite(own), _invert_cost(np.where(np.isfinite(own), own, 0)), np.inf)
+        for k in range(len(costs)):
+            members = assigned == k
+            if members.any():
+                limit = np.clip(_FOREIGN * np.median(residual[members]), *_FOREIGN_BETWEEN)
+                assigned[members & (residual > limit)] = -1
         if segment is not None and np.array_equal(assigned, segment):
             break
         segment = assigned
         if (segment > 0).sum() <= len(path):
             return None
-        fitted = _fit_bundle(points, segment, replace(state, local=_select_own(local, segment)), pins, used)
+        fitted = _fit_robustly(points, segment, replace(state, local=local[np.maximum(segment, 0), every]), pins, used)
         if fitted is None:
             return None
         state = fitted
         costs, local = costs_on_segments(points, state)
     if segment is None or np.abs(state.centres[1:]).min(initial=np.inf) < _SHORTEST:
         return None
-    own = costs[np.maximum(segment, 0), np.arange(len(segment))]
-    price = _log_cost(_LEFT_OUT)
+    own, price = costs[np.maximum(segment, 0), every], _log_cost(_LEFT_OUT)
     each = np.where(segment >= 0, np.minimum(own, price), price)
-    total = float(each[np.isfinite(problem.base.scatter)].sum()) + SEGMENT_PRICE * len(path)
+    total = float(each[known].sum()) + SEGMENT_PRICE * len(path)
     residual = np.where(segment >= 0, _invert_cost(own), np.nan)
-    return LinkFit(total, segment, residual, replace(state, local=_select_own(local, segment)), used, pins)
+    return LinkFit(total, segment, residual, replace(state, local=local[np.maximum(segment, 0), every]), used, pins)
 
 
 def _start_chain(path: Path) -> tuple[ChainState, IntArray]:
     """Return the initial chain of a path from its joints' tracks, and the frames in which all joints are known."""
-    tracks = np.stack([step.joint for step in path], axis=1)
+    tracks = np.stack([part.joint for part in path], axis=1)
     angles = np.empty(tracks.shape)
-    for k, step in enumerate(path):
-        angles[:, k] = np.angle(step.body.rotation if step.body is not None else tracks[:, k + 1] - tracks[:, k])
+    for k, part in enumerate(path):
+        angles[:, k] = np.angle(part.body.rotation if part.body is not None else tracks[:, k + 1] - tracks[:, k])
     known = np.isfinite(angles).all(axis=1) & np.isfinite(tracks).all(axis=1)
     centres = np.zeros(len(path), dtype=np.complex128)
     if known.any():
@@ -185,26 +189,7 @@ def _invert_cost(cost: FloatArray) -> FloatArray:
     return np.asarray(SCALE * np.sqrt(np.expm1(2 * cost)))
 
 
-def _assign_segments(problem: SegmentationProblem, costs: FloatArray) -> IntArray:
-    """Return the segment (M,) that fits each marker best; -1 if none does."""
-    segment = np.argmin(costs, axis=0)
-    own = costs[segment, np.arange(costs.shape[1])]
-    segment[~np.isfinite(own) | ~np.isfinite(problem.base.scatter)] = -1
-    residual = np.where(np.isfinite(own), _invert_cost(np.where(np.isfinite(own), own, 0)), np.inf)
-    for k in range(len(costs)):
-        members = segment == k
-        if members.any():
-            limit = np.clip(_FOREIGN * np.median(residual[members]), *_FOREIGN_BETWEEN)
-            segment[members & (residual > limit)] = -1
-    return np.asarray(segment)
-
-
-def _select_own(local: ComplexArray, segment: IntArray) -> ComplexArray:
-    """Return the coordinates (M,) of every marker on its own segment."""
-    return np.asarray(local[np.maximum(segment, 0), np.arange(len(segment))])
-
-
-def _fit_bundle(
+def _fit_robustly(
     points: ComplexArray, segment: IntArray, state: ChainState, pins: tuple[Pin, ...], used: IntArray
 ) -> ChainState | None:
     """Return the chain fitted to its moving markers by Gauss-Newton with Cauchy's loss; None if singular."""
@@ -215,7 +200,7 @@ def _fit_bundle(
 
     def loss(state: ChainState, scale: float) -> tuple[FloatArray, float]:
         """Return the weights of the residuals, and the loss. The weight of a pin is constant."""
-        off = np.abs(chain.points - predict_markers(chain, state)) / scale
+        off = np.abs(chain.residuals(state)) / scale
         weights = np.where(chain.pinned, weight, weight / (1 + off**2))
         each = scale**2 * weight * np.where(chain.pinned, off**2, np.log1p(off**2))
         return np.where(seen, weights, 0.0), float(np.sum(each, where=seen))
@@ -229,7 +214,7 @@ def _fit_bundle(
             except np.linalg.LinAlgError:
                 return None
             for shorter in (1.0, 0.4, 0.16, 0.06, 0.03):
-                tried = apply_step(state, (shorter * common, shorter * turns))
+                tried = state.change(shorter * common, shorter * turns)
                 tried_weights, tried_cost = loss(tried, scale)
                 if tried_cost < cost:
                     break
@@ -255,95 +240,90 @@ _LEVELS = 12
 
 
 @dataclass(frozen=True)
-class Step:
+class PathSegment:
     """One segment of a path, and its joint with the previous segment."""
 
     joint: ComplexArray  # (F,) track of this joint in the plane, m
     body: RigidBody | None  # rigid body of the segment; None if it has none
-    unit: IntArray  # columns of the markers of a segment without a body; empty for a body
-
-    @property
-    def markers(self) -> IntArray:
-        """Columns of the segment's own markers."""
-        return self.unit if self.body is None else self.body.markers
+    markers: IntArray  # columns of the segment's own markers
 
 
-Path = tuple[Step, ...]
+Path: TypeAlias = tuple[PathSegment, ...]
 
 
 def find_linked_paths(problem: SegmentationProblem) -> Iterator[Path]:
-    """Yield every path with a single-marker segment, from the base over bodies, link markers and joint markers."""
-    yield from _Search(problem).paths()
+    """Yield every path with a single-marker segment, from the base over bodies, link markers and joint markers.
 
+    This is a depth-first search, in which each marker occurs at most once. Body 0 is the ground. Each circle of a
+    point about a joint of a body is fitted once.
+    """
+    points, lateral, rules = problem.points, problem.lateral, problem.rules
 
-class _Search:
-    """Search over bodies and single points. Each circle of a point about a joint of a body is fitted once."""
+    # every body of any level whose rotation can be measured, and the points on no rigid body of three points
+    bodies_by_markers: dict[bytes, RigidBody] = {}
+    for level in range(1, min(_LEVELS, max(len(problem.moving) // 2, 1)) + 1):
+        found = problem.clusters.bodies_at(level)
+        merged = problem.clusters.merge(found, rules.min_arc, rules.merge_tolerance)
+        for body in (*merged, *found):
+            large = float(np.sqrt(np.mean(np.abs(body.template) ** 2))) > _MIN_SPREAD
+            if body.residual <= rules.max_body_residual and large and problem.constraints.allow(body.markers):
+                bodies_by_markers[body.markers.tobytes()] = body
+    bodies = [problem.ground, *bodies_by_markers.values()]
+    on_bodies = [body.markers for body in bodies[1:] if len(list(group_points(points, lateral, body.markers))) > 2]
+    loose = np.setdiff1d(problem.moving, np.concatenate(on_bodies)) if on_bodies else problem.moving
+    units = list(group_points(points, lateral, loose))
+    tracks = [average_track(points, unit) for unit in units]
+    still = group_points(points, lateral, problem.base.markers)
+    rests = [complex(np.nanmean(average_track(points, unit))) for unit in still]
 
-    def __init__(self, problem: SegmentationProblem) -> None:
-        self.problem = problem
-        self.bodies = _find_bodies(problem)
-        self.units = list(group_points(problem.points, problem.lateral, _find_loose_markers(problem, self.bodies)))
-        self.tracks = [average_track(problem.points, unit) for unit in self.units]
-        still = group_points(problem.points, problem.lateral, problem.base.markers)
-        self.still = [complex(np.nanmean(average_track(problem.points, unit))) for unit in still]
-        self._centres: dict[tuple[int, int], list[complex]] = {}
+    @cache
+    def find_centres(index: int, unit: int) -> list[complex]:
+        """Return the positions on a body, in its frame, about which a point moves on a circle."""
+        body, track, centres = bodies[index], tracks[unit], list[complex]()
+        if np.isin(units[unit], body.markers).any():
+            return centres
+        centre = _fit_circle(body.local(track[:, None])[:, 0], rules.min_arc)
+        if centre is not None:
+            centres.append(centre)
+        for rest in rests if index == 0 else ():  # the arc of the ankle is too short to determine its centre
+            radius, off = _measure_constancy(np.abs(track - rest))
+            if off <= _AS_STILL and radius >= _NEAREST:
+                centres.append(rest)
+        return centres
 
-    def paths(self) -> Iterator[Path]:
-        """Yield the paths to all bodies by depth-first search, each marker at most once. Body 0 is the ground."""
-        edges = [list(self._find_connections(index)) for index in range(len(self.bodies))]
-        longest = self.problem.rules.longest - 1
-
-        def extended(index: int, path: Path, used: frozenset[int]) -> Iterator[Path]:
-            for steps, following in edges[index]:
-                own = frozenset(int(m) for step in steps for m in step.markers)
-                if used & own or len(path) + len(steps) > longest:
-                    continue
-                longer = (*path, *steps)
-                if any(step.body is None for step in longer):
-                    yield longer
-                yield from extended(following, longer, used | own)
-
-        yield from extended(0, (), frozenset())
-
-    def _find_connections(self, index: int) -> Iterator[tuple[Path, int]]:
+    def connect(index: int) -> Iterator[tuple[Path, int]]:
         """Yield the connections from a body to others: a joint, or segments without a body of their own."""
-        parent, rules = self.bodies[index], self.problem.rules
-        none = np.array([], dtype=np.int64)
-        for following, child in enumerate(self.bodies[1:], 1):
+        parent = bodies[index]
+        for following, child in enumerate(bodies[1:], 1):
             if following == index or np.isin(child.markers, parent.markers).any():
                 continue
-            joint = self.problem.clusters.joint(parent, child)
+            joint = problem.clusters.joint(parent, child)
             if rules.is_joint(joint):
-                yield (Step(_track_point(parent, joint.in_parent), child, none),), following
-            for unit, (markers, track) in enumerate(zip(self.units, self.tracks, strict=True)):
-                for near in self._find_centres(index, unit):
-                    for far in self._find_centres(following, unit):
+                yield (PathSegment(_track_point(parent, joint.in_parent), child, child.markers),), following
+            for unit, (markers, track) in enumerate(zip(units, tracks, strict=True)):
+                for near in find_centres(index, unit):
+                    for far in find_centres(following, unit):
                         first, last = _track_point(parent, near), _track_point(child, far)
                         length, off = _measure_constancy(np.abs(first - last))
-                        end = Step(last, child, none)
+                        link, end = PathSegment(first, None, markers), PathSegment(last, child, child.markers)
                         if off > _CONSTANT:
-                            yield (Step(first, None, markers), Step(track, None, markers), end), following
+                            yield (link, PathSegment(track, None, markers), end), following
                         elif length > _LINK_MARKERS_SHORTEST:
-                            yield (Step(first, None, markers), end), following
+                            yield (link, end), following
 
-    def _find_centres(self, index: int, unit: int) -> list[complex]:
-        """Return the positions on a body, in its frame, about which a point moves on a circle."""
-        key = index, unit
-        if key not in self._centres:
-            self._centres[key] = list(self._search_centres(index, unit))
-        return self._centres[key]
+    connections = [list(connect(index)) for index in range(len(bodies))]
 
-    def _search_centres(self, index: int, unit: int) -> Iterator[complex]:
-        body, track = self.bodies[index], self.tracks[unit]
-        if np.isin(self.units[unit], body.markers).any():
-            return
-        centre = _fit_circle(body.local(track[:, None])[:, 0], self.problem.rules.min_arc)
-        if centre is not None:
-            yield centre
-        for place in self.still if index == 0 else ():  # the arc of the ankle is too short to determine its centre
-            radius, off = _measure_constancy(np.abs(track - place))
-            if off <= _AS_STILL and radius >= _NEAREST:
-                yield place
+    def extend(index: int, path: Path, used: frozenset[int]) -> Iterator[Path]:
+        for parts, following in connections[index]:
+            own = frozenset(int(m) for part in parts for m in part.markers)
+            if used & own or len(path) + len(parts) > rules.longest - 1:
+                continue
+            longer = (*path, *parts)
+            if any(part.body is None for part in longer):
+                yield longer
+            yield from extend(following, longer, used | own)
+
+    yield from extend(0, (), frozenset())
 
 
 def group_points(points: ComplexArray, lateral: FloatArray, markers: IntArray) -> Iterator[IntArray]:
@@ -371,30 +351,6 @@ def group_points(points: ComplexArray, lateral: FloatArray, markers: IntArray) -
 def average_track(points: ComplexArray, unit: IntArray) -> ComplexArray:
     """Return the mean (F,) of some markers, m; NaN unless all of them are visible."""
     return np.asarray(points[:, unit].mean(axis=1))
-
-
-def _find_bodies(problem: SegmentationProblem) -> list[RigidBody]:
-    """Return the ground, then every body of any level whose rotation can be measured."""
-    bodies_by_markers: dict[bytes, RigidBody] = {}
-    for level in range(1, min(_LEVELS, max(len(problem.moving) // 2, 1)) + 1):
-        bodies = problem.clusters.bodies_at(level)
-        merged = problem.clusters.merge(bodies, problem.rules.min_arc, problem.rules.merge_tolerance)
-        for body in (*merged, *bodies):
-            rigid = body.residual <= problem.rules.max_body_residual
-            large = float(np.sqrt(np.mean(np.abs(body.template) ** 2))) > _MIN_SPREAD
-            if rigid and large and problem.constraints.allow(body.markers):
-                bodies_by_markers[body.markers.tobytes()] = body
-    return [problem.ground, *bodies_by_markers.values()]
-
-
-def _find_loose_markers(problem: SegmentationProblem, bodies: list[RigidBody]) -> IntArray:
-    """Return the moving markers that are on no rigid body of three points."""
-    on_bodies = [
-        body.markers
-        for body in bodies[1:]
-        if len(list(group_points(problem.points, problem.lateral, body.markers))) > 2
-    ]
-    return np.setdiff1d(problem.moving, np.concatenate(on_bodies)) if on_bodies else problem.moving
 
 
 def _track_point(body: RigidBody, place: complex) -> ComplexArray:
@@ -471,51 +427,41 @@ def find_best_links(problem: SegmentationProblem) -> LinkFit | None:
         return None
     fit, path = min(fits, key=lambda each: each[0].cost)
     fit = _add_joint_markers(problem, path, fit)
-    alone = [points for step, points in zip(path, fit.points, strict=True) if step.body is None]
+    alone = [points for part, points in zip(path, fit.points, strict=True) if part.body is None]
     return fit if min(alone) < 2 else None  # other chains are found by the search for rigid bodies
 
 
 def _add_joint_markers(problem: SegmentationProblem, path: Path, fit: LinkFit) -> LinkFit:
     """Return the fit in which markers represent the ankle and the inner joints, where this hardly raises the cost."""
-    weight = (SCALE / _OFF_AXIS) ** 2
-    units = list(group_points(problem.points, problem.lateral, problem.base.markers))
+    points, weight = problem.points, (SCALE / _OFF_AXIS) ** 2
+    units = list(group_points(points, problem.lateral, problem.base.markers))
     moves = [float(np.mean(problem.base.scatter[unit])) for unit in units]
     best: LinkFit | None = None
     for unit, scatter in zip(units, moves, strict=True):
         if scatter < _MORE_THAN_STILL * min(moves):
             continue
-        pinned = fit_path(problem, path, (Pin(0, unit, average_track(problem.points, unit), weight),))
+        pinned = fit_path(problem, path, (Pin(0, unit, average_track(points, unit), weight),))
         if pinned is not None and pinned.cost - fit.cost < _RISE and (best is None or pinned.cost < best.cost):
             best = pinned
     fit = best or fit
     for joint in range(1, len(path)):
-        fit = _add_inner_marker(problem, path, fit, joint, weight) or fit
-    return _assign_ankle_markers(problem, fit)
-
-
-def _add_inner_marker(
-    problem: SegmentationProblem, path: Path, fit: LinkFit, joint: int, weight: float
-) -> LinkFit | None:
-    """Return the fit with a nearby marker at an inner joint; None if no marker fits there."""
-    moving = np.flatnonzero((fit.segment == joint) | (fit.segment == joint + 1))
-    place, _ = joint_positions(fit.state)
-    near = []
-    for unit in group_points(problem.points, problem.lateral, moving):
-        off = np.abs(average_track(problem.points, unit)[fit.used] - place[:, joint])
-        if np.isfinite(off).any() and np.nanmedian(off) < _NEAR:
-            near.append((float(np.nanmedian(off)), unit))
-    for _, unit in sorted(near, key=lambda each: each[0]):
-        pin = Pin(joint, unit, average_track(problem.points, unit), weight * min(_INNER_FRAMES / len(fit.used), 1.0))
-        pinned = fit_path(problem, path, (*fit.pins, pin))
-        if pinned is not None and pinned.cost - fit.cost < _INNER_RISE:
-            return pinned
-    return None
-
-
-def _assign_ankle_markers(problem: SegmentationProblem, fit: LinkFit) -> LinkFit:
-    """Return the fit with the still markers at joint 1 assigned to segment 1."""
+        # the nearest marker that fits at this inner joint
+        moving = np.flatnonzero((fit.segment == joint) | (fit.segment == joint + 1))
+        place, _ = joint_positions(fit.state)
+        near = []
+        for unit in group_points(points, problem.lateral, moving):
+            off = np.abs(average_track(points, unit)[fit.used] - place[:, joint])
+            if np.isfinite(off).any() and np.nanmedian(off) < _NEAR:
+                near.append((float(np.nanmedian(off)), unit))
+        for _, unit in sorted(near, key=lambda each: each[0]):
+            in_frames = weight * min(_INNER_FRAMES / len(fit.used), 1.0)
+            pinned = fit_path(problem, path, (*fit.pins, Pin(joint, unit, average_track(points, unit), in_frames)))
+            if pinned is not None and pinned.cost - fit.cost < _INNER_RISE:
+                fit = pinned
+                break
+    # the still markers at the ankle are on segment 1
     ankle = np.array([marker for pin in fit.pins if pin.joint == 0 for marker in pin.unit], dtype=np.int64)
     segment, local = fit.segment.copy(), fit.state.local.copy()
     segment[ankle] = 1
-    local[ankle] = costs_on_segments(problem.points[fit.used], fit.state)[1][1, ankle]
+    local[ankle] = costs_on_segments(points[fit.used], fit.state)[1][1, ankle]
     return replace(fit, segment=segment, state=replace(fit.state, local=local))

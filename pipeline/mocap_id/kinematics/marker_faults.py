@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray, find_runs
 from mocap_id.kinematics.bundle import chain_angles, rigid_body_links
-from mocap_id.kinematics.chain_fit import ChainProblem, ChainState, angle_jacobian, joint_positions, residuals
+from mocap_id.kinematics.chain_fit import ChainProblem, angle_jacobian, joint_positions
 from mocap_id.kinematics.frame_sampling import frames_along_motion
 from mocap_id.kinematics.segmentation import Segmentation
 from mocap_id.kinematics.swaps import find_jumps
@@ -40,15 +40,6 @@ _STEP = 0.6  # least fraction of a displacement that occurs between two samples
 _STILL = 2e-3  # m; largest distance of a still marker from its median
 _SEGMENT_MOVES = 0.02  # m; least motion of the segment of a still marker
 _REPEATED_MOVES = 0.003  # m; the same, if exactly the same coordinates are repeated
-
-
-@dataclass(frozen=True)
-class _Tracks:
-    """Markers in the frames of the segments."""
-
-    rows: IntArray  # (T,) frames of the trial
-    local: ComplexArray  # (n + 1, T, M) every marker in the frame of every segment, m; NaN where unknown
-    along: IntArray  # indices of ``rows``, evenly along the motion
 
 
 @dataclass(frozen=True)
@@ -87,23 +78,42 @@ def find_bad_stretches(
     tracks = _express_in_segments(recorded, segmentation, fitted)
     if tracks is None:
         return ()
-    usual = _find_usual_positions(tracks, segmentation.segment)
+    plane = recorded.points[..., 0] + 1j * recorded.points[..., 1]
+    along = tracks[:, frames_along_motion(plane, _ALONG)]
+    own = [_find_position(along, int(k), m) if k >= 0 else None for m, k in enumerate(segmentation.segment)]
+    typical = {
+        k: float(np.median([place.usual for place in own if place is not None and place.segment == k]))
+        for k in {place.segment for place in own if place is not None}
+    }
     bad: list[BadStretch] = []
     strays: list[int] = []
-    for marker in examined:
-        place = usual[marker] or _find_best_position(tracks, int(marker))
-        own = []
+    for marker in (int(marker) for marker in examined):
+        place = own[marker]
+        if place is not None:
+            place = replace(place, usual=max(place.usual, typical[place.segment]))
+        else:  # on the moving segment where the marker stays longest, or on the base
+            places = [_find_position(along, k, marker) for k in range(len(along))]
+            moving = [each for each in places[1:] if each is not None]
+            best = max(moving, key=lambda each: each.share, default=None)
+            place = best if best is not None and best.share >= _LEAST_SHARE else places[0]
+        found = []
         if place is not None and place.share >= _LEAST_SHARE:
-            own = _find_stretches(recorded, tracks, place, int(marker))
-        if not own and segmentation.segment[marker] < 0:
-            strays.append(int(marker))
-        bad += own
+            found = _find_stretches(recorded, tracks[place.segment, :, marker], place, marker)
+        if not found and segmentation.segment[marker] < 0:
+            strays.append(marker)
+        bad += found
     ghosts = np.intersect1d(strays, np.flatnonzero(find_lone_markers(recorded.points)))
     return (*bad, *(BadStretch(int(marker), 0, int(recorded.rows[-1]), "ghost") for marker in ghosts))
 
 
-def _express_in_segments(recorded: RecordedMarkers, segmentation: Segmentation, fitted: ComplexArray) -> _Tracks | None:
-    """Return the markers in the frames of robustly fitted segments; None if the angles are known in too few frames."""
+def _express_in_segments(
+    recorded: RecordedMarkers, segmentation: Segmentation, fitted: ComplexArray
+) -> ComplexArray | None:
+    """Return every marker in the frame of every segment, (n + 1, T, M), m; NaN where unknown.
+
+    The angles of the segments are fitted to each frame with Cauchy's loss. The result is None if the angles are known
+    in too few frames.
+    """
     rows, plane = recorded.rows, recorded.points[..., 0] + 1j * recorded.points[..., 1]
     segment, assigned = segmentation.segment, np.flatnonzero(segmentation.segment >= 0)
     if segmentation.links is None:
@@ -117,53 +127,29 @@ def _express_in_segments(recorded: RecordedMarkers, segmentation: Segmentation, 
     if known.all(axis=1).sum() < _FEWEST:
         return None
     start = np.stack([np.interp(rows, rows[k], np.unwrap(a[k])) for a, k in zip(start.T, known.T, strict=True)], axis=1)
-    moving = segment[assigned] > 0
-    angles = _fit_robust_angles(
-        plane[:, assigned[moving]], segment[assigned[moving]], replace(state, local=state.local[moving], angles=start)
-    )
-    origin, turn = joint_positions(replace(state, angles=angles))
-    turn = np.where(known, turn, np.nan)
-    local = np.stack([plane, *(np.conj(turn[:, k, None]) * (plane - origin[:, k, None]) for k in range(turn.shape[1]))])
-    return _Tracks(rows, local, frames_along_motion(plane, _ALONG))
-
-
-def _fit_robust_angles(points: ComplexArray, segment: IntArray, state: ChainState) -> FloatArray:
-    """Return the angles (T, n) of a known chain, fitted to each frame with Cauchy's loss, rad."""
-    seen = np.isfinite(points)
-    problem = ChainProblem.with_joint_markers(points, segment, {}, len(state.centres))
-    ridge = _RIDGE * np.eye(len(state.centres))
+    moving, joints = segment[assigned] > 0, len(state.centres)
+    state = replace(state, local=state.local[moving], angles=start)
+    problem = ChainProblem.with_joint_markers(plane[:, assigned[moving]], segment[assigned[moving]], {}, joints)
+    seen, ridge = np.isfinite(plane[:, assigned[moving]]), _RIDGE * np.eye(joints)
     for scale in _SCALES:
-        off = residuals(problem, state)
+        off = problem.residuals(state)
         weights = seen / (1 + (np.abs(off) / scale) ** 2)
         swing = angle_jacobian(problem, state)
         pulled = np.conj(swing) * weights[..., None]
         normal = (np.swapaxes(pulled, 1, 2) @ swing).real + ridge
         turn = np.einsum("tkn,tk->tn", pulled, off).real
         state = replace(state, angles=state.angles + np.linalg.solve(normal, turn[..., None])[..., 0])
-    return state.angles
+    origin, turns = joint_positions(state)
+    turns = np.where(known, turns, np.nan)
+    return np.stack([plane, *(np.conj(turns[:, k, None]) * (plane - origin[:, k, None]) for k in range(joints))])
 
 
-def _find_usual_positions(tracks: _Tracks, segment: IntArray) -> list[_Position | None]:
-    """Return the position of each of M markers on its own segment; None without a segment, or if hardly visible."""
-    own = [_find_position(tracks, int(k), marker) if k >= 0 else None for marker, k in enumerate(segment)]
-    typical = {
-        k: float(np.median([place.usual for place in own if place is not None and place.segment == k]))
-        for k in {place.segment for place in own if place is not None}
-    }
-    return [place and replace(place, usual=max(place.usual, typical[place.segment])) for place in own]
+def _find_position(along: ComplexArray, segment: int, marker: int) -> _Position | None:
+    """Return the position of a marker in a segment's frame for most of the motion; None if it is hardly visible.
 
-
-def _find_best_position(tracks: _Tracks, marker: int) -> _Position | None:
-    """Return the position of a marker on the moving segment where it stays longest, or on the base; None if hidden."""
-    places = [_find_position(tracks, k, marker) for k in range(len(tracks.local))]
-    moving = [place for place in places[1:] if place is not None]
-    best = max(moving, key=lambda place: place.share, default=None)
-    return best if best is not None and best.share >= _LEAST_SHARE else places[0]
-
-
-def _find_position(tracks: _Tracks, segment: int, marker: int) -> _Position | None:
-    """Return the position of a marker in a segment's frame for most of the motion; None if it is hardly visible."""
-    track = tracks.local[segment, tracks.along, marker]
+    ``along`` (n + 1, A, M) are the markers in the frames of the segments, evenly along the motion, m.
+    """
+    track = along[segment, :, marker]
     track = track[np.isfinite(track)]
     if len(track) < _FEWEST // 2:
         return None
@@ -176,12 +162,12 @@ def _find_position(tracks: _Tracks, segment: int, marker: int) -> _Position | No
     return _Position(segment, place, float(np.median(off[near])), float(near.mean()))
 
 
-def _find_stretches(recorded: RecordedMarkers, tracks: _Tracks, place: _Position, marker: int) -> list[BadStretch]:
-    """Return the bad intervals of a marker that is otherwise on its segment."""
+def _find_stretches(recorded: RecordedMarkers, local: ComplexArray, place: _Position, marker: int) -> list[BadStretch]:
+    """Return the bad intervals of a marker that is otherwise on its segment, in whose frame its track is ``local``."""
     points, rate = recorded.points[:, marker], recorded.rate
-    local = tracks.local[place.segment, :, marker]
     seen = np.flatnonzero(np.isfinite(local))
-    out = np.abs(local[seen] - place.local) > max(_LEAST_OFF, _OFF * place.usual)
+    rows, local = recorded.rows[seen], local[seen]
+    out = np.abs(local - place.local) > max(_LEAST_OFF, _OFF * place.usual)
     out |= _find_repeated(points[seen])
     if not out.any():
         return []
@@ -189,38 +175,49 @@ def _find_stretches(recorded: RecordedMarkers, tracks: _Tracks, place: _Position
     there = np.flatnonzero(np.isfinite(positions[:, 0]))
     positions, apart = positions[there], np.diff(there)
     steps, _ = find_jumps(np.diff(positions, axis=0) / apart[:, None], apart)
+
+    def find_nearest_jump(jumps: IntArray, frame: int) -> int | None:
+        """Return the jump that is nearest to a frame; None if none is near."""
+        nearest = int(jumps[np.argmin(np.abs(jumps - frame))]) if len(jumps) else None
+        return nearest if nearest is not None and abs(nearest - frame) <= _NEAR * rate else None
+
+    runs: list[slice] = []
+    for run in find_runs(out):
+        bridged = runs and rows[run.start] - rows[runs[-1].stop - 1] < _BRIDGED * rate
+        runs.append(slice(runs.pop().start, run.stop) if bridged else run)
     bad: list[BadStretch] = []
-    for run in _bridge_gaps(find_runs(out), tracks.rows[seen], _BRIDGED * rate):
-        rows, off = tracks.rows[seen[run]], local[seen[run]]
-        if rows[-1] - rows[0] < _SHORTEST * rate:
+    for run in runs:
+        first, last = rows[run.start], rows[run.stop - 1]
+        if last - first < _SHORTEST * rate:
             continue
-        begin, end = (
-            _find_nearest_jump(there[jump], frame, _NEAR * rate)
-            for jump, frame in ((steps + 1, rows[0]), (steps, rows[-1]))
-        )
+        begin, end = find_nearest_jump(there[steps + 1], first), find_nearest_jump(there[steps], last)
         sudden = begin is not None or end is not None
-        still, repeated = _find_still_frames(positions, there, rows), _find_repeated(points[seen[run]]).mean() > _MOSTLY
-        least = _REPEATED_MOVES if repeated else _SEGMENT_MOVES
-        if still is not None and (sudden or repeated) and _measure_range(off) > least:
-            bad.append(BadStretch(marker, *still, "frozen"))
+        reach = _measure_range(local[run])
+        # frozen: the marker stands still in the laboratory while its segment moves
+        inside = (there >= first) & (there <= last)
+        rest = np.median(positions[inside], axis=0)
+        same = np.all(positions == rest, axis=1)
+        still = same if same[inside].mean() > _MOSTLY else np.linalg.norm(positions - rest, axis=1) < _STILL
+        repeated = _find_repeated(points[seen[run]]).mean() > _MOSTLY
+        rests = still[inside].mean() > _MOSTLY and reach > (_REPEATED_MOVES if repeated else _SEGMENT_MOVES)
+        if rests and (sudden or repeated):
+            around = [there[each] for each in find_runs(still)]
+            around = [each for each in around if each[0] <= last and each[-1] >= first]
+            bad.append(BadStretch(marker, int(around[0][0]), int(around[-1][-1]), "frozen"))
             continue
-        moved = _measure_range(off) < 2 * _HELD and _is_step(local[seen], run, place.local)
+        # moved: one end of the track is displaced by one step between two samples
+        moved = False
+        if reach < 2 * _HELD and (run.start == 0) != (run.stop == len(local)):
+            at = run.start if run.start else run.stop
+            away = abs(np.median(local[run].real) + 1j * np.median(local[run].imag) - place.local)
+            moved = bool(abs(local[at] - local[at - 1]) > _STEP * away)
         if not sudden and not moved:
             continue
-        before = tracks.rows[seen[run.start - 1]] + 1 if run.start else there[0]
-        after = tracks.rows[seen[run.stop]] - 1 if run.stop < len(seen) else there[-1]
-        first, last = int(before if begin is None else begin), int(after if end is None else end)
-        bad.append(BadStretch(marker, first, last, "moved" if moved else "elsewhere"))
+        before = rows[run.start - 1] + 1 if run.start else there[0]
+        after = rows[run.stop] - 1 if run.stop < len(seen) else there[-1]
+        ends = int(before if begin is None else begin), int(after if end is None else end)
+        bad.append(BadStretch(marker, *ends, "moved" if moved else "elsewhere"))
     return bad
-
-
-def _is_step(track: ComplexArray, run: slice, place: complex) -> bool:
-    """Return whether a run of samples at one end of the track is displaced by one step between two samples."""
-    if (run.start == 0) == (run.stop == len(track)):
-        return False
-    last = run.start if run.start else run.stop
-    away = abs(np.median(track[run].real) + 1j * np.median(track[run].imag) - place)
-    return bool(abs(track[last] - track[last - 1]) > _STEP * away)
 
 
 def _find_repeated(positions: FloatArray) -> BoolArray:
@@ -230,48 +227,11 @@ def _find_repeated(positions: FloatArray) -> BoolArray:
     return np.asarray(same[1:] | same[:-1])
 
 
-def _bridge_gaps(runs: list[slice], frames: IntArray, longest: float) -> list[slice]:
-    """Return runs of samples, joined where they are less than ``longest`` frames apart."""
-    joined: list[slice] = []
-    for run in runs:
-        if joined and frames[run.start] - frames[joined[-1].stop - 1] < longest:
-            joined[-1] = slice(joined[-1].start, run.stop)
-        else:
-            joined.append(run)
-    return joined
-
-
-def _find_nearest_jump(jumps: IntArray, frame: int, reach: float) -> int | None:
-    """Return the jump that is nearest to a frame; None if none is within ``reach`` frames."""
-    if not len(jumps):
-        return None
-    nearest = int(jumps[np.argmin(np.abs(jumps - frame))])
-    return nearest if abs(nearest - frame) <= reach else None
-
-
-def _find_still_frames(positions: FloatArray, there: IntArray, rows: IntArray) -> tuple[int, int] | None:
-    """Return the first and last frame of a still interval around the frames ``rows``; None if the marker moves there.
-
-    The marker has the positions (K, 3) in the frames ``there`` (K,), in which it is visible.
-    """
-    inside = (there >= rows[0]) & (there <= rows[-1])
-    place = np.median(positions[inside], axis=0)
-    same = np.all(positions == place, axis=1)
-    still = same if same[inside].mean() > _MOSTLY else np.linalg.norm(positions - place, axis=1) < _STILL
-    if still[inside].mean() <= _MOSTLY:
-        return None
-    runs = [there[run] for run in find_runs(still)]
-    around = [run for run in runs if run[0] <= rows[-1] and run[-1] >= rows[0]]
-    return int(around[0][0]), int(around[-1][-1])
-
-
 def _measure_range(track: ComplexArray) -> float:
     """Return the largest 5 to 95 % range of the coordinates of a track, m."""
     low, high = np.quantile(np.stack([track.real, track.imag]), [0.05, 0.95], axis=1)
     return float(np.max(high - low))
 
-
-Fault: TypeAlias = Literal["frozen", "moved", "elsewhere", "ghost"]
 
 _FRAMES = 120
 _SIMPLE_FAULTS_FEWEST = 20  # fewest frames in which both markers are visible
@@ -297,7 +257,7 @@ class BadStretch:
     marker: int  # column
     first: int  # first frame
     last: int  # last frame
-    how: Fault
+    how: Literal["frozen", "moved", "elsewhere", "ghost"]
 
 
 def find_lone_markers(points: FloatArray) -> BoolArray:
@@ -320,18 +280,14 @@ def find_lone_markers(points: FloatArray) -> BoolArray:
     lone = moves.copy()
     for marker in np.flatnonzero(moves):
         others = (moves | (scatter[marker] < _NEAR_BASE)) & (np.arange(len(moves)) != marker)
-        nearest = _distance_ranges(some, int(marker), others).min(initial=np.inf)
+        # 10 to 90 % ranges of the distances from the others; inf if hardly visible together
+        distance = np.sort(np.linalg.norm(some[:, others] - some[:, [marker]], axis=2), axis=0)  # NaN last
+        together = np.isfinite(distance).sum(axis=0)
+        last, column = np.maximum(together - 1, 0), np.arange(distance.shape[1])
+        low, high = (distance[np.round(share * last).astype(np.int64), column] for share in (0.1, 0.9))
+        nearest = np.where(together >= _SIMPLE_FAULTS_FEWEST, high - low, np.inf).min(initial=np.inf)
         lone[marker] = np.isfinite(nearest) and nearest > np.clip(_SHARE * scatter[marker], *_STRAYS)
     return lone if lone.mean() <= _SIMPLE_FAULTS_MOST else np.zeros_like(lone)
-
-
-def _distance_ranges(points: FloatArray, marker: int, others: BoolArray) -> FloatArray:
-    """Return the 10 to 90 % ranges of the distances from other markers, m; inf if hardly visible together."""
-    distance = np.sort(np.linalg.norm(points[:, others] - points[:, [marker]], axis=2), axis=0)  # NaN last
-    counts = np.isfinite(distance).sum(axis=0)
-    last, column = np.maximum(counts - 1, 0), np.arange(distance.shape[1])
-    low, high = (distance[np.round(share * last).astype(np.int64), column] for share in (0.1, 0.9))
-    return np.asarray(np.where(counts >= _SIMPLE_FAULTS_FEWEST, high - low, np.inf))
 
 
 def find_repeats(points: FloatArray, rate: float) -> tuple[BadStretch, ...]:
@@ -344,9 +300,9 @@ def find_repeats(points: FloatArray, rate: float) -> tuple[BadStretch, ...]:
     bad = []
     same = np.all(points[1:] == points[:-1], axis=2)
     for marker in range(points.shape[1]):
-        for run in (
-            run for run in find_runs(same[:, marker]) if run.stop - run.start >= _SIMPLE_FAULTS_SHORTEST * rate
-        ):
+        for run in find_runs(same[:, marker]):
+            if run.stop - run.start < _SIMPLE_FAULTS_SHORTEST * rate:
+                continue
             inside = slice(run.start, run.stop + 1)
             away = np.linalg.norm(points[inside] - points[run.start, marker], axis=2)
             later = points[inside.stop :, marker]

@@ -17,8 +17,8 @@ import numpy as np
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.errors import Refused
 from mocap_id.kinematics.chain_search import FLOOR, Hypothesis, SegmentationProblem, SegmentationRules, find_hypotheses
-from mocap_id.kinematics.clusters import Base, Clusters, Constraints, find_base
-from mocap_id.kinematics.joint import PairJoint, RigidBody, fit_body, fit_joint, marker_residuals, still_body
+from mocap_id.kinematics.clusters import Base, Constraints, MarkerClusters, find_base
+from mocap_id.kinematics.joint import RigidBody, fit_body, fit_joint, marker_residuals, still_body
 from mocap_id.kinematics.link_fit import SEGMENT_PRICE, LinkFit, find_best_links, log_cost
 
 Evidence: TypeAlias = Literal["skipped", "left-out", "axis", "first-joint", "base", "runner-up", "links", "ankle"]
@@ -66,18 +66,9 @@ def assess_confidence(
 
     The confidence in a joint is 0.5 if the residual without its segment is 3.5 times as large (last joint: 1.5 times).
 
-    Parameters
-    ----------
-    considered : tuple of Hypothesis
-        All hypotheses, best first.
-    ratios : tuple of float
-        For each joint, the residual without its segment divided by the residual with it.
-    explained : float
-        Fraction of the moving markers that are on the chain (:func:`explained_share`).
-    margin : float
-        Margin of the least certain decision about a marker on the first axis, 1 or more (``AxisMarkers.margin``).
-    gap : float
-        Scatter of the stillest moving marker divided by the largest scatter of a base marker.
+    ``considered`` are all hypotheses, best first. ``ratios`` are the residual without the segment of each joint divided
+    by the residual with it. ``explained`` is that of :func:`explained_share`, ``margin`` that of
+    :func:`find_axis_markers`, and ``gap`` that of :class:`.Base`.
     """
     best = considered[0]
     limits = [_SURE_SKIPPED] * (len(ratios) - 1) + [_SURE_FIXED]
@@ -138,15 +129,9 @@ _PAIR = 0.03  # m; a left and a right marker this close in the side view are a p
 _LEAST_BASE = 2  # markers that stay on the base
 
 
-@dataclass(frozen=True)
-class AxisMarkers:
-    """Base markers that are reassigned to segment 1."""
-
-    residual: dict[int, float]  # column of each marker to its rms distance from its position on segment 1, m
-    margin: float  # factor between the threshold and the nearest residual ratio, at least 1; inf without candidates
-
-
-def find_axis_markers(problem: SegmentationProblem, first: RigidBody, on_segment: IntArray) -> AxisMarkers:
+def find_axis_markers(
+    problem: SegmentationProblem, first: RigidBody, on_segment: IntArray
+) -> tuple[dict[int, float], float]:
     """Find still markers that belong to segment 1.
 
     A marker on the axis of joint 1 hardly moves, so rigidity alone assigns it to the base. If it is assigned to segment
@@ -155,6 +140,10 @@ def find_axis_markers(problem: SegmentationProblem, first: RigidBody, on_segment
     the axis, a heel marker no longer fits. A left and a right marker at the same position are judged together.
     ``first`` is segment 1, and ``on_segment`` are the columns of all markers on it, also of markers that were not used
     in its fit.
+
+    The results are the rms distance of each reassigned marker (column) from its position on segment 1, m, and the
+    margin of the least certain decision: the factor between the threshold and the nearest residual ratio, at least 1;
+    inf without candidates.
     """
     points, constraints = problem.points, problem.constraints
     on_base = marker_residuals(problem.ground, points)
@@ -167,29 +156,21 @@ def find_axis_markers(problem: SegmentationProblem, first: RigidBody, on_segment
         there = np.concatenate([on_segment, np.array(list(reassigned), dtype=np.int64)])
         left = [unit for unit in left if constraints.allow(np.append(there, unit))]
         spare = len(problem.ground.markers) - len(reassigned) - _LEAST_BASE
-        candidates = [
-            (_compare_residuals(problem, members, unit, on_base), unit) for unit in left if len(unit) <= spare
-        ]
+        candidates: list[tuple[float, FloatArray, tuple[int, ...]]] = []
+        for unit in (unit for unit in left if len(unit) <= spare):
+            residual = marker_residuals(fit_body(points, np.append(members, unit)), points[:, list(unit)])
+            before = float(np.sqrt(np.mean(on_base[list(unit)] ** 2)))
+            after = float(np.sqrt(np.mean(residual**2)))
+            candidates.append((after / before if before > 0 else np.inf, residual, unit))
         if not candidates:
             break
-        (ratio, residual), best = min(candidates, key=lambda each: each[0][0])
+        ratio, residual, best = min(candidates, key=lambda each: each[0])
         margin = min(margin, max(ratio / _PREFER_MOVING, _PREFER_MOVING / ratio))
         if ratio > _PREFER_MOVING:
             break
-        reassigned.update(zip(best, residual, strict=True))
+        reassigned.update(zip(best, residual.tolist(), strict=True))
         left.remove(best)
-    return AxisMarkers(reassigned, float(margin))
-
-
-def _compare_residuals(
-    problem: SegmentationProblem, members: IntArray, unit: tuple[int, ...], on_base: np.ndarray
-) -> tuple[float, list[float]]:
-    """Return the rms residual on segment 1 divided by that on the base, and each marker's residual on segment 1, m."""
-    body = fit_body(problem.points, np.append(members, unit))
-    residual = marker_residuals(body, problem.points[:, list(unit)])
-    before = float(np.sqrt(np.mean(on_base[list(unit)] ** 2)))
-    after = float(np.sqrt(np.mean(residual**2)))
-    return (after / before if before > 0 else np.inf), [float(each) for each in residual]
+    return reassigned, float(margin)
 
 
 def _pair_markers(problem: SegmentationProblem, markers: IntArray) -> Iterator[tuple[int, ...]]:
@@ -250,115 +231,67 @@ def segment_markers(
     """
     constraints = constraints or Constraints.of(points.shape[1])
     base = find_base(points, rules.still_limit, constraints)
-    _require_base_and_motion(base, points, rules)
-    moving = np.setdiff1d(np.flatnonzero(np.isfinite(base.scatter)), base.markers)
-    clusters = Clusters(points, moving, constraints)
+    seen = np.isfinite(base.scatter)
+    if len(base.markers) < 2:
+        extent = float(np.ptp(points.imag[np.isfinite(points)])) if seen.any() else 0.0
+        least = float(np.min(base.scatter, initial=np.inf))
+        hint = f" The markers span {extent:.0f} m in height: is the unit of length right (`planarise: {{units: …}}`)?"
+        raise Refused(
+            "no-fixed-base",
+            f"{len(base.markers)} of {points.shape[1]} markers stand still (the stillest moves by "
+            f"{1e3 * least:.0f} mm rms); a chain needs a base of at least 2 markers that stay within "
+            f"{1e3 * rules.still_limit:.0f} mm. Set a `window:` in which the feet stand still, or record again."
+            + (hint if extent > _TALLEST else ""),
+            least if np.isfinite(least) else None,
+            rules.still_limit,
+        )
+    if len(base.markers) >= seen.sum() - 1:
+        raise Refused(
+            "no-motion",
+            f"no joint moves: {len(base.markers)} of {int(seen.sum())} markers stay within "
+            f"{1e3 * rules.still_limit:.0f} mm, so no segment can be found. Record a movement of the joints.",
+            float(np.max(base.scatter[seen])),
+            rules.still_limit,
+        )
+    moving = np.setdiff1d(np.flatnonzero(seen), base.markers)
+    clusters = MarkerClusters(points, moving, constraints)
     problem = SegmentationProblem(
         points, lateral, base, still_body(points, base.markers), moving, rules, constraints, clusters
     )
     considered = tuple(sorted(find_hypotheses(problem), key=lambda hypothesis: hypothesis.cost))
     rigid = _assign(problem, considered) if considered else None
-    if rigid is None or rigid.confidence.value < _SURE or rigid.confidence.against["left-out"] > 0:
-        links = find_best_links(problem)
-        if links is not None:
-            longer = rigid is None or len(links.state.centres) >= rigid.count
-            if longer and (rigid is None or links.cost < _rigid_cost(problem, rigid) - _BETTER):
-                return _build_from_links(problem, considered, links)
+    if rigid is not None and rigid.confidence.value >= _SURE and rigid.confidence.against["left-out"] <= 0:
+        return rigid
+    # a chain with single-marker segments is better if its cost is lower and it has more segments
+    links = find_best_links(problem)
+    if links is not None and rigid is not None:
+        gaps = np.array([0.0, *(joint.residual for joint in considered[0].joints)])
+        on_segment = np.where(np.isfinite(rigid.residual), rigid.residual, np.inf)
+        residual = np.hypot(on_segment, gaps[np.maximum(rigid.segment, 0)])
+        cost = float(log_cost(residual[seen]).sum()) + SEGMENT_PRICE * (rigid.count - 1)
+        if len(links.state.centres) < rigid.count or links.cost >= cost - _BETTER:
+            return rigid
+    if links is not None:
+        explained = explained_share(links.segment, lateral, moving)
+        confidence, ratios = assess_links(links, explained, base.gap), links.ratios(points)
+        count = len(links.state.centres) + 1
+        return Segmentation(links.segment, links.residual, count, confidence, ratios, base, considered, links)
     if rigid is None:
         raise _explain_missing_chain(problem)
     return rigid
 
 
-def _rigid_cost(problem: SegmentationProblem, segmentation: Segmentation) -> float:
-    """Return the cost of a chain of rigid bodies, computed as in :mod:`.link_fit`."""
-    seen = np.isfinite(problem.base.scatter)
-    gaps = np.array([0.0, *(joint.residual for joint in segmentation.hypotheses[0].joints)])
-    on_segment = np.where(np.isfinite(segmentation.residual), segmentation.residual, np.inf)
-    residual = np.hypot(on_segment, gaps[np.maximum(segmentation.segment, 0)])
-    return float(log_cost(residual[seen]).sum()) + SEGMENT_PRICE * (segmentation.count - 1)
-
-
-def _build_from_links(problem: SegmentationProblem, considered: tuple[Hypothesis, ...], links: LinkFit) -> Segmentation:
-    """Return the segmentation of a chain with single-marker segments."""
-    explained = explained_share(links.segment, problem.lateral, problem.moving)
-    return Segmentation(
-        links.segment,
-        links.residual,
-        len(links.state.centres) + 1,
-        assess_links(links, explained, problem.base.gap),
-        links.ratios(problem.points),
-        problem.base,
-        considered,
-        links,
-    )
-
-
-def _require_base_and_motion(base: Base, points: ComplexArray, rules: SegmentationRules) -> None:
-    """Refuse a trial with fewer than two base markers or fewer than two moving markers."""
-    markers, seen = points.shape[1], np.isfinite(base.scatter)
-    extent = float(np.ptp(points.imag[np.isfinite(points)])) if seen.any() else 0.0
-    least = float(np.min(base.scatter, initial=np.inf))
-    if len(base.markers) < 2:
-        raise Refused(
-            "no-fixed-base",
-            f"{len(base.markers)} of {markers} markers stand still (the stillest moves by "
-            f"{1e3 * least:.0f} mm rms); a chain needs a base of at least 2 markers that stay within "
-            f"{1e3 * rules.still_limit:.0f} mm. Set a `window:` in which the feet stand still, or record again."
-            + _hint_at_unit(extent),
-            least if np.isfinite(least) else None,
-            rules.still_limit,
-        )
-    if len(base.markers) >= seen.sum() - 1:
-        largest = float(np.max(base.scatter[seen]))
-        raise Refused(
-            "no-motion",
-            f"no joint moves: {len(base.markers)} of {int(seen.sum())} markers stay within "
-            f"{1e3 * rules.still_limit:.0f} mm, so no segment can be found. Record a movement of the joints.",
-            largest,
-            rules.still_limit,
-        )
-
-
-def _hint_at_unit(extent: float) -> str:
-    """Return a hint at a wrong unit if the markers are higher than any body; otherwise an empty text."""
-    if extent <= _TALLEST:
-        return ""
-    return f" The markers span {extent:.0f} m in height: is the unit of length right (`planarise: {{units: …}}`)?"
-
-
 def _assign(problem: SegmentationProblem, considered: tuple[Hypothesis, ...]) -> Segmentation:
     """Return the segmentation of the best hypothesis. Leftover and axis markers are added."""
-    points, best = problem.points, considered[0]
+    points, best, constraints = problem.points, considered[0], problem.constraints
     links = (problem.ground, *best.chain)
     residuals = np.stack([marker_residuals(body, points) for body in links])
-    own = np.array([body.residual for body in links])
     segment = np.full(points.shape[1], -1)
     for k, body in enumerate(links):
         segment[body.markers] = k
-    _assign_leftovers(problem.constraints, segment, residuals / (_ADOPT * own)[:, None])
-    residual = residuals[segment, np.arange(points.shape[1])]
-    axis = find_axis_markers(problem, best.chain[0], np.flatnonzero(segment == 1))
-    for marker, on_segment in axis.residual.items():
-        segment[marker], residual[marker] = 1, on_segment
-    ratios = _compute_ratios(points, links, best.joints)
-    explained = explained_share(segment, problem.lateral, problem.moving)
-    return Segmentation(
-        segment,
-        np.where(segment >= 0, residual, np.nan),
-        len(links),
-        assess_confidence(considered, ratios, explained, axis.margin, problem.base.gap),
-        ratios,
-        problem.base,
-        considered,
-    )
 
-
-def _assign_leftovers(constraints: Constraints, segment: IntArray, cost: FloatArray) -> None:
-    """Assign leftover markers (-1 in ``segment``, in place) to the segments that fit them, the most certain first.
-
-    ``cost`` (n + 1, M) is the residual of every marker on every segment, divided by the largest allowed one. Markers
-    that must be together get the same segment.
-    """
+    # leftover markers go to the segments that fit them, the most certain first; those of one unit to the same segment
+    cost = residuals / (_ADOPT * np.array([body.residual for body in links]))[:, None]  # 1 is the largest allowed
     seen = np.isfinite(cost).any(axis=0)
     left = np.flatnonzero((segment < 0) & seen)
     units = [np.flatnonzero((constraints.unit == unit) & seen) for unit in np.unique(constraints.unit[left])]
@@ -372,21 +305,22 @@ def _assign_leftovers(constraints: Constraints, segment: IntArray, cost: FloatAr
         open_to = np.where(np.isin(np.arange(len(cost)), taken), np.inf, costs[index])
         if np.min(open_to) <= 1:
             segment[unit] = np.argmin(open_to)
+    residual = residuals[segment, np.arange(points.shape[1])]
+    reassigned, margin = find_axis_markers(problem, best.chain[0], np.flatnonzero(segment == 1))
+    for marker, on_segment in reassigned.items():
+        segment[marker], residual[marker] = 1, on_segment
 
-
-def _compute_ratios(
-    points: ComplexArray, links: tuple[RigidBody, ...], joints: tuple[PairJoint, ...]
-) -> tuple[float, ...]:
-    """Return, for each joint, the residual without its segment divided by the residual with it.
-
-    For the last joint, the segment is fixed to its parent instead.
-    """
-    skipped = [
-        fit_joint(links[i], links[i + 2]).residual / max(joints[i].residual, FLOOR) for i in range(len(joints) - 1)
-    ]
-    parent, last = links[-2:]
+    # residual without the segment of each joint over the residual with it; the last segment is fixed to its parent
+    joints, (parent, last) = best.joints, links[-2:]
     fixed = np.sqrt(np.mean(marker_residuals(parent, points[:, last.markers]) ** 2))
-    return (*skipped, float(fixed / max(np.hypot(joints[-1].residual, last.residual), FLOOR)))
+    ratios = (
+        *(fit_joint(links[i], links[i + 2]).residual / max(joints[i].residual, FLOOR) for i in range(len(joints) - 1)),
+        float(fixed / max(np.hypot(joints[-1].residual, last.residual), FLOOR)),
+    )
+    explained = explained_share(segment, problem.lateral, problem.moving)
+    confidence = assess_confidence(considered, ratios, explained, margin, problem.base.gap)
+    residual = np.where(segment >= 0, residual, np.nan)
+    return Segmentation(segment, residual, len(links), confidence, ratios, problem.base, considered)
 
 
 def _explain_missing_chain(problem: SegmentationProblem) -> Refused:

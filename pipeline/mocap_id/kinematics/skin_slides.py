@@ -11,7 +11,6 @@ docs/concepts/sliding-skin.md.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,7 +75,7 @@ class SkinModel:
         segment, n = self.segment, len(self.centres)
         state = ChainState(self.centres, self.local, np.cumsum(angles, axis=1))
         weights = np.broadcast_to(self.weight, (len(angles), len(segment)))
-        cross, normal = angle_blocks(ChainProblem.without_points(weights, segment, n), state)
+        cross, normal, _ = angle_blocks(ChainProblem.without_points(weights, segment, n), state)
         turns = (np.eye(n) - np.eye(n, k=-1)) @ np.linalg.inv(normal) @ cross  # (T, n, P); absolute to joint angles
         gain = turns[..., 2 * n :].reshape(len(angles), n, len(segment), 2)
         shape = scale_angles(angles - self.mean, self.spread, segment)
@@ -115,7 +114,29 @@ def fit_skin(
     mean = relative.mean(axis=0)
     relative -= mean
     spread = slide_scales(relative)[segment - 1]
-    size, rest, square, often = _estimate_sizes(points, segment, state, relative, spread)
+    # Only the part of a residual that persists to the next frame is a slide; the rest is camera noise. Markers are
+    # regressed on their shapes one by one, to limit memory.
+    origin, turn = joint_positions(state)
+    size, rest, square, often = np.empty((4, len(segment)))
+    for k, joint in enumerate(segment - 1):
+        off = (points[:, k] - (origin[:, joint] + turn[:, joint] * state.local[k])) * np.conj(turn[:, joint])
+        seen = np.isfinite(off)
+        off = np.where(seen, off, 0)
+        shape = scale_angles(relative, spread[k : k + 1], segment[k : k + 1])[:, 0]
+        basis = np.column_stack([seen, shape * seen[:, None]])
+        normal = basis.T @ basis + _RIDGE * len(basis) * np.eye(basis.shape[1])
+        left = off - as_complex(basis @ np.linalg.solve(normal, basis.T @ as_xy(off)))
+        size[k], rest[k] = _lag_one_variance(off, seen), _lag_one_variance(left, seen)
+        square[k] = float(np.sum(np.abs(off) ** 2) / max(np.count_nonzero(seen), 1) / 2)
+        often[k] = float(np.mean(seen))
+    square = share_variance(square, often, segment, state.local)  # the weights of the joint fit
+    for k in range(1, len(state.centres) + 1):
+        members = segment == k
+        weights = often[members] / np.maximum(square[members], EXACT**2)
+        share = remaining_share(weights, state.local[members])
+        size[members] /= share
+        rest[members] /= share
+    rest = np.minimum(rest, size)
     used = frames_along_motion(points, FRAMES, observed)
     seen, weight = np.isfinite(points[used]), 1.0 / np.maximum(square, EXACT**2)
     pinned = np.zeros(len(segment), dtype=np.bool_)
@@ -181,44 +202,6 @@ def scale_angles(relative: FloatArray, spread: FloatArray, segment: IntArray) ->
     return np.asarray(np.stack([beyond[:, segment - 1], beyond[:, segment]], axis=2) / spread[:, None])
 
 
-def _estimate_sizes(
-    points: ComplexArray, segment: IntArray, state: ChainState, relative: FloatArray, spread: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return four arrays (K,): two variances of the slides, inverse weights (all m^2), and fractions of visible frames.
-
-    Only the part of a residual that persists to the next frame is a slide; the rest is camera noise.
-    """
-    origin, turn = joint_positions(state)
-    sizes = np.empty((4, len(segment)))
-    for k, joint in enumerate(segment - 1):  # one by one, to limit memory
-        off = (points[:, k] - (origin[:, joint] + turn[:, joint] * state.local[k])) * np.conj(turn[:, joint])
-        sizes[:, k] = _estimate_marker_sizes(off, scale_angles(relative, spread[k : k + 1], segment[k : k + 1])[:, 0])
-    size, rest, square, often = sizes
-    square = share_variance(square, often, segment, state.local)  # the weights of the joint fit
-    for k in range(1, len(state.centres) + 1):
-        members = segment == k
-        weights = often[members] / np.maximum(square[members], EXACT**2)
-        left = remaining_share(weights, state.local[members])
-        size[members] /= left
-        rest[members] /= left
-    return size, np.minimum(rest, size), square, often
-
-
-def _estimate_marker_sizes(off: ComplexArray, shape: FloatArray) -> tuple[float, float, float, float]:
-    """Return three variances of one marker's offset (F,), m^2 per coordinate, and its fraction of visible frames.
-
-    The variances are those of the persistent offset, of the part of it that does not follow the shapes, and of the
-    whole offset. ``shape`` (F, 2) are the shapes.
-    """
-    seen = np.isfinite(off)
-    off = np.where(seen, off, 0)
-    basis = np.column_stack([seen, shape * seen[:, None]])
-    square = basis.T @ basis + _RIDGE * len(basis) * np.eye(basis.shape[1])
-    left = off - as_complex(basis @ np.linalg.solve(square, basis.T @ as_xy(off)))
-    mean_square = np.sum(np.abs(off) ** 2) / max(np.count_nonzero(seen), 1) / 2
-    return _lag_one_variance(off, seen), _lag_one_variance(left, seen), float(mean_square), float(np.mean(seen))
-
-
 def _lag_one_variance(off: ComplexArray, seen: BoolArray) -> float:
     """Return the lag-one covariance of a marker's offset (F,) per coordinate, at least 0, m^2."""
     pairs = max(int(np.count_nonzero(seen[1:] & seen[:-1])), 1)
@@ -235,30 +218,18 @@ def angle_errors(skin: SkinModel, angles: FloatArray, rate: float) -> tuple[IntA
     step = max(1, round(rate / _RATE))
     frames = np.arange(0, len(angles), step)
     mean = skin.errors(angles[frames[:: max(1, len(frames) // _MEAN_OF)]])[0].mean(axis=0)
-    parts = [_variance(skin, angles[frames[own]], mean, step / rate)[kept] for own, kept in _chunks(len(frames))]
-    return frames, np.concatenate(parts)
-
-
-def _variance(skin: SkinModel, angles: FloatArray, mean: FloatArray, step: float) -> FloatArray:
-    """Return the summed squares (T, n, 4) of the errors and of their derivatives.
-
-    Errors that do not follow the posture are added to the angle only.
-    """
-    errors, gain = skin.errors(angles)
-    part, parts = errors - mean, []
-    for _ in range(4):
-        parts.append(np.sum(part**2, axis=2))
-        part = np.gradient(part, step, axis=0) if len(part) > 1 else np.zeros_like(part)
-    parts[0] = parts[0] + np.einsum("tnkd,k->tn", gain**2, skin.rest)
-    return np.stack(parts, axis=2)
-
-
-def _chunks(count: int) -> Iterator[tuple[slice, slice]]:
-    """Yield slices of postures that include neighbours, and the part of each slice without the neighbours."""
-    for start in range(0, count, _CHUNK):
-        first = max(start - _OVERLAP, 0)
-        stop = min(start + _CHUNK, count)
-        yield slice(first, min(stop + _OVERLAP, count)), slice(start - first, stop - first)
+    variances = []
+    for start in range(0, len(frames), _CHUNK):
+        stop, before = min(start + _CHUNK, len(frames)), max(start - _OVERLAP, 0)
+        errors, gain = skin.errors(angles[frames[before : min(stop + _OVERLAP, len(frames))]])
+        part, parts = errors - mean, []
+        for _ in range(4):  # the errors and their derivatives
+            parts.append(np.sum(part**2, axis=2))
+            part = np.gradient(part, step / rate, axis=0) if len(part) > 1 else np.zeros_like(part)
+        # errors that do not follow the posture are added to the angle only
+        parts[0] = parts[0] + np.einsum("tnkd,k->tn", gain**2, skin.rest)
+        variances.append(np.stack(parts, axis=2)[start - before : stop - before])
+    return frames, np.concatenate(variances)
 
 
 def predict_skin(skin: SkinModel, angles: FloatArray, camera_sd: float, seen: int, frames: int = FRAMES) -> SkinModel:
@@ -267,19 +238,10 @@ def predict_skin(skin: SkinModel, angles: FloatArray, camera_sd: float, seen: in
     The slide of a marker per radian of its joints is a property of the marker. In larger arcs it slides farther, and in
     other postures the joint fit responds differently (docs/concepts/sliding-skin.md).
 
-    Parameters
-    ----------
-    skin : SkinModel
-        Model of the recorded movement.
-    angles : (F, n) array
-        Joint angles of the other movement, rad, finite. Each posture counts as often as it occurs.
-    camera_sd : float
-        Standard deviation of the camera noise of a coordinate, m.
-    seen : int
-        Number of frames from which ``skin`` was estimated. The part of the variances that camera noise causes does not
-        grow.
-    frames : int
-        Number of postures used.
+    ``skin`` is the model of the recorded movement, estimated from ``seen`` frames; the part of its variances that
+    camera noise causes does not grow. ``angles`` (F, n) are the joint angles of the other movement, rad, finite; each
+    posture counts as often as it occurs. ``camera_sd`` is the standard deviation of the camera noise of a coordinate,
+    m. About ``frames`` postures are used.
     """
     mean = angles.mean(axis=0)
     relative = angles - mean
