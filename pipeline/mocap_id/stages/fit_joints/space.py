@@ -125,7 +125,7 @@ def _make_data(
         "joints": {
             "name": np.array(joint_names, dtype=object),
             "parent": np.array(chain.parents, dtype=np.int64),
-            "arc": fit.arcs,
+            "arc": np.array([each.arc for each in fit.evidence]),
             **make_joint_arrays(chain.joints),
         },
         "segments": {
@@ -207,7 +207,8 @@ def _explain_parallel_axes(fit: SpatialFit, names: Sequence[str], kinds: Mapping
 def _explain_weak_joints(fit: SpatialFit, names: Sequence[str], settings: FitJointsSettings) -> tuple[Reason, ...]:
     """Return a caution for every joint whose centre the motion determines poorly or not at all."""
     reasons = []
-    for name, arc, joint in zip(names, np.degrees(fit.arcs), fit.chain.joints, strict=True):
+    for name, each, joint in zip(names, fit.evidence, fit.chain.joints, strict=True):
+        arc = np.degrees(each.arc)
         if not joint.known:
             reasons.append(
                 Reason(
