@@ -13,8 +13,7 @@ from mocap_id.anatomy.frames import (
     PALPATION,
     THORAX,
     AnatomicalFrames,
-    ElbowAxis,
-    SegmentPoses,
+    ClusterPoses,
     fit_segment_frames,
     mirror_points,
     rotate_to_elbow_axis,
@@ -110,11 +109,10 @@ def read_pointed_landmarks(
     positions: dict[str, LandmarkPosition] = {}
     for name, touch in touches.items():
         try:
-            landmark = locate_pointed_landmark(*touch, pointer, palpation)
+            positions[name], cautions = locate_pointed_landmark(*touch, pointer, palpation)
         except RecordingError as error:
             raise RecordingError(f"{files[name]}: {error}") from error
-        positions[name] = landmark.position
-        reasons += [Reason(each.code, f"{name}: {each.message}.", each.value, each.limit) for each in landmark.reasons]
+        reasons += [Reason(each.code, f"{name}: {each.message}.", each.value, each.limit) for each in cautions]
     return positions, tuple(reasons)
 
 
@@ -173,7 +171,7 @@ def check_landmarks(
     places: Mapping[str, LandmarkPosition],
     frames: AnatomicalFrames,
     where: Mapping[str, int],
-    standing: SegmentPoses,
+    standing: ClusterPoses,
 ) -> tuple[Reason, ...]:
     """Return a caution that lists all contradictions with the anatomy of an arm; an empty tuple if there are none.
 
@@ -201,7 +199,7 @@ def _check_thorax(
     at: Mapping[str, FloatArray],
     frames: AnatomicalFrames,
     where: Mapping[str, int],
-    standing: SegmentPoses,
+    standing: ClusterPoses,
     fit: SpatialFit,
 ) -> Iterator[str]:
     """Yield a text for each contradiction of the landmarks of the thorax with its anatomy."""
@@ -383,11 +381,11 @@ class _ClusterPoses:
     def fit(cls, points: FloatArray, chain: SpatialChain, still: slice) -> _ClusterPoses:
         return cls(*fit_cluster_poses(correct_axial_rotation(points, chain), chain), still)
 
-    def find_pose_at_rest(self) -> SegmentPoses:
+    def find_pose_at_rest(self) -> ClusterPoses:
         """Return the poses in one still frame: the middle one of those with all poses known, or else the first one."""
         complete = self.still.start + np.flatnonzero(np.isfinite(self.rotations[self.still]).all(axis=(1, 2, 3)))
         middle = int(complete[len(complete) // 2]) if len(complete) else self.still.start
-        return SegmentPoses(self.rotations[middle], self.origins[middle])
+        return ClusterPoses(self.rotations[middle], self.origins[middle])
 
 
 def find_points_near_joints(context: Context, view: Trajectories, names: Sequence[str]) -> dict[int, FloatArray]:
@@ -455,7 +453,7 @@ def _fit_frames(
     elbow = fit.chain.joints[where["forearm"] - 1]
     if elbow.kind == "ball" or not np.isfinite(elbow.axes_covariance[0]).all():
         return frames
-    return rotate_to_elbow_axis(frames, ElbowAxis(elbow.first_axis, elbow.axes_covariance[0]))
+    return rotate_to_elbow_axis(frames, elbow.first_axis, elbow.axes_covariance[0])
 
 
 def _find_pairs_at_joints(
@@ -478,7 +476,7 @@ def _find_pairs_at_joints(
 
 def _find_bent_pose(
     local: Mapping[str, FloatArray], where: Mapping[str, int], poses: _ClusterPoses
-) -> SegmentPoses | None:
+) -> ClusterPoses | None:
     """Return the poses in the frame in which the elbow is nearest to a right angle; None if its angle is unknown."""
     if not {"GH", "EL", "EM", "US"} <= local.keys():
         return None
@@ -492,7 +490,7 @@ def _find_bent_pose(
     if not np.isfinite(cosine).any():
         return None
     frame = int(np.nanargmin(np.abs(cosine)))
-    return SegmentPoses(poses.rotations[frame], poses.origins[frame])
+    return ClusterPoses(poses.rotations[frame], poses.origins[frame])
 
 
 def _list_covariances(frames: AnatomicalFrames) -> dict[str, list[list[float]]]:
