@@ -179,10 +179,10 @@ def test_pointer_trials_give_the_other_programs_angles_after_one_constant(
     recorded = named(recording)
     points = {"GH": shoulder_centre(ulema, templates, poses["girdle"])}
     for name, touch in touches.items():
-        found = locate_pointed_landmark(*touch, ROD)
-        assert not found.reasons
+        position, reasons = locate_pointed_landmark(*touch, ROD)
+        assert not reasons
         rotation, origin = poses[POINTED[name]]
-        track = np.einsum("fij,j->fi", rotation, found.position.local) + origin
+        track = np.einsum("fij,j->fi", rotation, position.local) + origin
         points[name] = mirror_points(track @ TO_TRIAL.T)
         off = np.linalg.norm(points[name] - recorded[name], axis=1)
         assert np.max(off) < (0.006 if name == "C7" else 0.002), name

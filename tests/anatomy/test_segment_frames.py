@@ -10,7 +10,7 @@ from mocap_id.anatomy.frames import (
     PALPATION,
     THORAX,
     UPPER_ARM,
-    SegmentPoses,
+    ClusterPoses,
     build_frame,
     fit_segment_frames,
     frame_covariance,
@@ -41,13 +41,13 @@ STANDING = {
 
 
 @pytest.fixture
-def still() -> SegmentPoses:
+def still() -> ClusterPoses:
     rng = np.random.default_rng(4)
-    return SegmentPoses(so3.exp(rng.normal(size=(4, 3))), rng.normal(size=(4, 3)))
+    return ClusterPoses(so3.exp(rng.normal(size=(4, 3))), rng.normal(size=(4, 3)))
 
 
 @pytest.fixture
-def places(still: SegmentPoses) -> dict[str, FloatArray]:
+def places(still: ClusterPoses) -> dict[str, FloatArray]:
     return {
         name: still.rotations[SEGMENT[name]].T @ (np.array(at) - still.origins[SEGMENT[name]])
         for name, at in STANDING.items()
@@ -55,7 +55,7 @@ def places(still: SegmentPoses) -> dict[str, FloatArray]:
 
 
 def test_frames_and_their_covariance_are_those_of_the_still_pose(
-    still: SegmentPoses, places: dict[str, FloatArray]
+    still: ClusterPoses, places: dict[str, FloatArray]
 ) -> None:
     found = fit_segment_frames(places, SEGMENT, still)
     standing = {name: np.array(at) for name, at in STANDING.items()}
@@ -104,7 +104,7 @@ def test_the_thorax_turns_with_its_landmarks_as_its_sensitivity_says() -> None:
 
 
 def test_option_two_takes_the_bent_pose_and_falls_back_with_a_word(
-    still: SegmentPoses, places: dict[str, FloatArray]
+    still: ClusterPoses, places: dict[str, FloatArray]
 ) -> None:
     first = fit_segment_frames(places, SEGMENT, still).frames["upper_arm"].rotation
     second = fit_segment_frames(places, SEGMENT, still, bent=still)
@@ -116,13 +116,13 @@ def test_option_two_takes_the_bent_pose_and_falls_back_with_a_word(
     turned[2] = turn @ still.rotations[2]
     origins = still.origins.copy()
     origins[2] = elbow + turn @ (still.origins[2] - elbow)
-    stretched = fit_segment_frames(places, SEGMENT, still, bent=SegmentPoses(turned, origins))
+    stretched = fit_segment_frames(places, SEGMENT, still, bent=ClusterPoses(turned, origins))
     assert "elbow-not-bent" in [reason.code for reason in stretched.reasons]
     assert np.allclose(stretched.frames["upper_arm"].rotation, first)
 
 
 def test_a_missing_landmark_leaves_its_frame_out_with_a_word(
-    still: SegmentPoses, places: dict[str, FloatArray]
+    still: ClusterPoses, places: dict[str, FloatArray]
 ) -> None:
     found = fit_segment_frames({k: v for k, v in places.items() if k != "T8"}, SEGMENT, still)
     assert set(found.frames) == {"upper_arm", "forearm", "hand"}
@@ -162,7 +162,7 @@ def test_an_expressed_chain_places_every_marker_where_it_was() -> None:
     assert np.allclose(before, after)
 
 
-def test_a_known_middle_counts_by_its_own_covariance(still: SegmentPoses, places: dict[str, FloatArray]) -> None:
+def test_a_known_middle_counts_by_its_own_covariance(still: ClusterPoses, places: dict[str, FloatArray]) -> None:
     found = fit_segment_frames(places, SEGMENT, still)
     same = set_middle_covariance(found, ("EL", "EM"), PALPATION**2 / 2 * np.eye(3))
     assert np.allclose(same.covariance("upper_arm", "forearm"), found.covariance("upper_arm", "forearm"))

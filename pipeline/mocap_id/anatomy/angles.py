@@ -12,6 +12,7 @@ The filter works on rotations (SO(3)). They are decomposed into angles afterward
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -140,26 +141,22 @@ def _build_joint_angles(
     keep, dimension = len(names), angles.shape[1]
     sd, constant, turned = propagate_covariance(jacobian, motion.covariance), np.zeros(keep), np.abs(sine) < GIMBAL
     if frames is not None:
-        by_frames = jacobian @ frame_error_jacobian(motion)
+        # derivatives of the motion by constant errors of both frames: rotation vectors, each in its frame's axes, rad
+        lever = np.zeros((len(motion.rotation), 9, 6))
+        lever[:, :3, :3] = -np.swapaxes(motion.rotation, 1, 2)
+        lever[:, :3, 3:] = np.eye(3)
+        lever[:, 3:6, 3:] = so3.hat(motion.velocity)
+        lever[:, 6:, 3:] = so3.hat(motion.acceleration)
+        by_frames = jacobian @ lever
         good = ~turned & np.isfinite(by_frames).all(axis=(1, 2))
         mean = by_frames[good, :keep].mean(axis=0) if good.any() else np.zeros((keep, 6))
         by_frames[:, :keep] -= mean
         sd, constant = np.hypot(sd, propagate_covariance(by_frames, frames)), propagate_covariance(mean, frames)
 
-    def split(values: FloatArray) -> AngleDeviations:
-        return AngleDeviations(*(values[:, i * dimension : i * dimension + keep] for i in range(3)))
-
+    deviations = AngleDeviations(*(sd[:, i * dimension : i * dimension + keep] for i in range(3)))
     condition = 1 / np.maximum(np.abs(sine), 1e-12)
-    return JointAngles(
-        names,
-        angles[:, :keep],
-        rate[:, :keep],
-        acceleration[:, :keep],
-        split(sd),
-        constant,
-        condition,
-        turned,
-    )
+    rate, acceleration = rate[:, :keep], acceleration[:, :keep]
+    return JointAngles(names, angles[:, :keep], rate, acceleration, deviations, constant, condition, turned)
 
 
 def _measure_rotation_about(axis: FloatArray, rotation: FloatArray) -> FloatArray:
@@ -268,13 +265,11 @@ def compose_motions(first: RelativeMotion, second: RelativeMotion) -> RelativeMo
     )
 
 
-@dataclass(frozen=True)
-class AxisDerivatives:
-    """Matrix B of a joint, whose columns are the axes b_i, and its derivatives with respect to the coordinates."""
+AxisDerivatives: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
+"""Matrix B (F, 3, d) of a joint, whose columns are the axes b_i, and its derivatives by the coordinates q.
 
-    axes: FloatArray  # (F, 3, d) B
-    first: FloatArray  # (F, 3, d, d) derivative of column i with respect to q_k at [:, :, i, k]
-    second: FloatArray  # (F, 3, d, d, d) derivative of column i with respect to q_k and q_l at [:, :, i, k, l]
+The derivative of column i with respect to q_k is at [:, :, i, k] (F, 3, d, d), with respect to q_k and q_l at
+[:, :, i, k, l] (F, 3, d, d, d)."""
 
 
 def axes_of_rotations(turns: FloatArray, q: FloatArray, offsets: FloatArray | None = None) -> AxisDerivatives:
@@ -300,7 +295,7 @@ def axes_of_rotations(turns: FloatArray, q: FloatArray, offsets: FloatArray | No
         for j in range(i + 1, dimension):
             bent = _cross(first[:, :, i, j], axes[:, :, k])
             second[:, :, i, k, j] = bent + _cross(axes[:, :, i], first[:, :, k, j]) if j > k else bent
-    return AxisDerivatives(axes, first, second)
+    return axes, first, second
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -333,7 +328,7 @@ def axes_of_rotation_vector(q: FloatArray) -> AxisDerivatives:
     second = second + c0[..., None] * pair
     second = second - da[:, :, None] * unit[None, None] - da[:, None, :] * unit[None, :, None]
     second = second + dc[:, :, None] * mixed[:, None] + dc[:, None, :] * mixed[:, :, None]
-    return AxisDerivatives(axes, np.einsum("fkim->fimk", first), np.einsum("fklim->fimkl", second))
+    return axes, np.einsum("fkim->fimk", first), np.einsum("fklim->fimkl", second)
 
 
 def _sum_series(square: FloatArray) -> tuple[tuple[FloatArray, FloatArray, FloatArray], ...]:
@@ -363,14 +358,19 @@ def compute_rates(axes: AxisDerivatives, motion: RelativeMotion) -> tuple[FloatA
     (F, 3 d, 9) contains the derivatives of (q, dq, ddq) with respect to the errors of rotation, velocity and
     acceleration.
     """
-    inverse = _invert_axes(axes.axes)
+    basis, first, second = axes
+    square = np.swapaxes(basis, 1, 2) @ basis
+    usable = np.asarray(np.isfinite(square).all(axis=(1, 2)))
+    usable &= np.linalg.det(np.where(usable[:, None, None], square, 0.0)) > 1e-16
+    inverse = np.full((len(basis), basis.shape[2], 3), np.nan)  # pseudo-inverse of B (the inverse for d = 3)
+    inverse[usable] = np.linalg.solve(square[usable], np.swapaxes(basis[usable], 1, 2))
     rate = np.einsum("fki,fi->fk", inverse, motion.velocity)
-    swept = np.einsum("fxik,fk->fxi", axes.first, rate)  # dB/dt
-    held = np.einsum("fxik,fi->fxk", axes.first, rate)
+    swept = np.einsum("fxik,fk->fxi", first, rate)  # dB/dt
+    held = np.einsum("fxik,fi->fxk", first, rate)
     rest = motion.acceleration - np.einsum("fxi,fi->fx", swept, rate)
     acceleration = np.einsum("fki,fi->fk", inverse, rest)
-    bend = np.einsum("fxik,fi->fxk", axes.first, acceleration)
-    bend = bend + np.einsum("fxikl,fk,fi->fxl", axes.second, rate, rate)
+    bend = np.einsum("fxik,fi->fxk", first, acceleration)
+    bend = bend + np.einsum("fxikl,fk,fi->fxl", second, rate, rate)
     dimension = rate.shape[1]
     jacobian = np.zeros((len(rate), 3 * dimension, 9))
     angle, speed, change = (jacobian[:, i * dimension : (i + 1) * dimension] for i in range(3))
@@ -381,29 +381,6 @@ def compute_rates(axes: AxisDerivatives, motion: RelativeMotion) -> tuple[FloatA
     change[:, :, 3:6] = -inverse @ (held + swept) @ inverse
     change[:, :, 6:] = inverse
     return rate, acceleration, jacobian
-
-
-def _invert_axes(axes: FloatArray) -> FloatArray:
-    """Return the pseudo-inverse (F, d, 3) of B (the inverse for d = 3); NaN where the columns of B are dependent."""
-    square = np.swapaxes(axes, 1, 2) @ axes
-    usable = np.asarray(np.isfinite(square).all(axis=(1, 2)))
-    usable &= np.linalg.det(np.where(usable[:, None, None], square, 0.0)) > 1e-16
-    inverse = np.full((len(axes), axes.shape[2], 3), np.nan)
-    inverse[usable] = np.linalg.solve(square[usable], np.swapaxes(axes[usable], 1, 2))
-    return inverse
-
-
-def frame_error_jacobian(motion: RelativeMotion) -> FloatArray:
-    """Return the derivatives (F, 9, 6) of a relative motion with respect to constant errors of the two segment frames.
-
-    The errors are the rotation vectors of the parent's and of the child's frame, each in its own axes, rad.
-    """
-    lever = np.zeros((len(motion.rotation), 9, 6))
-    lever[:, :3, :3] = -np.swapaxes(motion.rotation, 1, 2)
-    lever[:, :3, 3:] = np.eye(3)
-    lever[:, 3:6, 3:] = so3.hat(motion.velocity)
-    lever[:, 6:, 3:] = so3.hat(motion.acceleration)
-    return lever
 
 
 def propagate_covariance(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -106,7 +106,16 @@ def build_frame(definition: FrameDefinition, points: Mapping[str, FloatArray]) -
     third = normal / reach[..., None]
     x, z = (third, np.cross(third, y)) if definition.third == "x" else (np.cross(y, third), third)
     rotation = np.stack([x, y, z], axis=-1)
-    turn_up, turn_across = _differentiate_rotation(x, z, length=length, lean=lean, reach=reach, third=definition.third)
+
+    # Derivatives (..., 3, 3) of the frame's rotation vector r by ``up`` and ``across``: r moves Y by r × Y, hence
+    # r_x = Z · dY and r_z = -X · dY. The rotation about Y follows from the third axis, which ``across`` and Y define.
+    along_x, along_z, zero = z / length[..., None], -x / length[..., None], np.zeros_like(x)
+    if definition.third == "z":
+        about_y_up, about_y_across = (lean / reach)[..., None] * along_z, x / reach[..., None]
+    else:
+        about_y_up, about_y_across = (lean / reach)[..., None] * along_x, -z / reach[..., None]
+    turn_up = np.stack([along_x, about_y_up, along_z], axis=-2)
+    turn_across = np.stack([zero, about_y_across, zero], axis=-2)
     sensitivity = {
         name: definition.up.get(name, 0.0) * turn_up + definition.across.get(name, 0.0) * turn_across
         for name in dict.fromkeys((*definition.up, *definition.across))
@@ -159,25 +168,8 @@ def _sum_weighted(weights: Mapping[str, float], points: Mapping[str, FloatArray]
     return total
 
 
-def _differentiate_rotation(
-    x: FloatArray, z: FloatArray, *, length: FloatArray, lean: FloatArray, reach: FloatArray, third: Literal["x", "z"]
-) -> tuple[FloatArray, FloatArray]:
-    """Return the derivatives (..., 3, 3) of the frame's rotation vector with respect to ``up`` and ``across``.
-
-    A rotation vector r moves Y by r × Y, hence r_x = Z · dY and r_z = -X · dY. The rotation about Y follows from the
-    third axis, which ``across`` and the rotated Y define.
-    """
-    along_x, along_z = z / length[..., None], -x / length[..., None]
-    zero = np.zeros_like(x)
-    if third == "z":
-        about_y_up, about_y_across = (lean / reach)[..., None] * along_z, x / reach[..., None]
-    else:
-        about_y_up, about_y_across = (lean / reach)[..., None] * along_x, -z / reach[..., None]
-    return np.stack([along_x, about_y_up, along_z], axis=-2), np.stack([zero, about_y_across, zero], axis=-2)
-
-
 @dataclass(frozen=True)
-class SegmentPoses:
+class ClusterPoses:
     """Poses of all clusters at one moment."""
 
     rotations: FloatArray  # (S, 3, 3) cluster to trial
@@ -204,44 +196,27 @@ class AnatomicalFrames:
         return frame_covariance((self.frames[parent], self.frames[child]), self.covariances)
 
 
-@dataclass(frozen=True)
-class ElbowAxis:
-    """Flexion axis of the elbow, estimated from the motion."""
-
-    direction: FloatArray  # (3,) unit vector in the frame of the upper arm's cluster, to the right
-    covariance: FloatArray  # (3, 3) covariance of the unit vector
-
-
 def fit_segment_frames(
     places: Mapping[str, FloatArray],
     segment: Mapping[str, int],
-    still: SegmentPoses,
+    still: ClusterPoses,
     *,
     covariances: Mapping[str, FloatArray | float] | None = None,
-    bent: SegmentPoses | None = None,
+    bent: ClusterPoses | None = None,
 ) -> AnatomicalFrames:
     """Return the anatomical frames of the segments from landmarks in the frames of clusters.
 
     Frames that use landmarks of two segments (the forearm uses the elbow centre) are built in the still pose.
 
-    Parameters
-    ----------
-    places : mapping
-        Position (3,) of each landmark in the frame of its segment's cluster, m. GH is the centre of the shoulder joint,
-        in the frame of the upper arm.
-    segment : mapping
-        Number of the segment of each landmark, and of ``thorax``, ``upper_arm``, ``forearm`` and ``hand``.
-    still : SegmentPoses
-        Still pose.
-    covariances : mapping, optional
-        Covariances of landmarks as in :class:`AnatomicalFrames`. Other landmarks have the standard deviation of
-        palpation.
-    bent : SegmentPoses, optional
-        Pose with the elbow near 90°, for option 2 of the upper arm. Option 1 is used by default.
+    ``places`` are the positions (3,) of the landmarks in the frames of their segments' clusters, m. GH is the centre of
+    the shoulder joint, in the frame of the upper arm. ``segment`` is the number of the segment of each landmark, and of
+    ``thorax``, ``upper_arm``, ``forearm`` and ``hand``. ``covariances`` are those of landmarks as in
+    :class:`AnatomicalFrames`; other landmarks have the standard deviation of palpation. ``bent`` is a pose with the
+    elbow near 90°, for option 2 of the upper arm; without it, option 1 is used.
     """
     reasons: list[Reason] = []
     frames: dict[str, SegmentFrame] = {}
-    standing = _locate_in_trial(places, segment, still)
+    standing = {name: still.place(local, segment[name]) for name, local in places.items()}
     for name, definition in DEFINITIONS.items():
         if name not in segment:
             continue
@@ -250,8 +225,13 @@ def fit_segment_frames(
             frame = _express_in_segment(build_frame(definition, standing), name, segment, still)
             if name == "thorax":
                 frame = rotate_to_midline(frame, places)
-            elif name == "upper_arm":
-                frame = _apply_second_option(frame, places, segment, bent, reasons)
+            elif name == "upper_arm" and bent is not None:
+                points = {each: bent.place(local, segment[each]) for each, local in places.items()}
+                if all(each in places for each in UPPER_ARM_2.landmarks) and bool(has_bent_elbow(points)):
+                    frame = _express_in_segment(build_frame(UPPER_ARM_2, points), name, segment, bent)
+                else:
+                    message = "option 2 of the upper arm needs US and a pose with the elbow bent by 60 to 120°, so "
+                    reasons.append(Reason("elbow-not-bent", f"{message}option 1 was used"))
             frames[name] = frame
         elif name == "hand" and "forearm" in frames:
             frames[name] = _express_in_segment(
@@ -295,19 +275,22 @@ AXIS_SPREAD = np.radians(4.7)
 _AXIS = "elbow axis"
 
 
-def rotate_to_elbow_axis(anatomical: AnatomicalFrames, axis: ElbowAxis) -> AnatomicalFrames:
+def rotate_to_elbow_axis(
+    anatomical: AnatomicalFrames, direction: FloatArray, covariance: FloatArray
+) -> AnatomicalFrames:
     """Return the frames, with the frame of the upper arm rotated about Y towards the flexion axis of the elbow.
 
     The line of the palpated epicondyles and the axis from the motion are both near Z. Their mean is weighted by their
-    inverse variances; the variance of the axis includes :data:`AXIS_SPREAD`.
+    inverse variances; the variance of the axis includes :data:`AXIS_SPREAD`. ``direction`` (3,) is a unit vector along
+    the axis in the frame of the upper arm's cluster, and ``covariance`` (3, 3) its covariance.
     """
     frame = anatomical.frames["upper_arm"]
     x, y, z = frame.rotation.T
-    direction = axis.direction * np.sign(axis.direction @ z)
+    direction = direction * np.sign(direction @ z)
     angle = float(np.arctan2(direction @ x, direction @ z))
     palpated = float(frame_covariance((frame,), anatomical.covariances)[1, 1])
     across = np.cross(y, direction)
-    shown = float(across @ axis.covariance @ across) / max(float(across @ across), 0.1) + AXIS_SPREAD**2
+    shown = float(across @ covariance @ across) / max(float(across @ across), 0.1) + AXIS_SPREAD**2
     share = palpated / (palpated + shown)
     turned = frame.rotation @ so3.exp(np.array([0.0, share * angle, 0.0]))
     less = np.diag([1.0, 1.0 - share, 1.0])
@@ -338,36 +321,7 @@ def set_middle_covariance(
     return AnatomicalFrames(frames, known, anatomical.reasons)
 
 
-def _locate_in_trial(
-    places: Mapping[str, FloatArray], segment: Mapping[str, int], pose: SegmentPoses
-) -> dict[str, FloatArray]:
-    """Return the positions of all landmarks in the trial."""
-    return {name: pose.place(local, segment[name]) for name, local in places.items()}
-
-
-def _apply_second_option(
-    first: SegmentFrame,
-    places: Mapping[str, FloatArray],
-    segment: Mapping[str, int],
-    bent: SegmentPoses | None,
-    reasons: list[Reason],
-) -> SegmentFrame:
-    """Return the upper arm's frame by option 2, or the frame ``first`` (option 1) if there is no suitable pose.
-
-    If the pose ``bent`` is given but not suitable, a caution is appended to ``reasons``.
-    """
-    if bent is None:
-        return first
-    if all(name in places for name in UPPER_ARM_2.landmarks):
-        points = _locate_in_trial(places, segment, bent)
-        if bool(has_bent_elbow(points)):
-            return _express_in_segment(build_frame(UPPER_ARM_2, points), "upper_arm", segment, bent)
-    message = "option 2 of the upper arm needs US and a pose with the elbow bent by 60 to 120°, so option 1 was used"
-    reasons.append(Reason("elbow-not-bent", message))
-    return first
-
-
-def _express_in_segment(frame: SegmentFrame, name: str, segment: Mapping[str, int], pose: SegmentPoses) -> SegmentFrame:
+def _express_in_segment(frame: SegmentFrame, name: str, segment: Mapping[str, int], pose: ClusterPoses) -> SegmentFrame:
     """Return a frame relative to its segment, with sensitivities to displacements of landmarks in their segments."""
     k = segment[name]
     turn = pose.rotations[k]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.anatomy.frames import PALPATION
-from mocap_id.arrays import BoolArray, FloatArray, find_runs
+from mocap_id.arrays import FloatArray, find_runs
 from mocap_id.errors import RecordingError
 from mocap_id.verdict import Reason
 
@@ -45,35 +45,37 @@ def find_still_pose(points: FloatArray, rate: float, given: tuple[float, float] 
     less, which is the sway of a standing person. If no interval of 0.3 s is quiet, the quietest 0.3 s are returned. If
     ``given`` (start and end in s from the first frame), that interval is returned. The caution ``no-still-pose`` is
     added if the markers move faster than 30 mm/s. Marker positions (F, M, 3) are in m, NaN where missing; ``rate`` is
-    in frames per second.
-
-    Raises
-    ------
-    RecordingError
-        The given interval is outside the recording, or the recording is too short or has no visible marker.
+    in frames per second. A RecordingError is raised if the given interval is outside the recording, or if the recording
+    is too short or has no visible marker.
     """
-    speed = _measure_speeds(points, rate)
+    # speed (F,) that 90 % of the visible markers do not exceed, m/s; NaN where no marker is visible
+    half = max(round(_SPAN * rate / 2), 1)
+    count = len(points)
+    late, early = np.minimum(np.arange(count) + half, count - 1), np.maximum(np.arange(count) - half, 0)
+    steps = np.linalg.norm(points[late] - points[early], axis=-1) * rate / np.maximum(late - early, 1)[:, None]
+    rank = np.maximum(np.ceil(_SHARE * np.isfinite(steps).sum(axis=1)).astype(np.int64) - 1, 0)
+    speed = np.take_along_axis(np.sort(steps, axis=1), rank[:, None], axis=1)[:, 0]
+
     shortest = max(round(_SHORTEST * rate), 2)
     if given is not None:
-        frames = slice(max(round(given[0] * rate), 0), min(round(given[1] * rate) + 1, len(points)))
+        frames = slice(max(round(given[0] * rate), 0), min(round(given[1] * rate) + 1, count))
         if frames.stop - frames.start < 2:
-            end = (len(points) - 1) / rate
+            end = (count - 1) / rate
             raise RecordingError(f"static: {given[0]:g} to {given[1]:g} s is outside the recording, 0 to {end:.2f} s")
-        return _judge_pose(frames, speed)
-    if len(points) < shortest + 2 or not np.isfinite(speed).any():
-        raise RecordingError(f"the recording has {len(points)} frames, too few for a still pose; record at least 0.5 s")
-    quiet = _close_holes(np.nan_to_num(speed, nan=np.inf) <= _QUIET, int(_HOLES * rate))
-    runs = [run for run in find_runs(quiet) if run.stop - run.start >= shortest]
-    if runs:
-        return _judge_pose(max(runs, key=lambda run: run.stop - run.start), speed)
-    filled = np.where(np.isfinite(speed), speed, np.nanmax(speed))
-    window = np.convolve(filled, np.ones(shortest) / shortest, mode="valid")
-    start = int(np.argmin(window))
-    return _judge_pose(slice(start, start + shortest), speed)
-
-
-def _judge_pose(frames: slice, speed: FloatArray) -> StillPose:
-    """Return a still pose of some frames, with a caution if the markers move in it."""
+    elif count < shortest + 2 or not np.isfinite(speed).any():
+        raise RecordingError(f"the recording has {count} frames, too few for a still pose; record at least 0.5 s")
+    else:
+        quiet = np.nan_to_num(speed, nan=np.inf) <= _QUIET
+        for hole in find_runs(~quiet):
+            if hole.start > 0 and hole.stop < count and hole.stop - hole.start <= int(_HOLES * rate):
+                quiet[hole] = True
+        runs = [run for run in find_runs(quiet) if run.stop - run.start >= shortest]
+        if runs:
+            frames = max(runs, key=lambda run: run.stop - run.start)
+        else:
+            filled = np.where(np.isfinite(speed), speed, np.nanmax(speed))
+            start = int(np.argmin(np.convolve(filled, np.ones(shortest) / shortest, mode="valid")))
+            frames = slice(start, start + shortest)
     inside = speed[frames]
     value = float(np.nanpercentile(inside, 90)) if np.isfinite(inside).any() else np.inf
     if value <= 1.5 * _QUIET:
@@ -83,27 +85,6 @@ def _judge_pose(frames: slice, speed: FloatArray) -> StillPose:
         "landmarks are located while the skin moves. Record one second of rest, or give a still interval in `static:`"
     )
     return StillPose(frames, value, (Reason("no-still-pose", message, value, _QUIET),))
-
-
-def _measure_speeds(points: FloatArray, rate: float) -> FloatArray:
-    """Return the speed (F,), m/s, that 90 % of the visible markers do not exceed; NaN where no marker is visible."""
-    half = max(round(_SPAN * rate / 2), 1)
-    count = len(points)
-    late, early = np.minimum(np.arange(count) + half, count - 1), np.maximum(np.arange(count) - half, 0)
-    steps = np.linalg.norm(points[late] - points[early], axis=-1) * rate / np.maximum(late - early, 1)[:, None]
-    seen = np.isfinite(steps).sum(axis=1)
-    rank = np.maximum(np.ceil(_SHARE * seen).astype(np.int64) - 1, 0)
-    return np.asarray(np.take_along_axis(np.sort(steps, axis=1), rank[:, None], axis=1)[:, 0])
-
-
-def _close_holes(flags: BoolArray, longest: int) -> BoolArray:
-    """Return the flags (F,), with True also in gaps of at most ``longest`` frames between frames that are True."""
-    closed = flags.copy()
-    for hole in find_runs(~flags):
-        inside = hole.start > 0 and hole.stop < len(flags)
-        if inside and hole.stop - hole.start <= longest:
-            closed[hole] = True
-    return closed
 
 
 def locate_landmarks(
@@ -178,15 +159,6 @@ class Pointer:
     sd: float = 0.0  # standard deviation of the tip's position along the rod, m
 
 
-@dataclass(frozen=True)
-class PointedLandmark:
-    """Landmark from one pointer trial."""
-
-    position: LandmarkPosition  # position in the frame of the segment's cluster
-    rod_residual: float  # rms distance of the pointer's markers from their positions on the rod, m
-    reasons: tuple[Reason, ...]  # cautions: the rod does not fit its markers, or the tip moves
-
-
 def find_pointer_markers(trial: Sequence[str], pointer_trials: Sequence[Sequence[str]]) -> tuple[str, ...]:
     """Return the names of the markers that every pointer trial has and the trial itself does not have.
 
@@ -227,17 +199,12 @@ def locate_pointed_landmark(
     origin: FloatArray,
     pointer: Pointer,
     palpation: float = PALPATION,
-) -> PointedLandmark:
-    """Return the landmark of a pointer trial in the frame of the segment's cluster.
+) -> tuple[LandmarkPosition, tuple[Reason, ...]]:
+    """Return the landmark of a pointer trial in the frame of the segment's cluster, and cautions about the pointer.
 
     The pointer's markers (F, P, 3) are in m. ``rotation`` (F, 3, 3), cluster to trial, and ``origin`` (F, 3), m, are
     the pose of the cluster. All are NaN where missing. ``palpation`` is the standard deviation of the touched position
-    along each axis, m.
-
-    Raises
-    ------
-    RecordingError
-        Pointer and cluster are never visible in the same frame.
+    along each axis, m. A RecordingError is raised if pointer and cluster are never visible in the same frame.
     """
     tip, residual = locate_tip(markers, pointer)
     local = np.einsum("fji,fj->fi", rotation, tip - origin)
@@ -263,7 +230,7 @@ def locate_pointed_landmark(
             "mm; shorten the trial to the time in which the tip touches the landmark"
         )
         reasons.append(Reason("pointer-moves", message, spread, _MOVES))
-    return PointedLandmark(LandmarkPosition(mean, sd, spread), bend, tuple(reasons))
+    return LandmarkPosition(mean, sd, spread), tuple(reasons)
 
 
 def calibrate_pointer(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> Pointer:
@@ -272,26 +239,20 @@ def calibrate_pointer(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]
     The tip p is constant in the frame of the cluster: c(t) - l e(t) = p. Here c is the mean of the markers, e the
     direction of the rod, and l the distance from the tip to c. A least-squares fit gives l, and p of each trial. The
     noise of e is estimated from neighbouring frames and subtracted, because it is not a rotation. The standard
-    deviation of l assumes errors that persist for about half a second.
-
-    Parameters
-    ----------
-    trials : sequence of (markers, rotation, origin)
-        Arrays as in :func:`locate_pointed_landmark`, with the markers in the same order in every trial.
-
-    Raises
-    ------
-    RecordingError
-        The pointer rotates too little: the standard deviation of the tip is above 5 mm.
+    deviation of l assumes errors that persist for about half a second. Each trial is markers, rotation and origin as in
+    :func:`locate_pointed_landmark`, with the markers in the same order in every trial. A RecordingError is raised if
+    the pointer rotates too little, so that the standard deviation of the tip is above 5 mm.
     """
     gain, noise, product = 0.0, 0.0, 0.0
     centred, offsets = [], []
     for markers, rotation, origin in trials:
         seen = np.isfinite(markers).all(axis=(1, 2)) & np.isfinite(rotation).all(axis=(1, 2))
         middle = np.einsum("fji,fj->fi", rotation[seen], markers[seen].mean(axis=1) - origin[seen])
-        direction, offset = _measure_rod(markers[seen])
-        direction = np.einsum("fji,fj->fi", rotation[seen], direction)
-        offsets.append(offset)
+        ends = markers[seen, 0] - markers[seen, -1]
+        rod = ends / np.linalg.norm(ends, axis=1, keepdims=True)  # direction from the last marker to the first
+        about = markers[seen] - markers[seen].mean(axis=1, keepdims=True)
+        offsets.append(np.einsum("fpi,fi->fp", about, rod).mean(axis=0))
+        direction = np.einsum("fji,fj->fi", rotation[seen], rod)
         middle, direction = middle - middle.mean(axis=0), direction - direction.mean(axis=0)
         gain += float(np.sum(direction**2))
         noise += float(np.mean(np.sum(np.diff(direction, axis=0) ** 2, axis=1)) / 2 * len(direction))
@@ -309,11 +270,3 @@ def calibrate_pointer(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]
         )
     offset = np.mean(offsets, axis=0)
     return Pointer(length + offset if length > 0 else -length - offset, sd)
-
-
-def _measure_rod(markers: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the direction (F, 3) from the last marker to the first, and the markers' positions (P,) along it, m."""
-    ends = markers[:, 0] - markers[:, -1]
-    direction = ends / np.linalg.norm(ends, axis=1, keepdims=True)
-    along = np.einsum("fpi,fi->fp", markers - markers.mean(axis=1, keepdims=True), direction)
-    return direction, along.mean(axis=0)

@@ -102,13 +102,65 @@ def find_landmarks(
     """
     readings = [reading for marker, label in enumerate(labels) for reading in _read_label(label, marker)]
     reasons: list[Reason] = []
-    chosen = _choose_side(readings, side, labels, reasons)
+
+    # the arm
+    counts: dict[Side, int] = {each: len({r.landmark for r in readings if r.side == each}) for each, _ in _SIDES}
+    chosen = side
+    if side is not None:
+        other: Side = "left" if side == "right" else "right"
+        if counts[side] == 0 and counts[other] > 0:
+            names = ", ".join(labels[r.marker] for r in readings if r.side == other)
+            raise RecordingError(
+                f"side: {side}, but the landmarks of the recording are of the {other} arm ({names}); "
+                f"write side: {other}, or name the landmarks under `landmarks:`"
+            )
+    elif any(counts.values()):
+        chosen = "left" if counts["left"] > counts["right"] else "right"
+        if min(counts.values()) > 1:
+            message = (
+                f"the recording names landmarks of both arms ({counts['right']} of the right, {counts['left']} of the "
+                f"left); the {chosen} arm was used. Write `side: right` or `side: left` to choose"
+            )
+            reasons.append(Reason("two-arms", message))
+
+    # the landmarks that the user has set
+    plain = [label.rsplit(":", 1)[-1] for label in labels]
+    fixed: dict[str, int] = {}
+    for name, label in (given or {}).items():
+        if name not in SEGMENTS:
+            raise RecordingError(f"landmarks: {name} is not a landmark; expected one of {', '.join(SEGMENTS)}")
+        hits = [i for i, (full, part) in enumerate(zip(labels, plain, strict=True)) if label in (full, part)]
+        if len(hits) != 1:
+            what = "several markers are called" if hits else "no marker is called"
+            raise RecordingError(f"landmarks: {name}: {what} {label!r}; the markers are {', '.join(labels)}")
+        fixed[name] = hits[0]
+
+    # all other landmarks, by the best name
     markers: dict[str, int] = {}
-    fixed = _find_given_markers(labels, given or {})
     for name in (*MIDDLE, *SIDED):
-        choice = fixed[name] if name in fixed else _choose_marker(name, readings, chosen, labels, reasons)
-        if choice is not None:
-            markers[name] = choice
+        if name in fixed:
+            markers[name] = fixed[name]
+            continue
+        fitting = [r for r in readings if r.landmark == name and (name in MIDDLE or r.side in (chosen, None))]
+        if not fitting:
+            continue
+        order = min((r.rank, r.side is None and chosen is not None) for r in fitting)
+        best = [r for r in fitting if (r.rank, r.side is None and chosen is not None) == order]
+        names = " and ".join(labels[r.marker] for r in best)
+        if len(best) > 1:
+            message = (
+                f"the marker names {names} all fit the landmark {name}, so none was used. Name one of them, such as "
+                f"`landmarks: {{{name}: {labels[best[0].marker]}}}`"
+            )
+            reasons.append(Reason("landmark-ambiguous", message))
+            continue
+        if best[0].rank == 2:
+            message = (
+                f"the marker {names} was used as the landmark {name}, but this name is also used for other points. "
+                f"Write landmarks: {{{name}: {names}}} to confirm it, or give the correct marker"
+            )
+            reasons.append(Reason("landmark-doubtful", message))
+        markers[name] = best[0].marker
     return NamedLandmarks(markers, chosen, tuple(reasons))
 
 
@@ -152,100 +204,11 @@ def _split_side(text: str, bare: str) -> list[tuple[Side | None, str]]:
     return [*before, (None, bare), *([(None, bare[1:])] if bare.startswith("p") else []), *behind]
 
 
-def _index_spellings() -> dict[str, list[tuple[str, int]]]:
-    """Return, for each spelling, the landmarks with this spelling and its rank."""
-    index: dict[str, list[tuple[str, int]]] = {}
-    for table, rank in ((MIDDLE, 1), (SIDED, 1), (_DOUBTFUL, 2)):
-        for name, spellings in table.items():
-            for spelling in spellings.split():
-                index.setdefault(spelling, []).append((name, 0 if spelling == name.lower() else rank))
-    return index
-
-
-_BY_NAME = _index_spellings()
-
-
-def _choose_side(
-    readings: Sequence[_Reading], side: Side | None, labels: Sequence[str], reasons: list[Reason]
-) -> Side | None:
-    """Return the arm to use; None if no landmark has a side.
-
-    If both arms have at least two landmarks and the user has chosen no arm, a caution is appended to ``reasons``.
-    """
-    counts: dict[Side, int] = {each: len({r.landmark for r in readings if r.side == each}) for each, _ in _SIDES}
-    if side is not None:
-        other: Side = "left" if side == "right" else "right"
-        if counts[side] == 0 and counts[other] > 0:
-            names = ", ".join(labels[r.marker] for r in readings if r.side == other)
-            raise RecordingError(
-                f"side: {side}, but the landmarks of the recording are of the {other} arm ({names}); "
-                f"write side: {other}, or name the landmarks under `landmarks:`"
-            )
-        return side
-    if counts["right"] == counts["left"] == 0:
-        return None
-    best: Side = "left" if counts["left"] > counts["right"] else "right"
-    if min(counts.values()) > 1:
-        reasons.append(
-            Reason(
-                "two-arms",
-                f"the recording names landmarks of both arms ({counts['right']} of the right, {counts['left']} of the "
-                f"left); the {best} arm was used. Write `side: right` or `side: left` to choose",
-            )
-        )
-    return best
-
-
-def _choose_marker(
-    name: str,
-    readings: Sequence[_Reading],
-    side: Side | None,
-    labels: Sequence[str],
-    reasons: list[Reason],
-) -> int | None:
-    """Return the marker of a landmark; None if no name, or more than one equally good name, fits.
-
-    A caution is appended to ``reasons`` if the name is ambiguous or doubtful.
-    """
-    fitting = [r for r in readings if r.landmark == name and (name in MIDDLE or r.side in (side, None))]
-    if not fitting:
-        return None
-    order = min((r.rank, r.side is None and side is not None) for r in fitting)
-    best = [r for r in fitting if (r.rank, r.side is None and side is not None) == order]
-    names = " and ".join(labels[r.marker] for r in best)
-    if len(best) > 1:
-        reasons.append(
-            Reason(
-                "landmark-ambiguous",
-                f"the marker names {names} all fit the landmark {name}, so none was used. Name one of them, such as "
-                f"`landmarks: {{{name}: {labels[best[0].marker]}}}`",
-            )
-        )
-        return None
-    if best[0].rank == 2:
-        reasons.append(
-            Reason(
-                "landmark-doubtful",
-                f"the marker {names} was used as the landmark {name}, but this name is also used for other points. "
-                f"Write landmarks: {{{name}: {names}}} to confirm it, or give the correct marker",
-            )
-        )
-    return best[0].marker
-
-
-def _find_given_markers(labels: Sequence[str], given: Mapping[str, str]) -> dict[str, int]:
-    """Return the markers of the landmarks that the user has set."""
-    plain = [label.rsplit(":", 1)[-1] for label in labels]
-    markers: dict[str, int] = {}
-    for name, label in given.items():
-        if name not in SEGMENTS:
-            raise RecordingError(f"landmarks: {name} is not a landmark; expected one of {', '.join(SEGMENTS)}")
-        hits = [i for i, (full, part) in enumerate(zip(labels, plain, strict=True)) if label in (full, part)]
-        if len(hits) != 1:
-            what = "several markers are called" if hits else "no marker is called"
-            raise RecordingError(f"landmarks: {name}: {what} {label!r}; the markers are {', '.join(labels)}")
-        markers[name] = hits[0]
-    return markers
+_BY_NAME: dict[str, list[tuple[str, int]]] = {}  # landmarks with each spelling, and its rank
+for _table, _rank in ((MIDDLE, 1), (SIDED, 1), (_DOUBTFUL, 2)):
+    for _name, _spellings in _table.items():
+        for _spelling in _spellings.split():
+            _BY_NAME.setdefault(_spelling, []).append((_name, 0 if _spelling == _name.lower() else _rank))
 
 
 _MIDDLE = {
@@ -287,31 +250,17 @@ def find_roles(labels: Sequence[str], side: Side) -> dict[str, int]:
     """
     roles: dict[str, int] = {}
     for number, label in enumerate(labels):
-        role = _find_role(label, side)
+        name = re.sub(r"[^a-z]", "", label.rsplit(":", 1)[-1].lower().replace("_study", ""))
+        role = _MIDDLE_ROLES.get(name)
+        splits = []  # possible splits of the name into a side and the rest
+        for word in ("right", "left", "r", "l"):
+            splits += [(word, name[len(word) :])] if name.startswith(word) else []
+            splits += [(word, name[: -len(word)])] if name.endswith(word) else []
+        own, rest = next((split for split in splits if split[1] in _SIDED_ROLES), ("", ""))
+        if role is None and rest:
+            near, role = own[0] == side[0], _SIDED_ROLES[rest]
+            if not near or role not in ARM:
+                role = f"{'near' if near else 'far'}_{role}"
         if role and role not in roles:
             roles[role] = number
     return roles
-
-
-def _find_role(label: str, side: Side) -> str | None:
-    """Return the role of a joint's name; None if the name is not recognised."""
-    name = re.sub(r"[^a-z]", "", label.rsplit(":", 1)[-1].lower().replace("_study", ""))
-    if name in _MIDDLE_ROLES:
-        return _MIDDLE_ROLES[name]
-    for own, rest in _split_side_of_joint(name):
-        if rest in _SIDED_ROLES:
-            role = _SIDED_ROLES[rest]
-            near = own[0] == side[0]
-            return role if near and role in ARM else f"{'near' if near else 'far'}_{role}"
-    return None
-
-
-def _split_side_of_joint(name: str) -> list[tuple[str, str]]:
-    """Return possible splits of a name into a side and the rest."""
-    splits = []
-    for word in ("right", "left", "r", "l"):
-        if name.startswith(word):
-            splits.append((word, name[len(word) :]))
-        if name.endswith(word):
-            splits.append((word, name[: -len(word)]))
-    return splits

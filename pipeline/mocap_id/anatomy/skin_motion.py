@@ -26,20 +26,9 @@ def draw_skin_motion(
 ) -> FloatArray:
     """Return the displacement (T, M, 3) of every marker in its link's frame, m.
 
-    Parameters
-    ----------
-    rng, wander : Generator
-        Generators of the slide and of the drift.
-    link : (M,) array
-        Link of each marker; the joint with the same number moves the next link.
-    softness : (M,) array
-        Largest displacement of each marker, m.
-    q : (T, n) array
-        Joint angles, rad.
-    time : (T,) array
-        Times, s.
-    middle : (n,) array
-        Joint angles at which the slide is near zero, rad.
+    ``rng`` draws the slides and ``wander`` the drifts. The joint with the number of a marker's ``link`` (M,) moves the
+    next link. ``softness`` (M,) is the largest displacement of each marker, m, ``q`` (T, n) are the joint angles, rad,
+    ``middle`` (n,) the angles at which the slide is near zero, and ``time`` (T,) is in s.
     """
     moved = np.zeros((len(time), len(link), 3))
     for i, (own, size) in enumerate(zip(link, softness, strict=True)):

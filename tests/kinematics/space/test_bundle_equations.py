@@ -13,7 +13,6 @@ from mocap_id.kinematics.space.bundle_equations import (
     apply_step,
     eliminate_frames,
     linearise,
-    locate_columns,
 )
 
 _STEP = 1e-6
@@ -58,7 +57,7 @@ def case(request: pytest.FixtureRequest) -> tuple[BundleProblem, BundleState]:
 
 def test_jacobians_equal_finite_differences(case: tuple[BundleProblem, BundleState]) -> None:
     problem, state = case
-    linear, cols = linearise(problem, state), locate_columns(problem)
+    linear, cols = linearise(problem, state), problem.columns
     frames, markers = problem.weights.shape
     by_chain = np.concatenate([np.zeros((*linear.off.shape, 3 * markers)), linear.by_chain], axis=2)
     by_chain[:, np.arange(3 * markers), np.arange(3 * markers)] = -np.repeat(problem.weights, 3, axis=1)
@@ -80,7 +79,7 @@ def test_jacobians_equal_finite_differences(case: tuple[BundleProblem, BundleSta
 
 def test_schur_complement_equals_the_whole_system(case: tuple[BundleProblem, BundleState]) -> None:
     problem, state = case
-    linear, cols = linearise(problem, state), locate_columns(problem)
+    linear, cols = linearise(problem, state), problem.columns
     frames, markers = problem.weights.shape
     by_chain = np.concatenate([np.zeros((*linear.off.shape, 3 * markers)), linear.by_chain], axis=2)
     by_chain[:, np.arange(3 * markers), np.arange(3 * markers)] = -np.repeat(problem.weights, 3, axis=1)
@@ -101,7 +100,7 @@ def test_schur_complement_equals_the_whole_system(case: tuple[BundleProblem, Bun
 
 def test_priors_equal_finite_differences(case: tuple[BundleProblem, BundleState]) -> None:
     problem, state = case
-    cols = locate_columns(problem)
+    cols = problem.columns
     prior = ChainPrior(np.zeros((3, 3)), np.array([False, True, False]), np.zeros(3, bool), np.full(3, 0.1))
     still = np.zeros((len(problem.points), problem.frame_size))
     rows = prior.equations(problem, state)[1]

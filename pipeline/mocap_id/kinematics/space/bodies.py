@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import combinations
 from typing import TypeAlias
 
@@ -101,11 +101,10 @@ class SpatialBodies:
     def __init__(self, points: FloatArray, markers: IntArray, constraints: Constraints) -> None:
         self.points, self.markers, self.constraints = points, markers, constraints
         self._bodies: dict[bytes, SpatialBody] = {}
-        spread = np.full((points.shape[1],) * 2, np.nan)
-        spread[np.ix_(markers, markers)] = np.sqrt(
-            constraints.constrained_variance(distance_deviation(points[:, markers]) ** 2, markers)
-        )
-        self._spread = spread
+        self._joints: dict[bytes, SpatialPairJoint] = {}
+        self._spread = np.full((points.shape[1],) * 2, np.nan)
+        variance = constraints.constrained_variance(distance_deviation(points[:, markers]) ** 2, markers)
+        self._spread[np.ix_(markers, markers)] = np.sqrt(variance)
 
     def body(self, markers: IntArray) -> SpatialBody:
         """Return the rigid body of some markers."""
@@ -113,6 +112,17 @@ class SpatialBodies:
         if key not in self._bodies:
             self._bodies[key] = fit_spatial_body(self.points, markers)
         return self._bodies[key]
+
+    def joint(self, first: SpatialBody, second: SpatialBody) -> SpatialPairJoint:
+        """Return the joint between two bodies of these markers."""
+        key = first.markers.tobytes() + b"|" + second.markers.tobytes()
+        if key not in self._joints:
+            self._joints[key] = fit_pair_joint(first, second)
+        return self._joints[key]
+
+    def joints(self, bodies: Sequence[SpatialBody]) -> dict[tuple[int, int], SpatialPairJoint]:
+        """Return the joint of each pair of bodies, by their numbers i < j."""
+        return {(i, j): self.joint(bodies[i], bodies[j]) for i, j in combinations(range(len(bodies)), 2)}
 
     def reassign_markers(self, groups: list[IntArray], stay: float = 1.0) -> tuple[SpatialBody, ...]:
         """Return the bodies of groups of markers, after each marker is reassigned to the body that fits it best.
@@ -147,8 +157,13 @@ class SpatialBodies:
         spread = self._spread[np.ix_(markers, markers)]
         if own is not None:
             spread = np.sqrt(self.constraints.constrained_variance(own**2, markers))
+        tree = linkage(squareform(spread, checks=False), "average")
+        labels = [fcluster(tree, count, "maxclust") for count in _CLUSTERS]
+        starts = [each == label for each in labels for label in np.unique(each)]
+        if len(spread) <= _FEW:
+            starts += [np.isin(np.arange(len(spread)), order[:LEAST]) for order in np.argsort(spread, axis=1)]
         pairs: dict[bytes, tuple[SpatialBody, SpatialBody]] = {}
-        for inside in {group.tobytes(): group for group in _propose_groups(spread)}.values():
+        for inside in {group.tobytes(): group for group in starts}.values():
             groups = [markers[inside], markers[~inside]]
             if min(map(len, groups)) < LEAST:
                 continue
@@ -158,16 +173,6 @@ class SpatialBodies:
                     first, second = sorted(bodies, key=lambda body: int(body.markers[0]))
                     pairs[first.markers.tobytes()] = first, second
         return list(pairs.values())
-
-
-def _propose_groups(spread: FloatArray) -> list[BoolArray]:
-    """Return groups of markers with small standard deviations ``spread`` (k, k) of distances, each as flags (k,)."""
-    tree = linkage(squareform(spread, checks=False), "average")
-    labels = [fcluster(tree, count, "maxclust") for count in _CLUSTERS]
-    starts = [each == label for each in labels for label in np.unique(each)]
-    if len(spread) <= _FEW:
-        starts += [np.isin(np.arange(len(spread)), order[:LEAST]) for order in np.argsort(spread, axis=1)]
-    return starts
 
 
 def distance_deviation(points: FloatArray) -> FloatArray:
@@ -198,6 +203,11 @@ class SpatialPairJoint:
     free: float  # rms motion of one body's markers in the other's frame, m; the smaller of the two
     arc: float  # 2.5 to 97.5 % range of the relative rotation about its main axis, rad
 
+    @property
+    def ratio(self) -> float:
+        """Motion without the joint, divided by the residual of the joint."""
+        return self.free / max(self.residual, 1e-6)
+
 
 def fit_pair_joint(first: SpatialBody, second: SpatialBody) -> SpatialPairJoint:
     """Fit the common point of two bodies by linear least squares (SCoRE).
@@ -216,24 +226,19 @@ def fit_pair_joint(first: SpatialBody, second: SpatialBody) -> SpatialPairJoint:
     solution = np.linalg.solve(normal, np.concatenate([shift.mean(axis=0), back.mean(axis=0)]))
     off = solution[:3] - turn @ solution[3:] - shift
     free = min(_rms(first.residual[second.markers]), _rms(second.residual[first.markers]))
-    return SpatialPairJoint(solution[:3], solution[3:], _rms(np.linalg.norm(off, axis=1)), free, _arc(turn))
+    vector = so3.log(mean_rotation(turn).T @ turn)
+    _, axes = np.linalg.eigh(vector.T @ vector)
+    angle = np.sort(vector @ axes[:, 2])
+    last = len(angle) - 1
+    low, high = np.interp([0.025 * last, 0.975 * last], np.arange(len(angle)), angle)
+    return SpatialPairJoint(solution[:3], solution[3:], _rms(np.linalg.norm(off, axis=1)), free, float(high - low))
 
 
 def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _arc(turn: FloatArray) -> float:
-    """Return the 2.5 to 97.5 % range of rotations (F, 3, 3) about their main axis, rad."""
-    vector = so3.log(mean_rotation(turn).T @ turn)
-    _, axes = np.linalg.eigh(vector.T @ vector)
-    angle = np.sort(vector @ axes[:, 2])
-    last = len(angle) - 1
-    low, high = np.interp([0.025 * last, 0.975 * last], np.arange(len(angle)), angle)
-    return float(high - low)
-
-
-_UNEXPLAINED_MOTION_RIDGE = 1e-3  # ridge of the regression, whose terms have unit variance
+_REGRESSION_RIDGE = 1e-3  # ridge of the regression, whose terms have unit variance
 _TURNS = 0.09  # rad rms; smaller rotations are not used, because an undetected joint in the body also causes them
 _FLOOR = 0.5e-3  # m; smaller residuals do not increase a gain
 
@@ -253,7 +258,7 @@ def unexplained_motion(
     seen = np.isfinite(points[:, body.markers, 0]) & known[:, None]
     motion = np.zeros_like(off)
     counts, size = seen.sum(axis=0), terms.shape[1]
-    penalty = _UNEXPLAINED_MOTION_RIDGE * np.diag([0.0, *np.ones(size - 1)])
+    penalty = _REGRESSION_RIDGE * np.diag([0.0, *np.ones(size - 1)])
     enough = np.flatnonzero(counts > size)
     if enough.size:
         given = np.where(known[:, None], terms, 0.0)
@@ -278,11 +283,6 @@ def gain_of_parts(motion: FloatArray, shape: FloatArray, parts: Sequence[IntArra
     for part in parts:
         apart[part] = _without_pose(motion[:, part], shape[part])
     return float(np.sum(np.log((together**2 + _FLOOR**2) / (apart**2 + _FLOOR**2))) / 2)
-
-
-def unexplained_residuals(points: FloatArray, body: SpatialBody, neighbours: Sequence[SpatialBody]) -> FloatArray:
-    """Return the rms (k,) of the unexplained motion of a body's markers, without rigid motion of the body, m."""
-    return _without_pose(*unexplained_motion(points, body, neighbours))
 
 
 def unexplained_distance_sd(motion: FloatArray, shape: FloatArray) -> FloatArray:
@@ -356,39 +356,36 @@ class Division:
         return max(self.own / self.needed, far)
 
 
-@dataclass
-class Partition:
-    """Bodies found so far, joints between them, and divisions that were tested."""
+def divide(
+    sorter: SpatialBodies, start: Sequence[SpatialBody], needed: float = 1.0
+) -> tuple[list[SpatialBody], list[Division], list[Division]]:
+    """Divide bodies, best division first, until there are 16 or no division has the evidence ``needed``.
 
-    bodies: list[SpatialBody]
-    joints: dict[tuple[int, int], SpatialPairJoint] = field(default_factory=dict)  # joint of each pair of bodies i < j
-    made: list[Division] = field(default_factory=list)  # accepted divisions
-    refused: list[Division] = field(default_factory=list)  # best division of every body that was not divided
-
-
-def divide(sorter: SpatialBodies, start: Sequence[SpatialBody], needed: float = 1.0) -> Partition:
-    """Divide bodies, best division first, until there are 16 or no division has the evidence ``needed``."""
-    partition = Partition(list(start))
-    joints: dict[bytes, SpatialPairJoint] = {}
+    The results are the bodies, the accepted divisions, and the best division of every body that was not divided.
+    """
+    bodies, made = list(start), []
     tried: dict[bytes, Division | None] = {}
     while True:
-        partition.joints = _fit_all_joints(partition.bodies, joints)
-        divisions = [_best_division(sorter, partition, index, tried) for index in range(len(partition.bodies))]
-        known = [division for division in divisions if division is not None]
+        edges = spanning_tree(sorter.joints(bodies), len(bodies))
+        known = []
+        for index, whole in enumerate(bodies):
+            if whole.rms_residual <= _RIGID:
+                continue
+            neighbours = [bodies[j if i == index else i] for i, j in edges if index in (i, j)]
+            key = b"|".join(body.markers.tobytes() for body in (whole, *neighbours))
+            if key not in tried:
+                divisions = _weigh_divisions(sorter, whole, neighbours)
+                tried[key] = max(divisions, key=lambda division: division.evidence, default=None)
+            if (division := tried[key]) is not None:
+                known.append(division)
         best = max(known, key=lambda division: (division.evidence >= needed, division.gain), default=None)
-        if best is None or best.evidence < needed or len(partition.bodies) >= _MOST:
-            partition.refused = known
-            return partition
-        partition.made.append(best)
-        others = [body.markers for body in partition.bodies if body is not best.whole]
-        divided = [*others, *(part.markers for part in best.parts)]
+        if best is None or best.evidence < needed or len(bodies) >= _MOST:
+            return bodies, made, known
+        made.append(best)
+        divided = [body.markers for body in bodies if body is not best.whole]
+        divided += [part.markers for part in best.parts]
         settled = sorter.reassign_markers(divided, _STAY)
-        partition.bodies = [sorter.body(group) for group in divided] if len(settled) < len(divided) else list(settled)
-
-
-def build_partition(bodies: Sequence[SpatialBody]) -> Partition:
-    """Return bodies with the joints of all pairs, without testing divisions."""
-    return Partition(list(bodies), _fit_all_joints(bodies, {}))
+        bodies = [sorter.body(group) for group in divided] if len(settled) < len(divided) else list(settled)
 
 
 def spanning_tree(joints: dict[tuple[int, int], SpatialPairJoint], count: int) -> list[tuple[int, int]]:
@@ -402,38 +399,6 @@ def spanning_tree(joints: dict[tuple[int, int], SpatialPairJoint], count: int) -
     return edges
 
 
-def _fit_all_joints(
-    bodies: Sequence[SpatialBody], known: dict[bytes, SpatialPairJoint]
-) -> dict[tuple[int, int], SpatialPairJoint]:
-    """Return the joint of each pair of bodies; new joints are added to the cache ``known``."""
-    joints = {}
-    for i, j in combinations(range(len(bodies)), 2):
-        key = bodies[i].markers.tobytes() + b"|" + bodies[j].markers.tobytes()
-        if key not in known:
-            known[key] = fit_pair_joint(bodies[i], bodies[j])
-        joints[i, j] = known[key]
-    return joints
-
-
-def _best_division(
-    sorter: SpatialBodies, partition: Partition, index: int, cached: dict[bytes, Division | None]
-) -> Division | None:
-    """Return the division of a body with the most evidence; None if it is rigid or has too few markers."""
-    whole = partition.bodies[index]
-    if whole.rms_residual <= _RIGID:
-        return None
-    neighbours = [
-        partition.bodies[j if i == index else i]
-        for i, j in spanning_tree(partition.joints, len(partition.bodies))
-        if index in (i, j)
-    ]
-    key = b"|".join(body.markers.tobytes() for body in (whole, *neighbours))
-    if key not in cached:
-        every = _weigh_divisions(sorter, whole, neighbours)
-        cached[key] = max(every, key=lambda division: division.evidence, default=None)
-    return cached[key]
-
-
 def _weigh_divisions(sorter: SpatialBodies, whole: SpatialBody, neighbours: Sequence[SpatialBody]) -> list[Division]:
     """Return the divisions of a body, with their gains."""
     motion, shape = unexplained_motion(sorter.points, whole, neighbours)
@@ -441,24 +406,20 @@ def _weigh_divisions(sorter: SpatialBodies, whole: SpatialBody, neighbours: Sequ
     divisions = []
     deviation = unexplained_distance_sd(motion, shape) if neighbours and whole.rms_residual <= _NEARLY_RIGID else None
     for parts in sorter.divisions(whole.markers, deviation):
-        gain = sum(_log_gain(whole.residual[part.markers], part.residual[part.markers]) for part in parts)
+        gain = 0.0
+        for part in parts:
+            before, after = (np.minimum(body.residual[part.markers], _UNKNOWN) for body in (whole, part))
+            ratio = (before**2 + _DIVISION_FLOOR**2) / (after**2 + _DIVISION_FLOOR**2)
+            gain += float(np.sum(np.log(ratio)) / 2)
         rows = [np.searchsorted(whole.markers, part.markers) for part in parts]
         own = gain_of_parts(motion, shape, rows) if neighbours else gain
         divisions.append(Division(whole, parts, gain, own, needed))
     return divisions
 
 
-def _log_gain(before: FloatArray, after: FloatArray) -> float:
-    """Return the summed log ratio of residuals before and after a division."""
-    before, after = np.minimum(before, _UNKNOWN), np.minimum(after, _UNKNOWN)
-    return float(np.sum(np.log((before**2 + _DIVISION_FLOOR**2) / (after**2 + _DIVISION_FLOOR**2))) / 2)
-
-
 _MARGIN = 0.3  # least gain in summed log residual
-_EXCHANGE_FLOOR, _OWN_FLOOR = (
-    1e-3,
-    0.5e-3,
-)  # m; smaller residuals (of all motion, of unexplained motion) have equal costs
+_EXCHANGE_FLOOR = 1e-3  # m; smaller residuals have equal costs
+_OWN_FLOOR = 0.5e-3  # m; the same for unexplained motion
 _EXCHANGE_UNKNOWN = 10.0  # m; residual on a body whose markers are on one line
 _FAR = 4.0  # largest ratio of residuals on the other body and on its own for a marker that may be exchanged
 _CLOSE = 0.012  # m; a marker with a smaller residual on the other body may also be exchanged
@@ -486,13 +447,13 @@ class _Exchange:
 
     def __init__(self, sorter: SpatialBodies, bodies: Sequence[SpatialBody]) -> None:
         self.sorter, self.bodies = sorter, list(bodies)
-        self.edges = spanning_tree(build_partition(bodies).joints, len(bodies))
+        self.edges = spanning_tree(sorter.joints(bodies), len(bodies))
         self._costs: dict[bytes, float] = {}
 
     def improve(self, i: int, j: int) -> bool:
         """Exchange markers of two neighbours while this reduces the cost; return whether the bodies have changed."""
         before = self.bodies[i]
-        new = fit_pair_joint(self.bodies[i], self.bodies[j]).free < _SMALL
+        new = self.sorter.joint(self.bodies[i], self.bodies[j]).free < _SMALL
         for _ in range(_ROUNDS):
             pair: _Pair = self.bodies[i], self.bodies[j]
             plain, own = _plain_cost(*pair), self._own_cost(*pair, i, j)
@@ -523,14 +484,14 @@ class _Exchange:
             around = [at.get(other, self.bodies[other]) for other in others]
             key = b"|".join(each.markers.tobytes() for each in (body, *around))
             if key not in self._costs:
-                left = unexplained_residuals(self.sorter.points, body, around)
+                left = _without_pose(*unexplained_motion(self.sorter.points, body, around))
                 self._costs[key] = float(np.sum(np.log(left**2 + _OWN_FLOOR**2))) / 2
             total += self._costs[key]
         return total
 
     def _propose_exchanges(self, first: SpatialBody, second: SpatialBody) -> Iterator[tuple[_Pair, float]]:
         """Yield both bodies after one marker, or one of each, has changed its body, and the penalty for this."""
-        joint = fit_pair_joint(first, second)
+        joint = self.sorter.joint(first, second)
         leaving, joining = self._find_movable(first, second), self._find_movable(second, first)
         doubts = self._penalise(first, leaving, joint.in_first), self._penalise(second, joining, joint.in_second)
         moves: list[tuple[list[int], list[int], float]]

@@ -12,14 +12,11 @@ from mocap_id.geometry import so3
 from mocap_id.kinematics.space.bundle_equations import (
     BundleProblem,
     BundleState,
-    Columns,
     Linear,
-    Reduced,
     apply_step,
     eliminate_frames,
     joint_rotations,
     linearise,
-    locate_columns,
     residuals,
     tangents,
 )
@@ -30,7 +27,7 @@ CENTRE_SD = 0.1
 MARKED_SD = 0.03
 """Standard deviation of each coordinate of a centre about markers that are known to be beside the joint, m."""
 _ON_HINGE = 0.005  # m; standard deviation along a hinge, where the motion does not determine the centre
-_GLIDE = 0.02  # m; standard deviation of the glide of the girdle
+_GLIDE = 0.02  # m; standard deviation of each coordinate of the glide of the girdle
 _LONG_AXIS = np.radians(3.5)  # standard deviation in the fit; small, because the fit treats soft tissue as noise
 _OFF_LONG_AXIS = np.radians(8)  # typical angle between the axis of pronation and the line between the joints
 _SLOPE = 0.6  # fraction of axial rotation that the skin does not follow at the near end of a segment
@@ -51,11 +48,10 @@ class ChainPrior:
     along: BoolArray  # (n,) two-axis joints whose second axis may be the long axis of their segment
     soft: BoolArray  # (n,) segments 1 … n whose skin may move
     centre_sd: FloatArray  # (n,) standard deviation of each coordinate of the centres, m
-    glide_sd: float = _GLIDE  # standard deviation of each coordinate of the glide, m
 
     def equations(self, problem: BundleProblem, state: BundleState) -> tuple[FloatArray, FloatArray]:
         """Return the weighted residuals (K,) of the prior, and their derivatives (K, P) by the parameters."""
-        cols = locate_columns(problem)
+        cols = problem.columns
         values, rows = [], []
 
         def add(value: FloatArray, place: slice, by: FloatArray) -> None:
@@ -75,31 +71,26 @@ class ChainPrior:
                 across = tangents(problem.long_axes[j]).T / _LONG_AXIS
                 add(across @ state.second[j], second, across @ tangents(state.second[j]))
         if cols.glide is not None:
-            add(state.glide / self.glide_sd, cols.glide, np.eye(3) / self.glide_sd)
-        root = self._skin_root(problem, state)
-        add(root @ state.skin, cols.skin, root)
-        return np.concatenate(values), np.concatenate(rows)
-
-    def axis_errors(self, problem: BundleProblem, state: BundleState) -> FloatArray:
-        """Return the gradients (K, P) of the cost for typical errors of the likely second axes."""
-        cols = locate_columns(problem)
-        rows = np.zeros((2 * len(problem.kinds), cols.size))
-        for j, second in enumerate(cols.second):
-            if self.along[j] and second is not None:
-                across = tangents(problem.long_axes[j]).T @ tangents(state.second[j])
-                rows[2 * j : 2 * j + 2, second] = across * _OFF_LONG_AXIS / _LONG_AXIS**2
-        return rows
-
-    def _skin_root(self, problem: BundleProblem, state: BundleState) -> FloatArray:
-        """Return the root (M, M) of the inverse covariance of the fractions ``state.skin``."""
-        root = np.eye(len(problem.segment)) / _NO_SKIN
+            add(state.glide / _GLIDE, cols.glide, np.eye(3) / _GLIDE)
+        root = np.eye(len(problem.segment)) / _NO_SKIN  # (M, M) of the inverse covariance of the fractions of skin
         for k in np.flatnonzero(self.soft) + 1:
             here = np.flatnonzero(problem.segment == k)
             length = np.linalg.norm(state.centres[problem.parents.index(k)])
             height = np.clip(1 + state.local[here] @ problem.long_axes[k - 1] / length, 0, 1.2)
             covariance = _SCATTER**2 * np.eye(len(here)) + _SLOPE**2 * np.outer(height, height)
             root[np.ix_(here, here)] = np.linalg.cholesky(np.linalg.inv(covariance)).T
-        return root
+        add(root @ state.skin, cols.skin, root)
+        return np.concatenate(values), np.concatenate(rows)
+
+    def axis_errors(self, problem: BundleProblem, state: BundleState) -> FloatArray:
+        """Return the gradients (K, P) of the cost for typical errors of the likely second axes."""
+        cols = problem.columns
+        rows = np.zeros((2 * len(problem.kinds), cols.size))
+        for j, second in enumerate(cols.second):
+            if self.along[j] and second is not None:
+                across = tangents(problem.long_axes[j]).T @ tangents(state.second[j])
+                rows[2 * j : 2 * j + 2, second] = across * _OFF_LONG_AXIS / _LONG_AXIS**2
+        return rows
 
 
 _ITERATIONS = 60
@@ -126,7 +117,7 @@ class Bundle:
     problem: BundleProblem  # with the final weights
     state: BundleState
     linear: Linear  # equations at the solution, without priors
-    reduced: Reduced
+    gain: FloatArray  # (F, d, P) negative derivative of the frames' unknowns with respect to the chain's parameters
     matrix: FloatArray  # (P, P) normal matrix with priors and with the rows that fix the segment axes
     sd: FloatArray  # (M,) standard deviation of one coordinate of each marker, m
     together: FloatArray  # (M,) number of frames over which the error of each marker persists; they count as one
@@ -158,24 +149,33 @@ def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) 
     NumericalError
         The iteration does not converge.
     """
-    cols = locate_columns(problem)
+    cols = problem.columns
     seen = problem.weights > 0
     sd, together = np.full(seen.shape[1], np.nan), np.ones(seen.shape[1])
-    scale = _step_scales(cols)
-    fixed = gauge_rows(problem, state, cols) / _FIXED
+    steps = np.full(cols.size, _STEP["axes"])
+    steps[: 3 * cols.markers] = _STEP["markers"]
+    for place in (*cols.centre, *([cols.glide] if cols.glide else [])):
+        steps[place] = _STEP["centres"]
+    steps[cols.skin] = _STEP["skin"]
+    scale = 1 / steps**2
+    fixed = gauge_rows(problem, state) / _FIXED
     fixed = fixed.T @ fixed + np.diag((np.arange(cols.size) < 3 * cols.markers) / _ANYWHERE**2)
     damping, weighings, since = 1.0, 0, 0
+
+    def sum_squares(linear: Linear, state: BundleState) -> float:
+        """Return the cost: the sum of squared weighted residuals of markers and prior."""
+        return float(np.sum(linear.off**2) + np.sum(prior.equations(problem, state)[0] ** 2))
+
     state, linear = _settle_repeatedly(problem, state)
-    cost = _cost(linear, problem, state, prior)
+    cost = sum_squares(linear, state)
     for iteration in range(1, _ITERATIONS + 1):
         reduced = eliminate_frames(problem, linear)
         value, rows = prior.equations(problem, state)
         matrix, vector = reduced.matrix + rows.T @ rows, reduced.vector - rows.T @ value
         while True:
             step = np.asarray(np.linalg.solve(matrix + fixed + np.diag(damping * scale), vector), dtype=np.float64)
-            tried = apply_step(problem, state, step, -reduced.gain @ step)
-            tried, tried_linear = fit_frames(problem, tried)
-            tried_cost = _cost(tried_linear, problem, tried, prior)
+            tried, tried_linear = fit_frames(problem, apply_step(problem, state, step, -reduced.gain @ step))
+            tried_cost = sum_squares(tried_linear, tried)
             if tried_cost <= cost * (1 + 1e-9) or damping > 1e6:
                 break
             damping *= 10
@@ -192,14 +192,14 @@ def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) 
             problem = replace(problem, weights=seen * root * outliers)
             problem = replace(problem, long_axes=long_axes(problem, state))
             linear = linearise(problem, state)
-            cost = _cost(linear, problem, state, prior)
+            cost = sum_squares(linear, state)
             weighings, damping = weighings + 1, max(damping, 1e-2)
             since = 0
         elif fall <= (_CONVERGED if iteration < _ITERATIONS else _NEARLY) * cost:
             reduced = eliminate_frames(problem, linear)
             rows = prior.equations(problem, state)[1]
             matrix = reduced.matrix + rows.T @ rows + fixed
-            return Bundle(problem, state, linear, reduced, matrix, sd, together, iteration, prior)
+            return Bundle(problem, state, linear, reduced.gain, matrix, sd, together, iteration, prior)
     raise NumericalError(
         f"the joint fit did not converge in {_ITERATIONS} iterations; check the markers of the segments"
     )
@@ -230,7 +230,7 @@ def fit_frames(problem: BundleProblem, state: BundleState) -> tuple[BundleState,
     turned = np.swapaxes(linear.by_frame, 1, 2)
     inner = turned @ linear.by_frame + 1e-9 * np.eye(problem.frame_size)
     own = np.asarray(-np.linalg.solve(inner, turned @ linear.off[..., None])[..., 0], dtype=np.float64)
-    unmoved = np.zeros(locate_columns(problem).size)
+    unmoved = np.zeros(problem.columns.size)
     before = (linear.off**2).sum(axis=1)
     settled = apply_step(problem, state, unmoved, own)
     after = linearise(problem, settled)
@@ -241,7 +241,7 @@ def fit_frames(problem: BundleProblem, state: BundleState) -> tuple[BundleState,
     return settled, after
 
 
-def gauge_rows(problem: BundleProblem, state: BundleState, cols: Columns) -> FloatArray:
+def gauge_rows(problem: BundleProblem, state: BundleState) -> FloatArray:
     """Return derivatives (K, P) of the mean rotation of each segment's markers, rad, and of the base markers' shift, m.
 
     The axes of a segment's frame, and the origin of the base, are arbitrary, so they are fixed to the markers.
@@ -251,7 +251,7 @@ def gauge_rows(problem: BundleProblem, state: BundleState, cols: Columns) -> Flo
         here = np.flatnonzero(problem.segment == k)
         about = state.local[here] - state.local[here].mean(axis=0)
         inertia = np.sum(about**2) * np.eye(3) - about.T @ about
-        turn, shift = np.zeros((3, cols.size)), np.zeros((3, cols.size))
+        turn, shift = np.zeros((2, 3, problem.columns.size))
         levers = np.linalg.solve(inertia, so3.hat(about).transpose(1, 0, 2).reshape(3, -1)).reshape(3, -1, 3)
         for m, lever in zip(here, levers.transpose(1, 0, 2), strict=True):
             turn[:, 3 * m : 3 * m + 3] = lever
@@ -260,16 +260,6 @@ def gauge_rows(problem: BundleProblem, state: BundleState, cols: Columns) -> Flo
         if k == 0:
             rows.append(shift)
     return np.concatenate(rows)
-
-
-def _step_scales(cols: Columns) -> FloatArray:
-    """Return the inverse squares of typical steps of all parameters (P,)."""
-    scale = np.full(cols.size, _STEP["axes"])
-    scale[: 3 * cols.markers] = _STEP["markers"]
-    for place in (*cols.centre, *([cols.glide] if cols.glide else [])):
-        scale[place] = _STEP["centres"]
-    scale[cols.skin] = _STEP["skin"]
-    return 1 / scale**2
 
 
 def long_axes(problem: BundleProblem, state: BundleState) -> FloatArray:
@@ -287,12 +277,7 @@ def fit_frames_only(problem: BundleProblem, state: BundleState) -> Bundle:
     state, linear = _settle_repeatedly(problem, state)
     sd, together = marker_errors(problem, state, linear)
     reduced = eliminate_frames(problem, linear)
-    return Bundle(problem, state, linear, reduced, np.full(reduced.matrix.shape, np.nan), sd, together, 0)
-
-
-def _cost(linear: Linear, problem: BundleProblem, state: BundleState, prior: ChainPrior) -> float:
-    """Return the sum of squared weighted residuals of markers and prior."""
-    return float(np.sum(linear.off**2) + np.sum(prior.equations(problem, state)[0] ** 2))
+    return Bundle(problem, state, linear, reduced.gain, np.full(reduced.matrix.shape, np.nan), sd, together, 0)
 
 
 def marker_errors(problem: BundleProblem, state: BundleState, linear: Linear) -> tuple[FloatArray, FloatArray]:
@@ -334,28 +319,39 @@ def count_correlated_frames(off: FloatArray) -> FloatArray:
     return total
 
 
-_BUNDLE_COVARIANCE_ANYWHERE = 0.1  # m; standard deviation of a centre along its hinge
+_ALONG_HINGE = 0.1  # m; standard deviation of a centre along its hinge
 _TURN = 0.5  # variance of the rotation of a cluster, relative to the persistent part of its residuals
 _SLIDE = 0.4  # variance of the slides of a marker, relative to the persistent variance of its residual
 
 
 def chain_covariance(bundle: Bundle) -> FloatArray:
-    """Return the covariance (P, P) of the parameters of the chain; NaN if only the frames' unknowns were fitted."""
+    """Return the covariance (P, P) of the parameters of the chain; NaN if only the frames' unknowns were fitted.
+
+    Errors that follow the rotation of a joint are added to the inverse of the normal matrix: slides, rotations of the
+    clusters and displacements of single markers. So are a typical error of the likely axes, and the arbitrary position
+    of each hinge centre along its axis.
+    """
     if np.isnan(bundle.matrix).any():
         return bundle.matrix
     inverse = np.linalg.inv(bundle.matrix)
-    problem, linear = bundle.problem, bundle.linear
+    problem, state, linear, cols = bundle.problem, bundle.state, bundle.linear, bundle.problem.columns
     rows = 3 * len(problem.segment)
     frames = len(linear.off)
     by = np.concatenate([np.zeros((frames, rows, rows)), linear.by_chain[:, :rows]], axis=2)
     weights = np.repeat(problem.weights, 3, axis=1)
     by[:, np.arange(rows), np.arange(rows)] -= weights
-    by -= linear.by_frame[:, :rows] @ bundle.reduced.gain
+    by -= linear.by_frame[:, :rows] @ bundle.gain
     by *= weights[..., None]
     lasting = bundle.sd**2 * np.maximum(1 - 1 / bundle.together, 0)
-    turns = joint_rotations(problem, bundle.state)
+    turns = joint_rotations(problem, state)
     total = inverse
-    sliding = _slide_derivatives(bundle)
+
+    # second derivatives (F, 3 J, P) of the cost by slides of J joints, as multiples of their rms, and by parameters
+    size = np.array([np.sqrt(np.mean(state.slides[:, j] ** 2)) for j in problem.sliding])
+    weights = np.repeat(size / problem.slide_sd[problem.sliding], 3)
+    last = slice(linear.off.shape[1] - 3 * len(problem.sliding), None)
+    sliding = np.asarray(weights[:, None] * (linear.by_frame[:, last] @ bundle.gain))
+
     for j, parent in enumerate(problem.parents):
         shape = so3.log(mean_rotation(turns[:, j]).T @ turns[:, j])
         shape = shape - shape.mean(axis=0)
@@ -364,51 +360,29 @@ def chain_covariance(bundle: Bundle) -> FloatArray:
         flat = (shape.T @ sliding.reshape(frames, -1)).reshape(-1, inverse.shape[0]) @ inverse
         total = total + _SLIDE * flat.T @ flat
         moved = (shape.T @ by.reshape(frames, -1)).reshape(-1, rows, inverse.shape[0]) @ inverse
-        here = np.isin(problem.segment, [parent, j + 1])
-        size = np.repeat(np.sqrt(_SLIDE * lasting * here), 3)
+        size = np.repeat(np.sqrt(_SLIDE * lasting * np.isin(problem.segment, [parent, j + 1])), 3)
         flat = (moved * size[:, None]).reshape(-1, inverse.shape[0])
         total = total + flat.T @ flat
         for k in (parent, j + 1):
-            flat = (_cluster_rotations(bundle, k, lasting) @ moved).reshape(-1, inverse.shape[0])
+            # displacements (3, 3 M) of the markers in three independent rotations of the cluster of typical size, m
+            here = np.flatnonzero(problem.segment == k)
+            share = float(np.sum(lasting[here]) / np.sum(bundle.sd[here] ** 2))
+            sizes, axes = np.linalg.eigh(bundle.cluster_noise(k))
+            about = state.local[here] - state.local[here].mean(axis=0)
+            turned = np.zeros((3, len(bundle.sd), 3))
+            turned[:, here] = np.cross(axes.T[:, None], about) * np.sqrt(share * sizes)[:, None, None]
+            flat = (turned.reshape(3, -1) @ moved).reshape(-1, inverse.shape[0])
             total = total + _TURN * flat.T @ flat
     if bundle.prior is not None:
-        flat = bundle.prior.axis_errors(problem, bundle.state) @ inverse
+        flat = bundle.prior.axis_errors(problem, state) @ inverse
         total = total + flat.T @ flat
-    return np.asarray(total + _hinge_covariance(bundle))
-
-
-def _slide_derivatives(bundle: Bundle) -> FloatArray:
-    """Return second derivatives (F, 3 J, P) of the cost by slides of J joints (as multiples of rms) and parameters."""
-    problem, linear = bundle.problem, bundle.linear
-    rows = slice(linear.off.shape[1] - 3 * len(problem.sliding), None)
-    size = np.array([np.sqrt(np.mean(bundle.state.slides[:, j] ** 2)) for j in problem.sliding])
-    weights = np.repeat(size / problem.slide_sd[problem.sliding], 3)
-    return np.asarray(weights[:, None] * (linear.by_frame[:, rows] @ bundle.reduced.gain))
-
-
-def _cluster_rotations(bundle: Bundle, k: int, lasting: FloatArray) -> FloatArray:
-    """Return the displacements (3, 3 M) of a segment's markers in three independent rotations of typical size, m."""
-    here = np.flatnonzero(bundle.problem.segment == k)
-    share = float(np.sum(lasting[here]) / np.sum(bundle.sd[here] ** 2))
-    sizes, axes = np.linalg.eigh(bundle.cluster_noise(k))
-    about = bundle.state.local[here] - bundle.state.local[here].mean(axis=0)
-    turns = np.zeros((3, len(bundle.sd), 3))
-    turns[:, here] = np.cross(axes.T[:, None], about) * np.sqrt(share * sizes)[:, None, None]
-    return turns.reshape(3, -1)
-
-
-def _hinge_covariance(bundle: Bundle) -> FloatArray:
-    """Return the covariance (P, P) from the arbitrary position of each hinge centre along its axis."""
-    problem, state = bundle.problem, bundle.state
-    cols = locate_columns(problem)
-    total = np.zeros((cols.size, cols.size))
-    for j, kind in enumerate(problem.kinds):
-        if kind == "hinge":
-            move = np.zeros(cols.size)
-            move[cols.centre[j]] = state.first[j]
-            for m in np.flatnonzero(problem.segment == j + 1):
-                move[3 * m : 3 * m + 3] = -state.second[j]
-            for i in np.flatnonzero(np.array(problem.parents) == j + 1):
-                move[cols.centre[i]] = -state.second[j]
-            total += _BUNDLE_COVARIANCE_ANYWHERE**2 * np.outer(move, move)
-    return total
+    along_hinges = np.zeros((cols.size, cols.size))
+    for j in np.flatnonzero([kind == "hinge" for kind in problem.kinds]):
+        move = np.zeros(cols.size)
+        move[cols.centre[j]] = state.first[j]
+        for m in np.flatnonzero(problem.segment == j + 1):
+            move[3 * m : 3 * m + 3] = -state.second[j]
+        for i in np.flatnonzero(np.array(problem.parents) == j + 1):
+            move[cols.centre[i]] = -state.second[j]
+        along_hinges += _ALONG_HINGE**2 * np.outer(move, move)
+    return np.asarray(total + along_hinges)

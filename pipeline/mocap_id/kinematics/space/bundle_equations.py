@@ -19,6 +19,7 @@ unknowns are eliminated by a Schur complement, so that only the parameters of th
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -68,18 +69,26 @@ class BundleProblem:
         """Numbers of the joints that slide, from 0."""
         return np.flatnonzero(self.slide_sd).tolist()
 
-    def slide_columns(self, joint: int) -> slice:
-        """Return the columns of a joint's slide among the unknowns of a frame."""
-        at = 6 + 3 * len(self.parents) + 3 * self.sliding.index(joint)
-        return slice(at, at + 3)
-
-    def path(self, segment: int) -> list[int]:
-        """Return the numbers of the joints from a segment to the base, from 0."""
-        joints = []
-        while segment > 0:
-            joints.append(segment - 1)
-            segment = self.parents[segment - 1]
-        return joints
+    @cached_property
+    def columns(self) -> Columns:
+        """Columns of the chain's parameters (P)."""
+        markers, at = self.points.shape[1], 3 * self.points.shape[1]
+        centre: list[slice] = []
+        first: list[slice | None] = []
+        second: list[slice | None] = []
+        cosine: list[int | None] = []
+        for kind in self.kinds:
+            centre.append(slice(at, at + 3))
+            at += 3
+            has_axes = kind != "ball"
+            first.append(slice(at, at + 2) if has_axes else None)
+            second.append(slice(at + 2, at + 4) if has_axes else None)
+            at += 4 * has_axes
+            cosine.append(at if kind == "two-axis" else None)
+            at += kind == "two-axis"
+        glide = slice(at, at + 3) if self.glides else None
+        at += 3 * self.glides
+        return Columns(markers, centre, first, second, cosine, glide, slice(at, at + markers), at + markers)
 
 
 @dataclass(frozen=True)
@@ -103,36 +112,13 @@ class Columns:
     """Columns of the chain's parameters: markers first, then joints, glide and skin."""
 
     markers: int
-    centre: tuple[slice, ...]
-    first: tuple[slice | None, ...]
-    second: tuple[slice | None, ...]
-    cosine: tuple[int | None, ...]
+    centre: list[slice]
+    first: list[slice | None]
+    second: list[slice | None]
+    cosine: list[int | None]
     glide: slice | None
     skin: slice
     size: int
-
-
-def locate_columns(problem: BundleProblem) -> Columns:
-    """Return the columns of the parameters of a problem."""
-    markers, at = problem.points.shape[1], 3 * problem.points.shape[1]
-    centre: list[slice] = []
-    first: list[slice | None] = []
-    second: list[slice | None] = []
-    cosine: list[int | None] = []
-    for kind in problem.kinds:
-        centre.append(slice(at, at + 3))
-        at += 3
-        has_axes = kind != "ball"
-        first.append(slice(at, at + 2) if has_axes else None)
-        second.append(slice(at + 2, at + 4) if has_axes else None)
-        at += 4 * has_axes
-        cosine.append(at if kind == "two-axis" else None)
-        at += kind == "two-axis"
-    glide = slice(at, at + 3) if problem.glides else None
-    at += 3 * problem.glides
-    return Columns(
-        markers, tuple(centre), tuple(first), tuple(second), tuple(cosine), glide, slice(at, at + markers), at + markers
-    )
 
 
 def tangents(axis: FloatArray) -> FloatArray:
@@ -187,7 +173,7 @@ def twists(problem: BundleProblem, state: BundleState) -> tuple[FloatArray, Floa
 
 def apply_step(problem: BundleProblem, state: BundleState, chain: FloatArray, frames: FloatArray) -> BundleState:
     """Return the state after a step of the chain's parameters (P,) and of the frames' unknowns (F, d)."""
-    cols = locate_columns(problem)
+    cols = problem.columns
     first, second, cosine = state.first.copy(), state.second.copy(), state.cosine.copy()
     for j in range(len(problem.kinds)):
         for axes, place in ((first, cols.first[j]), (second, cols.second[j])):
@@ -252,135 +238,103 @@ class Linear:
 
 def linearise(problem: BundleProblem, state: BundleState, *, by_frame_only: bool = False) -> Linear:
     """Return residuals and Jacobians at a state, optionally only the Jacobian of the frames' unknowns."""
-    cols = locate_columns(problem)
+    cols, count = problem.columns, len(problem.parents)
     frames, markers = problem.weights.shape
-    off, free, back, twist = _evaluate_markers(problem, state)
-    by_frame = np.zeros((frames, markers, 3, problem.frame_size))
     size = 0 if by_frame_only else cols.size - 3 * markers
+    off, free, back, twist = _evaluate_markers(problem, state)
+    _, by_child, by_parent = twists(problem, state)
+    share = glide_share(problem, state)
+    by_frame = np.zeros((frames, markers, 3, problem.frame_size))
     by_chain = np.zeros((frames, markers, 3, size))
-    context = _Context(
-        problem, state, cols, free, back, twist, *twists(problem, state)[1:], glide_share(problem, state)
-    )
-    for k in range(len(problem.parents) + 1):
-        context.fill(k, by_frame, by_chain)
+    rotation = [slice(3 + 3 * k, 6 + 3 * k) for k in range(count + 1)]  # columns of the frame's unknowns
+    slide = {j: slice(6 + 3 * (count + i), 9 + 3 * (count + i)) for i, j in enumerate(problem.sliding)}
+
+    def beyond_markers(place: slice) -> slice:
+        return slice(place.start - 3 * markers, place.stop - 3 * markers)
+
+    def add_glide(here: IntArray, axes: FloatArray) -> None:
+        """Add the derivatives of some markers with respect to the glide and to the elevation."""
+        assert cols.glide is not None
+        if not by_frame_only:
+            by_chain[:, here, :, beyond_markers(cols.glide)] = -axes * share[:, None, None, None]
+        relative = np.swapaxes(state.rotations[:, 0], 1, 2) @ state.rotations[:, 1]
+        along = -(axes @ state.glide)[..., None]
+        child = problem.rest @ relative @ so3.hat(problem.long_axes[0]) / 2
+        parent = -problem.rest @ so3.hat(relative @ problem.long_axes[0]) / 2
+        by_frame[:, here, :, rotation[1]] += along * child[:, None, None]
+        by_frame[:, here, :, rotation[0]] += along * parent[:, None, None]
+
+    # markers: pose of the segment, then the joints from the segment to the base, glide, and skin
+    for k in range(count + 1):
+        here = np.flatnonzero(problem.segment == k)
+        turned = back[:, here] @ np.swapaxes(state.rotations[:, k], 1, 2)[:, None]  # trial to the frame of the skin
+        by_frame[:, here, :, :3] = -turned
+        by_frame[:, here, :, rotation[k]] = so3.hat(free[:, here]) @ back[:, here]
+        segment = k
+        while segment > 0:
+            j, parent = segment - 1, problem.parents[segment - 1]
+            lever = state.centres[j] + state.slides[:, j]
+            axes = turned @ state.rotations[:, None, parent]
+            if not by_frame_only:
+                by_chain[:, here, :, beyond_markers(cols.centre[j])] = -axes
+            if j in slide:
+                by_frame[:, here, :, slide[j]] = -axes
+            if j == 0 and problem.glides:
+                lever = lever + share[:, None] * state.glide
+                add_glide(here, axes)
+            by_frame[:, here, :, rotation[parent]] += axes @ so3.hat(lever)[:, None]
+            segment = parent
+        if k == 0:
+            riding = here[problem.on_glide[here]]
+            if problem.glides and len(riding):
+                add_glide(riding, np.broadcast_to(np.eye(3), (1, 1, 3, 3)))
+            continue
+        swirl = np.cross(problem.long_axes[k - 1], free[:, here])
+        if not by_frame_only:
+            place = cols.skin.start - 3 * markers + here
+            by_chain[:, here, :, place] = swirl.transpose(1, 0, 2) * twist[:, here].T[..., None]
+        moved = state.skin[here, None] * swirl
+        by_frame[:, here, :, rotation[k]] += moved[..., None] * by_child[:, k - 1, None, None]
+        by_frame[:, here, :, rotation[problem.parents[k - 1]]] += moved[..., None] * by_parent[:, k - 1, None, None]
     root = problem.weights[..., None]
     flat = (frames, 3 * markers)
     rows = [(off * root).reshape(flat)]
     frame_rows = [(by_frame * root[..., None]).reshape(*flat, -1)]
     chain_rows = [(by_chain * root[..., None]).reshape(*flat, -1)]
+
+    # constraints on the axes: Q b = a for a hinge, a · Q b = κ for two axes
     for j, kind in enumerate(problem.kinds):
-        if kind != "ball":
-            value, of_frame, of_chain = _evaluate_constraint(problem, state, cols, j)
-            rows.append(FIRM * value)
-            frame_rows.append(FIRM * of_frame)
-            chain_rows.append(FIRM * of_chain[..., :size])
-    for j in problem.sliding:
+        if kind == "ball":
+            continue
+        turn, axis, pin = joint_rotations(problem, state)[:, j], state.first[j], state.second[j]
+        rotated_pin = turn @ pin
+        if kind == "hinge":
+            value, project = rotated_pin - axis, np.broadcast_to(np.eye(3), turn.shape)
+            by_axis = np.broadcast_to(-tangents(axis), (*rotated_pin.shape, 2))
+        else:
+            value, project = (rotated_pin @ axis - state.cosine[j])[:, None], np.broadcast_to(axis, (len(turn), 1, 3))
+            by_axis = (rotated_pin @ tangents(axis))[:, None]
+        of_frame, of_chain = np.zeros((*value.shape, problem.frame_size)), np.zeros((*value.shape, size))
+        of_frame[..., rotation[j + 1]] = -project @ turn @ so3.hat(pin)
+        of_frame[..., rotation[problem.parents[j]]] = project @ so3.hat(rotated_pin)
+        first, second, cosine = cols.first[j], cols.second[j], cols.cosine[j]
+        assert first is not None and second is not None
+        if not by_frame_only:
+            of_chain[..., beyond_markers(first)] = by_axis
+            of_chain[..., beyond_markers(second)] = project @ turn @ tangents(pin)
+            if cosine is not None:
+                of_chain[..., cosine - 3 * markers] = -1
+        rows.append(FIRM * value)
+        frame_rows.append(FIRM * of_frame)
+        chain_rows.append(FIRM * of_chain)
+
+    for j, place in slide.items():
         rows.append(state.slides[:, j] / problem.slide_sd[j])
         of_frame = np.zeros((frames, 3, problem.frame_size))
-        of_frame[:, :, problem.slide_columns(j)] = np.eye(3) / problem.slide_sd[j]
+        of_frame[:, :, place] = np.eye(3) / problem.slide_sd[j]
         frame_rows.append(of_frame)
         chain_rows.append(np.zeros((frames, 3, size)))
-    stacked = [np.concatenate(each, axis=1) for each in (rows, frame_rows, chain_rows)]
-    return Linear(*stacked)
-
-
-@dataclass(frozen=True)
-class _Context:
-    """Values for the Jacobians of all segments, from ``_evaluate_markers``, ``twists`` and ``glide_share``."""
-
-    problem: BundleProblem
-    state: BundleState
-    cols: Columns
-    free: FloatArray
-    back: FloatArray
-    twist: FloatArray
-    by_child: FloatArray
-    by_parent: FloatArray
-    share: FloatArray
-
-    def fill(self, k: int, by_frame: FloatArray, by_chain: FloatArray) -> None:
-        """Fill in the rows of the markers of segment k in ``by_frame`` and ``by_chain``."""
-        problem, state, cols = self.problem, self.state, self.cols
-        here = np.flatnonzero(problem.segment == k)
-        skip = 3 * cols.markers
-        to_own = np.swapaxes(state.rotations[:, k], 1, 2)
-        turned = self.back[:, here] @ to_own[:, None]  # trial to the frame of the skin
-        own = slice(3 + 3 * k, 6 + 3 * k)
-        by_frame[:, here, :, :3] = -turned
-        by_frame[:, here, :, own] = so3.hat(self.free[:, here]) @ self.back[:, here]
-        for j in problem.path(k):
-            parent = problem.parents[j]
-            lever = state.centres[j] + state.slides[:, j]
-            axes = turned @ state.rotations[:, None, parent]
-            if by_chain.size:
-                by_chain[:, here, :, cols.centre[j].start - skip : cols.centre[j].stop - skip] = -axes
-            if problem.slide_sd[j] > 0:
-                by_frame[:, here, :, problem.slide_columns(j)] = -axes
-            if j == 0 and problem.glides:
-                lever = lever + self.share[:, None] * state.glide
-                self._fill_glide(here, axes, by_frame, by_chain)
-            by_frame[:, here, :, 3 + 3 * parent : 6 + 3 * parent] += axes @ so3.hat(lever)[:, None]
-        if k == 0:
-            riding = here[problem.on_glide[here]]
-            if problem.glides and len(riding):
-                self._fill_glide(riding, np.broadcast_to(np.eye(3), (1, 1, 3, 3)), by_frame, by_chain)
-            return
-        self._fill_skin(k, here, by_frame, by_chain)
-
-    def _fill_glide(self, here: IntArray, axes: FloatArray, by_frame: FloatArray, by_chain: FloatArray) -> None:
-        """Fill in the derivatives of some markers with respect to the glide and to the elevation."""
-        problem, state = self.problem, self.state
-        assert self.cols.glide is not None
-        share = self.share
-        place = slice(self.cols.glide.start - 3 * self.cols.markers, self.cols.glide.stop - 3 * self.cols.markers)
-        if by_chain.size:
-            by_chain[:, here, :, place] = -axes * share[:, None, None, None]
-        relative = np.swapaxes(state.rotations[:, 0], 1, 2) @ state.rotations[:, 1]
-        along = -(axes @ state.glide)[..., None]
-        child = problem.rest @ relative @ so3.hat(problem.long_axes[0]) / 2
-        parent = -problem.rest @ so3.hat(relative @ problem.long_axes[0]) / 2
-        by_frame[:, here, :, 6:9] += along * child[:, None, None]
-        by_frame[:, here, :, 3:6] += along * parent[:, None, None]
-
-    def _fill_skin(self, k: int, here: IntArray, by_frame: FloatArray, by_chain: FloatArray) -> None:
-        """Fill in the derivatives of some markers with respect to their fractions s_m and to the axial rotation."""
-        problem, state = self.problem, self.state
-        swirl = np.cross(problem.long_axes[k - 1], self.free[:, here])
-        place = self.cols.skin.start - 3 * self.cols.markers + here
-        if by_chain.size:
-            by_chain[:, here, :, place] = swirl.transpose(1, 0, 2) * self.twist[:, here].T[..., None]
-        by_child, by_parent = self.by_child, self.by_parent
-        moved = state.skin[here, None] * swirl
-        by_frame[:, here, :, 3 + 3 * k : 6 + 3 * k] += moved[..., None] * by_child[:, k - 1, None, None]
-        parent = problem.parents[k - 1]
-        by_frame[:, here, :, 3 + 3 * parent : 6 + 3 * parent] += moved[..., None] * by_parent[:, k - 1, None, None]
-
-
-def _evaluate_constraint(
-    problem: BundleProblem, state: BundleState, cols: Columns, j: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the constraint of one joint (F, 1 or 3), and its derivatives by the frame's and the chain's unknowns."""
-    turn = joint_rotations(problem, state)[:, j]
-    axis, pin = state.first[j], state.second[j]
-    rotated_pin = turn @ pin
-    if problem.kinds[j] == "hinge":
-        value, project = rotated_pin - axis, np.broadcast_to(np.eye(3), turn.shape)
-        by_axis = np.broadcast_to(-tangents(axis), (*rotated_pin.shape, 2))
-    else:
-        value, project = (rotated_pin @ axis - state.cosine[j])[:, None], np.broadcast_to(axis, (len(turn), 1, 3))
-        by_axis = (rotated_pin @ tangents(axis))[:, None]
-    of_frame = np.zeros((*value.shape, problem.frame_size))
-    of_chain = np.zeros((*value.shape, cols.size - 3 * cols.markers))
-    parent, skip = problem.parents[j], 3 * cols.markers
-    of_frame[..., 6 + 3 * j : 9 + 3 * j] = -project @ turn @ so3.hat(pin)
-    of_frame[..., 3 + 3 * parent : 6 + 3 * parent] = project @ so3.hat(rotated_pin)
-    first, second, cosine = cols.first[j], cols.second[j], cols.cosine[j]
-    assert first is not None and second is not None
-    of_chain[..., first.start - skip : first.stop - skip] = by_axis
-    of_chain[..., second.start - skip : second.stop - skip] = project @ turn @ tangents(pin)
-    if cosine is not None:
-        of_chain[..., cosine - skip] = -1
-    return value, of_frame, of_chain
+    return Linear(*(np.concatenate(each, axis=1) for each in (rows, frame_rows, chain_rows)))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,10 @@
-"""Fit of a chain in space: kinds, centres and axes of the joints, and coordinates of the markers."""
+"""Fit of a chain in space: kinds, centres and axes of the joints, and coordinates of the markers.
+
+The first guess comes from the marker clusters as rigid bodies. A cluster that is fixed to a plate keeps its shape while
+it moves by centimetres on the bone. The distances between its markers do not change, but the two clusters of a joint
+then locate the joint centre at two different points. If these are farther apart than errors of single markers explain,
+the fit includes a slide of the joint. Without it, the displacement would rotate the clusters.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +16,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.errors import NumericalError
+from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import JointKind, SpatialChain, SpatialJoint
 from mocap_id.kinematics.frame_sampling import frames_along_motion
 from mocap_id.kinematics.space.bundle import (
@@ -31,26 +38,19 @@ from mocap_id.kinematics.space.bundle_equations import (
     tangents,
 )
 from mocap_id.kinematics.space.chain_result import SpatialFit, align_offset, collect_result, find_implausible_skin
-from mocap_id.kinematics.space.chain_start import (
-    CentreEstimator,
-    Clusters,
-    estimate_centre,
-    find_joint_slides,
-    fit_clusters,
-)
 from mocap_id.kinematics.space.joint_kinds import (
     PARALLEL,
     JointAxes,
     JointEvidence,
-    find_girdle_markers,
     fit_hinge,
     fit_pin_axes,
     fit_two_axes,
     rotation_arc,
     weigh_kinds,
 )
+from mocap_id.kinematics.space.rigid_body import fit_shape, rigid_poses
 
-Estimator: TypeAlias = Literal["bundle"] | CentreEstimator
+Estimator: TypeAlias = Literal["bundle", "score", "sphere", "helical"]
 
 _FRAMES = 180
 _FRAMES_OF_KINDS = 80
@@ -58,8 +58,7 @@ _FEWEST = 20
 _FIRST_SD = 0.002  # m; first guess of the error of a marker
 _LASTING = 1.5  # frames over which errors persist; a larger number is soft tissue
 _UP = (0.0, 1.0, 0.0)
-_BALL: JointKind = "ball"
-_SIMPLEST: tuple[JointKind, ...] = ("hinge", "two-axis", _BALL)
+_SIMPLEST: tuple[JointKind, ...] = ("hinge", "two-axis", "ball")
 _NO_AXES = JointAxes(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]), 1.0)
 
 
@@ -106,92 +105,7 @@ def fit_spatial_chain(
     NumericalError
         Too few frames contain all segments, or the iteration does not converge.
     """
-    used = choose_frames(points, segment, _FRAMES)
-    clusters, used = fit_clusters_at(points, segment, used)
-    few = np.unique(np.linspace(0, len(used) - 1, min(len(used), _FRAMES_OF_KINDS)).astype(np.int64))
-    beside = {k: track[used] for k, track in (near or {}).items()}
-    above = np.asarray(up, dtype=np.float64)
-    slides = estimate_slide_sds(clusters, segment, parents) if estimator == "bundle" else np.zeros(len(parents))
-    named = np.isin(np.arange(len(segment)), list(girdle))
-    start = _Start(points[used], segment, tuple(parents), clusters, above, beside, slides, named, frozenset(firm))
-    start, rough = _rough_bundle(start, few)
-    evidence = _weigh_joints(start, rough, few, kinds or {})
-    chosen: tuple[JointKind, ...] = tuple(each.kind for each in evidence)
-    if estimator != "bundle":
-        problem, state, _ = start.build_problem(np.arange(len(used)), chosen, rough, estimator=estimator)
-        return collect_result(fit_frames_only(problem, state), evidence)
-    bundle = _whole_bundle(start, chosen, rough)
-    final = zip(evidence, bundle.problem.kinds, strict=True)
-    return collect_result(bundle, tuple(replace(each, kind=kind) for each, kind in final))
-
-
-def _rough_bundle(start: _Start, frames: IntArray) -> tuple[_Start, Bundle]:
-    """Return the input without implausible skin motion, and the fit to some frames with ball joints only."""
-    balls = (_BALL,) * len(start.parents)
-    rough = solve_bundle(*start.build_problem(frames, balls))
-    if unlike := find_implausible_skin(rough.problem, rough.state):
-        start = replace(start, firm=start.firm | set(unlike))
-        rough = solve_bundle(*start.build_problem(frames, balls))
-    return start, rough
-
-
-def _weigh_joints(
-    start: _Start, rough: Bundle, frames: IntArray, kinds: Mapping[int, JointKind]
-) -> tuple[JointEvidence, ...]:
-    """Return the evidence for the kind of each joint: the simpler kind of two fits, with and without axial skin motion.
-
-    An axial rotation that all markers of a segment share is hardly visible, so its error can tilt an axis. Therefore a
-    simpler kind is preferred if it explains the joint rotation without this axial rotation.
-    """
-    evidence = _weigh_all_kinds(rough, start.clusters, kinds)
-    if all(each.kind == "hinge" for j, each in enumerate(evidence, start=1) if j not in kinds):
-        return evidence
-    every = frozenset(range(1, len(start.parents) + 1))
-    bare = solve_bundle(*replace(start, firm=every).build_problem(frames, (_BALL,) * len(start.parents)))
-    pairs = zip(evidence, _weigh_all_kinds(bare, start.clusters, kinds), strict=True)
-    return tuple(min(pair, key=lambda each: _SIMPLEST.index(each.kind)) for pair in pairs)
-
-
-def _weigh_all_kinds(bundle: Bundle, clusters: Clusters, kinds: Mapping[int, JointKind]) -> tuple[JointEvidence, ...]:
-    """Return the evidence for the kind of each joint, from a fit with ball joints."""
-    turns, evidence = joint_rotations(bundle.problem, bundle.state), []
-    for j, parent in enumerate(bundle.problem.parents):
-        arc = rotation_arc(clusters.relative_rotation(parent, j + 1))
-        evidence.append(weigh_kinds(turns[:, j], bundle.rotation_noise(j), arc, kinds.get(j + 1)))
-    return tuple(evidence)
-
-
-def _whole_bundle(start: _Start, kinds: tuple[JointKind, ...], rough: Bundle) -> Bundle:
-    """Return the fit to all frames, repeated until the kinds of all joints and the skin motion are plausible.
-
-    Two axes that are nearly parallel become a ball joint. Implausible skin motion is set to zero.
-    """
-    every, guess = np.arange(len(start.points)), rough
-    while True:
-        riding = _find_riding_markers(rough, kinds, start.named)
-        bundle = solve_bundle(*start.build_problem(every, kinds, guess, riding))
-        parallel = (np.abs(bundle.state.cosine) > PARALLEL) & (np.array(kinds) == "two-axis")
-        if parallel.any():
-            kinds = tuple(_BALL if near else kind for kind, near in zip(kinds, parallel, strict=True))
-            guess = rough  # because wrong axes distort the whole fit
-        elif unlike := set(find_implausible_skin(bundle.problem, bundle.state)) - start.firm:
-            start, guess = replace(start, firm=start.firm | unlike), bundle
-        else:
-            return bundle
-
-
-def estimate_slide_sds(clusters: Clusters, segment: IntArray, parents: Sequence[int]) -> FloatArray:
-    """Return the standard deviation of each joint's slide (n,), m; 0 without a slide.
-
-    The standard deviation is increased, because the slides of neighbouring frames are correlated.
-    """
-    slides = find_joint_slides(clusters, segment, parents)
-    about = slides - slides.mean(axis=0)
-    return np.asarray(np.sqrt((about**2).mean(axis=(0, 2)) * count_correlated_frames(about)))
-
-
-def choose_frames(points: FloatArray, segment: IntArray, count: int) -> IntArray:
-    """Return at most ``count`` frames along the motion in which every segment has three visible markers or more."""
+    given = kinds or {}
     seen: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
     enough = np.all([seen[:, segment == k].sum(axis=1) >= 3 for k in range(int(segment.max()) + 1)], axis=0)
     among = np.flatnonzero(enough)
@@ -199,16 +113,174 @@ def choose_frames(points: FloatArray, segment: IntArray, count: int) -> IntArray
         raise NumericalError(
             f"{len(among)} frames contain three markers of every segment; {_FEWEST} are needed to fit the joints"
         )
-    return frames_along_motion(points.reshape(len(points), -1).astype(np.complex128), count, among)
-
-
-def fit_clusters_at(points: FloatArray, segment: IntArray, used: IntArray) -> tuple[Clusters, IntArray]:
-    """Return the clusters in the frames in which all their poses are known, and these frames."""
-    seen: BoolArray = np.asarray(np.isfinite(points[used]).all(axis=2))
-    reference = int(np.argmax(seen[: max(len(used) // 10, 1)].sum(axis=1)))
+    used = frames_along_motion(points.reshape(len(points), -1).astype(np.complex128), _FRAMES, among)
+    reference = int(np.argmax(seen[used][: max(len(used) // 10, 1)].sum(axis=1)))
     clusters = fit_clusters(points[used], segment, reference)
     known = np.isfinite(clusters.rotation).all(axis=(1, 2, 3))
-    return replace(clusters, rotation=clusters.rotation[known], origin=clusters.origin[known]), used[known]
+    clusters, used = replace(clusters, rotation=clusters.rotation[known], origin=clusters.origin[known]), used[known]
+    every = np.arange(len(used))
+    few = np.unique(np.linspace(0, len(used) - 1, min(len(used), _FRAMES_OF_KINDS)).astype(np.int64))
+    start = _Start(
+        points[used],
+        segment,
+        tuple(parents),
+        clusters,
+        np.asarray(up, dtype=np.float64),
+        {k: track[used] for k, track in (near or {}).items()},
+        _estimate_slide_sds(clusters, segment, parents) if estimator == "bundle" else np.zeros(len(parents)),
+        frozenset(firm),
+    )
+
+    # fit to some frames with ball joints only; implausible skin motion is set to zero
+    balls: tuple[JointKind, ...] = ("ball",) * len(parents)
+    rough = solve_bundle(*start.build_problem(few, balls))
+    if unlike := find_implausible_skin(rough.problem, rough.state):
+        start = replace(start, firm=start.firm | unlike)
+        rough = solve_bundle(*start.build_problem(few, balls))
+
+    # kinds of the joints: an axial rotation that all markers of a segment share is hardly visible, so its error can
+    # tilt an axis. Therefore a simpler kind is preferred if it explains the rotation without motion of the skin.
+    def weigh(bundle: Bundle) -> tuple[JointEvidence, ...]:
+        turns = joint_rotations(bundle.problem, bundle.state)
+        arcs = [rotation_arc(clusters.relative_rotation(parent, j + 1)) for j, parent in enumerate(parents)]
+        return tuple(
+            weigh_kinds(turns[:, j], bundle.rotation_noise(j), arc, given.get(j + 1)) for j, arc in enumerate(arcs)
+        )
+
+    evidence = weigh(rough)
+    if any(each.kind != "hinge" for j, each in enumerate(evidence, start=1) if j not in given):
+        every_segment = frozenset(range(1, len(parents) + 1))
+        bare = solve_bundle(*replace(start, firm=every_segment).build_problem(few, balls))
+        pairs = zip(evidence, weigh(bare), strict=True)
+        evidence = tuple(min(pair, key=lambda each: _SIMPLEST.index(each.kind)) for pair in pairs)
+    chosen: tuple[JointKind, ...] = tuple(each.kind for each in evidence)
+    if estimator != "bundle":
+        problem, state, _ = start.build_problem(every, chosen, rough, estimator=estimator)
+        return collect_result(fit_frames_only(problem, state), evidence)
+
+    # fit to all frames, repeated until the kinds of all joints and the skin motion are plausible
+    guess, named = rough, np.isin(np.arange(len(segment)), list(girdle))
+    while True:
+        riding = _find_girdle_markers(rough, chosen, named)
+        bundle = solve_bundle(*start.build_problem(every, chosen, guess, riding))
+        parallel = (np.abs(bundle.state.cosine) > PARALLEL) & (np.array(chosen) == "two-axis")
+        if parallel.any():
+            chosen = tuple("ball" if near else kind for kind, near in zip(chosen, parallel, strict=True))
+            guess = rough  # because wrong axes distort the whole fit
+        elif unlike := find_implausible_skin(bundle.problem, bundle.state) - start.firm:
+            start, guess = replace(start, firm=start.firm | unlike), bundle
+        else:
+            final = zip(evidence, chosen, strict=True)
+            return collect_result(bundle, tuple(replace(each, kind=kind) for each, kind in final))
+
+
+_FAR = 0.3  # m; typical distance of a joint from its clusters
+_BEYOND = 2.5  # least ratio of the slide to the displacement that single markers explain; up to 1.8 without a slide
+_LEAST = 0.001  # m
+_USUAL = 0.95  # fraction of the frames used; the others may contain swapped markers
+_SOFT = 0.01  # m; typical motion of the shared point
+_TURN = 0.25  # lag between the two poses of a finite rotation, as a fraction of the frames
+_LEAST_TURN = 1e-3  # weight of the child's mean position, for directions that the motion does not determine
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """Marker clusters as rigid bodies, whose axes are parallel to those of the trial in one reference frame."""
+
+    local: FloatArray  # (M, 3) marker coordinates relative to the centroid of their cluster, m
+    rotation: FloatArray  # (F, n + 1, 3, 3) cluster to trial
+    origin: FloatArray  # (F, n + 1, 3) m
+    sd: FloatArray  # (n + 1,) standard deviation of one coordinate of a marker in its cluster, m
+
+    def relative_rotation(self, parent: int, child: int) -> FloatArray:
+        """Return the rotation (F, 3, 3) of a child's cluster in its parent's cluster."""
+        return np.asarray(np.swapaxes(self.rotation[:, parent], 1, 2) @ self.rotation[:, child])
+
+
+def fit_clusters(points: FloatArray, segment: IntArray, reference: int) -> Clusters:
+    """Fit a rigid body to the markers (F, M, 3), m, of every segment, with the trial's axes in frame ``reference``."""
+    local = np.full((points.shape[1], 3), np.nan)
+    rotations, origins, variances = [], [], []
+    for k in range(int(segment.max()) + 1):
+        here = np.flatnonzero(segment == k)
+        start = points[reference, here] - np.nanmean(points[reference, here], axis=0)
+        shape = local[here] = fit_shape(points[:, here], start)
+        rotation, origin, _ = rigid_poses(points[:, here], shape)
+        off = points[:, here] - origin[:, None] - np.einsum("fij,mj->fmi", rotation, shape)
+        known = int(np.isfinite(shape).all(axis=1).sum())
+        rotations.append(rotation)
+        origins.append(origin)
+        variances.append(np.nanmean(off**2) * known / max(known - 2, 1))
+    return Clusters(local, np.stack(rotations, axis=1), np.stack(origins, axis=1), np.sqrt(np.array(variances)))
+
+
+def estimate_centre(
+    estimator: Estimator, clusters: Clusters, parent: int, child: int, local: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return a joint centre (3,) in the frame of the parent's cluster and in that of the child's cluster, m.
+
+    ``local`` (k, 3) are the markers of the child in the frame of its cluster, m. ``score`` (also for ``bundle``) is the
+    symmetrical centre of rotation (SCoRE, Ehrig et al. 2006), the point that moves least between the two bodies, with a
+    weak pull to the middle between the bodies for directions that the motion does not determine.
+    """
+    apart = clusters.origin[:, child] - clusters.origin[:, parent]
+    if estimator in ("bundle", "score"):
+        own, other = clusters.rotation[:, parent], clusters.rotation[:, child]
+        rows = np.concatenate([own, -other], axis=2).reshape(-1, 6)
+        likely = np.concatenate(
+            [np.einsum("fji,fj->fi", own, apart).mean(axis=0), -np.einsum("fji,fj->fi", other, apart).mean(axis=0)]
+        )
+        weight = (_SOFT / _FAR) ** 2 * len(own)
+        inverse = np.linalg.inv(rows.T @ rows + weight * np.eye(6))
+        point = inverse @ (rows.T @ apart.reshape(-1) + weight * likely / 2)
+        return point[:3], point[3:]
+    turn = clusters.relative_rotation(parent, child)
+    origin = np.einsum("fji,fj->fi", clusters.rotation[:, parent], apart)
+    if estimator == "sphere":  # common centre of the spheres on which the markers of the child move in the parent
+        places = origin[:, None] + np.einsum("fij,kj->fki", turn, local)
+        middle = places.mean(axis=0)
+        about = places - middle
+        square = (about**2).sum(axis=2)
+        rows, likely = 2 * about.reshape(-1, 3), places.mean(axis=(0, 1))
+        right = (square - square.mean(axis=0) + 2 * np.einsum("fki,ki->fk", about, middle)).reshape(-1)
+    else:  # point nearest to the helical axes of the child in the parent
+        lag = max(int(_TURN * len(turn)), 1)
+        finite = turn[lag:] @ np.swapaxes(turn[:-lag], 1, 2)
+        rows, likely = (np.eye(3) - finite).reshape(-1, 3), origin.mean(axis=0)
+        right = (origin[lag:] - np.einsum("fij,fj->fi", finite, origin[:-lag])).reshape(-1)
+    normal = rows.T @ rows
+    pull = _LEAST_TURN * np.linalg.eigvalsh(normal)[-1] * np.eye(3)
+    centre = np.asarray(np.linalg.solve(normal + pull, rows.T @ right + pull @ likely))
+    return centre, np.einsum("fji,fj->fi", turn, centre - origin).mean(axis=0)
+
+
+def _estimate_slide_sds(clusters: Clusters, segment: IntArray, parents: Sequence[int]) -> FloatArray:
+    """Return the standard deviation of each joint's slide (n,), m; 0 without a slide.
+
+    The slide (F, n, 3) is the displacement between both clusters at the joint. The standard deviation is increased,
+    because the slides of neighbouring frames are correlated.
+    """
+    slides = np.zeros((len(clusters.rotation), len(parents), 3))
+    for j, parent in enumerate(parents):
+        centre, own = estimate_centre("score", clusters, parent, j + 1, clusters.local)
+        ends = [
+            clusters.origin[:, k] + clusters.rotation[:, k] @ place for k, place in ((parent, centre), (j + 1, own))
+        ]
+        apart = np.einsum("fji,fj->fi", clusters.rotation[:, parent], ends[1] - ends[0])
+        square = np.sort(np.sum((apart - np.median(apart, axis=0)) ** 2, axis=1))
+        size = float(np.sqrt(square[: max(int(_USUAL * len(square)), 1)].mean() / 3))
+        explained = 0.0  # variance per axis of the point in both clusters from independent errors of their markers
+        for k, point in ((parent, centre), (j + 1, own)):
+            local = clusters.local[segment == k]
+            local = local[np.isfinite(local).all(axis=1)]
+            inertia = np.sum(local**2) * np.eye(3) - local.T @ local
+            lever = so3.hat(point)
+            turned = np.trace(lever @ np.linalg.solve(inertia, lever.T)) / 3
+            explained += float(clusters.sd[k] ** 2 * (1 / len(local) + turned))
+        if size > max(_LEAST, _BEYOND * float(np.sqrt(explained))):
+            slides[:, j] = apart
+    about = slides - slides.mean(axis=0)
+    return np.asarray(np.sqrt((about**2).mean(axis=(0, 2)) * count_correlated_frames(about)))
 
 
 @dataclass(frozen=True)
@@ -222,20 +294,7 @@ class _Start:
     up: FloatArray
     near: Mapping[int, FloatArray]
     slides: FloatArray
-    named: BoolArray
-    firm: frozenset[int] = frozenset()
-
-    def _guess_centres(self, estimator: Estimator) -> tuple[FloatArray, FloatArray]:
-        """Return the joint centres (n, 3) in the parents' frames and the segments' origins in their clusters, m."""
-        own, centres = np.zeros((len(self.parents) + 1, 3)), np.zeros((len(self.parents), 3))
-        name: CentreEstimator = "score" if estimator == "bundle" else estimator
-        for j, parent in enumerate(self.parents):
-            markers = self.clusters.local[self.segment == j + 1]
-            if j + 1 in self.near and estimator == "bundle":
-                centres[j], own[j + 1] = (self.clusters.median_position(k, self.near[j + 1]) for k in (parent, j + 1))
-            else:
-                centres[j], own[j + 1] = estimate_centre(name, self.clusters, parent, j + 1, markers)
-        return centres - own[list(self.parents)], own
+    firm: frozenset[int]
 
     def build_problem(
         self,
@@ -251,37 +310,60 @@ class _Start:
         """
         points, clusters = self.points[frames], self.clusters
         count, markers = len(self.parents), points.shape[1]
-        centres, own = self._guess_centres(estimator)
-        inner = np.isin(np.arange(1, count + 1), self.parents)
-        axes, along = [_NO_AXES] * count, np.zeros(count, dtype=bool)
-        soft = inner & ~np.isin(np.arange(1, count + 1), list(self.firm))
-        if rough is not None:
-            pairs = [_guess_axes(rough, j, kinds[j], bool(inner[j])) for j in range(count)]
-            axes, along = [each[0] for each in pairs], np.array([each[1] for each in pairs])
-            soft &= np.array([rough.together[self.segment == k + 1].mean() > _LASTING for k in range(count)])
         seen: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
-        rotation = clusters.rotation[frames]
-        rest = (np.swapaxes(clusters.rotation[:, 0], 1, 2) @ self.up).mean(axis=0)
-        riding = np.zeros(markers, dtype=bool) if riding is None else riding
+
+        # centres in the clusters of the parents, and origins of the segments in their own clusters
+        own, centres = np.zeros((count + 1, 3)), np.zeros((count, 3))
+        for j, parent in enumerate(self.parents):
+            if j + 1 in self.near and estimator == "bundle":
+                local = [
+                    np.einsum("fji,fj->fi", clusters.rotation[:, k], self.near[j + 1] - clusters.origin[:, k])
+                    for k in (parent, j + 1)
+                ]
+                centres[j], own[j + 1] = np.nanmedian(local[0], axis=0), np.nanmedian(local[1], axis=0)
+            else:
+                local_markers = clusters.local[self.segment == j + 1]
+                centres[j], own[j + 1] = estimate_centre(estimator, clusters, parent, j + 1, local_markers)
+        centres = centres - own[list(self.parents)]
+
+        inner = np.isin(np.arange(1, count + 1), self.parents)  # segments that carry another joint
+        soft = inner & ~np.isin(np.arange(1, count + 1), list(self.firm))
+        axes, along = [_NO_AXES] * count, np.zeros(count, dtype=bool)
+        placed, places, skin = centres, np.nan_to_num(clusters.local) - own[self.segment], np.zeros(markers)
+        weights = seen / _FIRST_SD
+        if rough is not None:
+            turns = joint_rotations(rough.problem, rough.state)
+            for j, kind in enumerate(kinds):
+                if kind == "hinge":
+                    axes[j] = fit_hinge(turns[:, j])
+                elif kind == "two-axis":
+                    pin = rough.problem.long_axes[j]
+                    pair = fit_pin_axes(turns[:, j], rough.rotation_noise(j), pin) if inner[j] else None
+                    axes[j], along[j] = pair or fit_two_axes(turns[:, j]), pair is not None
+            soft &= np.array([rough.together[self.segment == k + 1].mean() > _LASTING for k in range(count)])
+            weights = seen / (rough.sd * np.sqrt(rough.together))
+            if estimator == "bundle":  # markers and centres of the rough fit, with hinges shifted along their axes
+                placed, places = rough.state.centres.copy(), rough.state.local.copy()
+                skin = rough.state.skin * np.isin(self.segment, np.flatnonzero(soft) + 1)
+                for j in np.flatnonzero([kind == "hinge" for kind in kinds]):
+                    ahead = axes[j].first @ (centres[j] - placed[j])
+                    placed[j] += ahead * axes[j].first
+                    places[self.segment == j + 1] -= ahead * axes[j].second
+                    placed[np.array(self.parents) == j + 1] -= ahead * axes[j].second
         state = BundleState(
-            np.nan_to_num(clusters.local) - own[self.segment],
-            centres,
+            places,
+            placed,
             np.array([each.first for each in axes]),
             np.array([each.second for each in axes]),
             np.array([each.cosine for each in axes]),
             np.zeros(3),
-            np.zeros(markers),
+            skin,
             clusters.origin[frames, 0],
-            rotation,
+            clusters.rotation[frames],
             np.zeros((len(frames), count, 3)),
         )
-        weights = seen / _FIRST_SD
-        if rough is not None:
-            if estimator == "bundle":
-                local, known = _move_along_hinges(rough, kinds, axes, centres)
-                skin = rough.state.skin * np.isin(self.segment, np.flatnonzero(soft) + 1)
-                state = replace(state, local=local, centres=known, skin=skin)
-            weights = seen / (rough.sd * np.sqrt(rough.together))
+        rest = (np.swapaxes(clusters.rotation[:, 0], 1, 2) @ self.up).mean(axis=0)
+        riding = np.zeros(markers, dtype=bool) if riding is None else riding
         problem = BundleProblem(
             np.where(seen[..., None], points, 0.0),
             weights,
@@ -298,46 +380,50 @@ class _Start:
         return replace(problem, long_axes=long_axes(problem, state)), state, ChainPrior(centres, along, soft, sd)
 
 
-def _move_along_hinges(
-    rough: Bundle, kinds: tuple[JointKind, ...], axes: list[JointAxes], centres: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return markers (M, 3) and centres (n, 3), m, of a rough fit, with hinges shifted along their axes."""
-    problem, local, known = rough.problem, rough.state.local.copy(), rough.state.centres.copy()
-    for j in np.flatnonzero([kind == "hinge" for kind in kinds]):
-        ahead = axes[j].first @ (centres[j] - known[j])
-        known[j] += ahead * axes[j].first
-        local[problem.segment == j + 1] -= ahead * axes[j].second
-        known[np.array(problem.parents) == j + 1] -= ahead * axes[j].second
-    return local, known
+_LEAST_GLIDE = 0.004  # m; least modelled motion at an elevation of 180°
+_EXPLAINED = 0.5  # least fraction of the marker's motion in the base that follows the elevation
+_STANDS_OUT = 3.0  # least ratio of the motion of a girdle marker to the typical motion of the base markers
+_RANGE = 0.15  # least range of u; otherwise the arm is hardly raised
+_FEWEST_ON_BASE = 4  # fewest base markers that are not on the girdle
 
 
-def _guess_axes(rough: Bundle, j: int, kind: JointKind, inner: bool) -> tuple[JointAxes, bool]:
-    """Return the first guess of the axes of a joint, and whether the second may be the long axis of its segment.
+def _find_girdle_markers(rough: Bundle, kinds: tuple[JointKind, ...], named: BoolArray) -> BoolArray:
+    """Return the base markers (M,) on the shoulder girdle, which move with the elevation of segment 1.
 
-    The segment is ``inner`` if it carries another joint.
+    Base markers that are on the girdle by their names, ``named`` (M,), are included whatever their motion. Sliding skin
+    may hide it, and without the glide, the elevation of every raised arm would be overestimated. No marker is returned
+    if segment 1 has no ball joint on the base, if the arm is hardly raised, or if too few base markers would remain.
     """
-    turn = joint_rotations(rough.problem, rough.state)[:, j]
-    if kind == "ball":
-        return _NO_AXES, False
-    if kind == "hinge":
-        return fit_hinge(turn), False
-    pair = fit_pin_axes(turn, rough.rotation_noise(j), rough.problem.long_axes[j]) if inner else None
-    return pair or fit_two_axes(turn), pair is not None
-
-
-def _find_riding_markers(rough: Bundle, kinds: tuple[JointKind, ...], named: BoolArray) -> BoolArray:
-    """Return the base markers (M,) on the shoulder girdle, which follow the elevation of segment 1."""
     problem, state = rough.problem, rough.state
+    none = np.zeros(len(problem.segment), dtype=bool)
     if kinds[0] != "ball" or problem.parents[0] != 0:
-        return np.zeros(len(problem.segment), dtype=bool)
-    seen = problem.weights > 0
-    base, share = problem.segment == 0, glide_share(problem, state)
-    return find_girdle_markers(residuals(problem, state), seen, base, share, named)
+        return none
+    off, seen, base, share = (
+        residuals(problem, state),
+        problem.weights > 0,
+        problem.segment == 0,
+        glide_share(problem, state),
+    )
+    low, high = np.quantile(share, [0.05, 0.95])
+    if high - low < _RANGE or base.sum() <= _FEWEST_ON_BASE:
+        return none
+    motion, explained = np.zeros(off.shape[1]), np.zeros(off.shape[1])
+    for m in np.flatnonzero(base):
+        here = seen[:, m]
+        if here.sum() < 10:
+            continue
+        u = share[here] - share[here].mean()
+        y = off[here, m] - off[here, m].mean(axis=0)
+        slope = u @ y / (u @ u)
+        motion[m] = np.linalg.norm(slope)
+        explained[m] = motion[m] ** 2 * (u @ u) / np.sum(y**2)
+    usual = np.median(motion[base])
+    on_girdle = base & (named | (motion > np.maximum(_LEAST_GLIDE, _STANDS_OUT * usual)) & (explained > _EXPLAINED))
+    return np.asarray(on_girdle) if base.sum() - on_girdle.sum() >= _FEWEST_ON_BASE else none
 
 
-_AXIS_REFINEMENT_LASTING = np.radians(
-    0.6
-)  # rms change of the angle between the axes by skin that slides with the joint
+# rms change of the angle between the axes by skin that slides with the joint
+_CHANGING_ANGLE = np.radians(0.6)
 _OTHER_ANGLE = np.radians(5)  # typical change of this angle by a constant displacement of the skin
 _ITERATIONS = 8
 _SHOWN = 0.85  # largest ratio of the standard deviations of the first axis after and before the correction
@@ -377,7 +463,7 @@ def _refine_joint(joint: SpatialJoint, turn: FloatArray) -> SpatialJoint:
         np.linalg.inv(basis.T @ covariance @ basis)
         for basis, covariance in zip(bases, joint.axes_covariance, strict=True)
     ]
-    weight = 1 / (_AXIS_REFINEMENT_LASTING**2 * len(turn))
+    weight = 1 / (_CHANGING_ANGLE**2 * len(turn))
     for _ in range(_ITERATIONS):
         along, across = tangents(axis), tangents(pin)
         rotated_pin = turn @ pin

@@ -8,15 +8,13 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
-from mocap_id.geometry.spatial_chain import JointKind, SpatialChain, SpatialJoint
+from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 from mocap_id.kinematics.space.bundle import Bundle, chain_covariance
 from mocap_id.kinematics.space.bundle_equations import (
     BundleProblem,
     BundleState,
-    Columns,
     apply_step,
     joint_rotations,
-    locate_columns,
     residuals,
     tangents,
 )
@@ -38,24 +36,15 @@ class SpatialFit:
 
     chain: SpatialChain
     evidence: tuple[JointEvidence, ...]
-    arcs: FloatArray  # (n,) 2.5 to 97.5 % range of each joint's rotation about its main direction, rad
     residual: FloatArray  # (M,) rms residual of each marker, including skin motion by axial rotation, m
     lengths: FloatArray  # (n - 1,) distances of joints 2 … n from the joint of their parent segment, m
     length_sd: FloatArray  # (n - 1,) standard deviations of these lengths, m
     bundle: Bundle  # solution, for :func:`move_centre`
-    covariance: FloatArray  # (P, P) covariance of the parameters in the order of ``locate_columns(bundle.problem)``
-
-    @property
-    def centre_covariance(self) -> FloatArray:
-        """Covariance (3 n, 3 n) of all centres together, m²."""
-        at = np.concatenate(
-            [np.arange(place.start, place.stop) for place in locate_columns(self.bundle.problem).centre]
-        )
-        return np.asarray(self.covariance[np.ix_(at, at)])
+    covariance: FloatArray  # (P, P) covariance of the parameters in the order of ``bundle.problem.columns``
 
     def centre_among_markers(self, joint: int, segment: int) -> FloatArray:
         """Return the covariance (3, 3), m², of the centre of a joint, 1 … n, relative to a segment's mean marker."""
-        about = _centre_jacobian(self.bundle.problem, locate_columns(self.bundle.problem), joint - 1, segment)
+        about = _centre_jacobian(self.bundle.problem, joint - 1, segment)
         return np.asarray(about @ self.covariance @ about.T)
 
 
@@ -63,28 +52,56 @@ def collect_result(
     bundle: Bundle, evidence: tuple[JointEvidence, ...], covariance: FloatArray | None = None
 ) -> SpatialFit:
     """Return the result of a bundle adjustment; the covariance (P, P) of the parameters is computed if not given."""
-    problem, state = bundle.problem, bundle.state
-    cols = locate_columns(problem)
+    problem, state, cols = bundle.problem, bundle.state, bundle.problem.columns
     covariance = chain_covariance(bundle) if covariance is None else covariance
-    joints = tuple(_build_joint(bundle, covariance, j, each.arc) for j, each in enumerate(evidence))
+    turns = joint_rotations(problem, state)[0]
+    joints = []
+    for j, (kind, parent) in enumerate(zip(problem.kinds, problem.parents, strict=True)):
+        axis, pin = state.first[j], state.second[j]
+        about = _centre_jacobian(problem, j, parent)
+        near = about @ covariance @ about.T
+        if not np.isnan(near).any():  # the motion must determine the centre, except along the axis of a hinge
+            across = np.eye(3) if kind == "ball" else tangents(axis)
+            determined = bool(np.linalg.eigvalsh(across.T @ near @ across)[-1] < _UNKNOWN**2)
+        else:
+            determined = True
+        joint = SpatialJoint(
+            kind,
+            parent,
+            state.centres[j],
+            covariance[cols.centre[j], cols.centre[j]],
+            long_axis=problem.long_axes[j],
+            untwisted=problem.untwisted[j],
+            known=evidence[j].arc >= _LEAST_ARC and determined,
+            slide_sd=float(np.sqrt(np.mean(state.slides[:, j] ** 2))),
+        )
+        if kind != "ball":
+            spread = np.full((2, 3, 3), np.nan)
+            for i, (place, each) in enumerate(((cols.first[j], axis), (cols.second[j], pin))):
+                if place is not None and (i == 0 or kind == "two-axis"):
+                    spread[i] = tangents(each) @ covariance[place, place] @ tangents(each).T
+            offset = align_offset(turns[j], axis, pin, state.cosine[j] if kind == "two-axis" else 1.0)
+            joint = replace(joint, first_axis=axis, second_axis=pin, axes_covariance=spread, offset=offset)
+        if j == 0 and cols.glide is not None:
+            glide_covariance = covariance[cols.glide, cols.glide]
+            joint = replace(joint, glide=state.glide, glide_covariance=glide_covariance, rest=problem.rest)
+        joints.append(joint)
     seen = problem.weights > 0
     local = np.where(np.asarray(seen.any(axis=0))[:, None], state.local, np.nan)
     skin_sd = np.sqrt(np.maximum(np.diag(covariance[cols.skin, cols.skin]), 0.0))
-    chain = SpatialChain(joints, problem.segment, local, problem.on_glide, _anchor_skin(problem, state), skin_sd)
+    skin = _anchor_skin(problem, state)
     whole = residuals(problem, replace(state, skin=np.zeros(len(problem.segment))))
     square = (whole**2).sum(axis=2)
     inner = [j for j, parent in enumerate(problem.parents) if parent > 0]
     lengths = np.linalg.norm(state.centres[inner], axis=1)
     along = state.centres[inner] / lengths[:, None]
     variances = [axis @ joints[j].covariance @ axis for axis, j in zip(along, inner, strict=True)]
-    length_sd = np.sqrt(np.array(variances, dtype=np.float64))
     return SpatialFit(
-        chain,
+        SpatialChain(tuple(joints), problem.segment, local, problem.on_glide, skin, skin_sd),
         evidence,
-        np.array([each.arc for each in evidence]),
         np.sqrt(square.sum(axis=0) / np.maximum(seen.sum(axis=0), 1)),
         lengths,
-        length_sd,
+        np.sqrt(np.array(variances, dtype=np.float64)),
         bundle,
         covariance,
     )
@@ -111,7 +128,7 @@ def _common_share(problem: BundleProblem, state: BundleState, j: int) -> float:
     return float(state.skin[here[np.argsort(away)[:2]]].mean())
 
 
-def find_implausible_skin(problem: BundleProblem, state: BundleState) -> list[int]:
+def find_implausible_skin(problem: BundleProblem, state: BundleState) -> frozenset[int]:
     """Return the segments whose fractions ``state.skin`` are impossible for skin and must describe another motion."""
     anchored = _anchor_skin(problem, state)
     segments = []
@@ -121,63 +138,18 @@ def find_implausible_skin(problem: BundleProblem, state: BundleState) -> list[in
             low, high = anchored[here].min(), anchored[here].max()
             if abs(_common_share(problem, state, j)) > _COMMON or low < _OPPOSITE or high > _WHOLE:
                 segments.append(parent)
-    return segments
+    return frozenset(segments)
 
 
-def _build_joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> SpatialJoint:
-    """Return joint ``j``, from 0, of the chain; ``arc`` is the range of its rotation, rad."""
-    problem, state = bundle.problem, bundle.state
-    cols = locate_columns(problem)
-    kind, axis, pin = problem.kinds[j], state.first[j], state.second[j]
-    centre = covariance[cols.centre[j], cols.centre[j]]
-    about = _centre_jacobian(problem, cols, j, problem.parents[j])
-    near = about @ covariance @ about.T
-    joint = SpatialJoint(
-        kind,
-        problem.parents[j],
-        state.centres[j],
-        centre,
-        long_axis=problem.long_axes[j],
-        untwisted=problem.untwisted[j],
-        known=arc >= _LEAST_ARC and _is_known(kind, near, axis),
-        slide_sd=float(np.sqrt(np.mean(state.slides[:, j] ** 2))),
-    )
-    if kind != "ball":
-        spread = np.full((2, 3, 3), np.nan)
-        for i, (place, each) in enumerate(((cols.first[j], axis), (cols.second[j], pin))):
-            if place is not None and (i == 0 or kind == "two-axis"):
-                spread[i] = tangents(each) @ covariance[place, place] @ tangents(each).T
-        turn = joint_rotations(problem, state)[0, j]
-        cosine = state.cosine[j] if kind == "two-axis" else 1.0
-        offset = align_offset(turn, axis, pin, cosine)
-        joint = replace(joint, first_axis=axis, second_axis=pin, axes_covariance=spread, offset=offset)
-    if j == 0 and cols.glide is not None:
-        joint = replace(
-            joint,
-            glide=state.glide,
-            glide_covariance=covariance[cols.glide, cols.glide],
-            rest=problem.rest,
-        )
-    return joint
-
-
-def _centre_jacobian(problem: BundleProblem, cols: Columns, j: int, segment: int) -> FloatArray:
+def _centre_jacobian(problem: BundleProblem, j: int, segment: int) -> FloatArray:
     """Return the derivatives (3, P) of the vector from a segment's mean marker to joint ``j``, numbered from 0."""
     here = np.flatnonzero(problem.segment == segment)
-    rows = np.zeros((3, cols.size))
+    rows = np.zeros((3, problem.columns.size))
     if segment == problem.parents[j]:
-        rows[:, cols.centre[j]] = np.eye(3)
+        rows[:, problem.columns.centre[j]] = np.eye(3)
     for m in here:
         rows[:, 3 * m : 3 * m + 3] = -np.eye(3) / len(here)
     return rows
-
-
-def _is_known(kind: JointKind, covariance: FloatArray, axis: FloatArray) -> bool:
-    """Return whether the motion determines a centre, apart from its position along a hinge's axis."""
-    if np.isnan(covariance).any():
-        return True
-    across = np.eye(3) if kind == "ball" else tangents(axis)
-    return bool(np.linalg.eigvalsh(across.T @ covariance @ across)[-1] < _UNKNOWN**2)
 
 
 def align_offset(turn: FloatArray, axis: FloatArray, pin: FloatArray, cosine: float) -> FloatArray:
@@ -203,9 +175,9 @@ def move_centre(fit: SpatialFit, joint: int, point: FloatArray, covariance: Floa
     ``fit.chain``, among its markers, and has the covariance (3, 3), m².
     """
     problem, state = fit.bundle.problem, fit.bundle.state
-    about = _centre_jacobian(problem, locate_columns(problem), joint - 1, problem.parents[joint - 1])
+    about = _centre_jacobian(problem, joint - 1, problem.parents[joint - 1])
     known = about @ fit.covariance
     gain = np.linalg.solve(known @ about.T + covariance, known).T
     step = gain @ (point - state.centres[joint - 1])
-    moved = apply_step(problem, state, step, -fit.bundle.reduced.gain @ step)
+    moved = apply_step(problem, state, step, -fit.bundle.gain @ step)
     return collect_result(replace(fit.bundle, state=moved), fit.evidence, fit.covariance - gain @ known)

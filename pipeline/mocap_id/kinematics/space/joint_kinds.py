@@ -10,52 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import JointKind
 from mocap_id.kinematics.space.bundle_equations import tangents
 from mocap_id.kinematics.space.rigid_body import mean_rotation
 
-_LEAST = 0.004  # m; least modelled motion at an elevation of 180°
-_EXPLAINED = 0.5  # least fraction of the marker's motion in the base that follows the elevation
-_STANDS_OUT = 3.0  # least ratio of the motion of a girdle marker to the typical motion of the base markers
-_RANGE = 0.15  # least range of u; otherwise the arm is hardly raised
-_FEWEST = 4  # fewest base markers that are not on the girdle
-
-
-def find_girdle_markers(
-    off: FloatArray, seen: BoolArray, base: BoolArray, share: FloatArray, named: BoolArray
-) -> BoolArray:
-    """Return the base markers (M,) that move with the elevation of the next segment.
-
-    ``off`` (F, M, 3) are residuals in the frame of the base, m, 0 unless ``seen`` (F, M); ``base`` (M,) marks the
-    markers of the base, and ``share`` (F,) is the factor u = (1 - cos elevation) / 2. Base markers that are on the
-    girdle by their names, ``named`` (M,), are included whatever their motion. Sliding skin may hide it, and without the
-    glide, the elevation of every raised arm would be overestimated. No marker is returned if the arm is hardly raised,
-    or if too few base markers would remain.
-    """
-    on_girdle = np.zeros(off.shape[1], dtype=bool)
-    low, high = np.quantile(share, [0.05, 0.95])
-    if high - low < _RANGE or base.sum() <= _FEWEST:
-        return on_girdle
-    motion, explained = np.zeros(off.shape[1]), np.zeros(off.shape[1])
-    for m in np.flatnonzero(base):
-        here = seen[:, m]
-        if here.sum() < 10:
-            continue
-        u = share[here] - share[here].mean()
-        y = off[here, m] - off[here, m].mean(axis=0)
-        slope = u @ y / (u @ u)
-        motion[m] = np.linalg.norm(slope)
-        explained[m] = motion[m] ** 2 * (u @ u) / np.sum(y**2)
-    usual = np.median(motion[base])
-    on_girdle = base & (named | (motion > np.maximum(_LEAST, _STANDS_OUT * usual)) & (explained > _EXPLAINED))
-    if base.sum() - on_girdle.sum() < _FEWEST:
-        return np.zeros_like(on_girdle)
-    return np.asarray(on_girdle)
-
-
-_JOINT_KINDS_EXPLAINED: dict[JointKind, float] = {"hinge": 1.15, "two-axis": 3.4, "ball": np.inf}
+_EXPLAINED: dict[JointKind, float] = {"hinge": 1.15, "two-axis": 3.4, "ball": np.inf}
 """Largest unexplained rotation of a kind, relative to the noise of the clusters. Soft tissue affects two axes more."""
 _PIN_EXPLAINED = 6.0  # the same for a likely second axis; a wrong axis leaves far more
 SHOWN = float(np.radians(10))
@@ -74,9 +35,7 @@ class JointEvidence:
 
     kind: JointKind  # kind in use
     likely: JointKind  # simplest kind that explains the rotation; a ball if the joint hardly rotates
-    left: dict[JointKind, float]  # rms rotation that each kind leaves unexplained, rad
-    ratio: dict[JointKind, float]  # the same in the worst direction, relative to the noise of the clusters
-    noise: float  # rms rotation about the worst direction that the residuals of the clusters explain, rad
+    ratio: dict[JointKind, float]  # rms rotation left unexplained, relative to the noise of the clusters
     arc: float  # 2.5 to 97.5 % range of the rotation about its main direction, rad
 
 
@@ -101,20 +60,14 @@ def weigh_kinds(turn: FloatArray, noise: FloatArray, arc: float, kind: JointKind
     noise_across = tangents(hinge.first).T @ noise @ tangents(hinge.first)
     over = np.linalg.eigvals(np.linalg.solve(noise_across, tilt.T @ tilt / len(turn))).real.max()
     gap, size = _measure_gap(turn, pair, noise)
-    left: dict[JointKind, float] = {
-        "hinge": float(np.sqrt(np.mean(np.sum(tilt**2, axis=1)))),
-        "two-axis": float(np.sqrt(np.mean(gap**2))),
-        "ball": 0.0,
-    }
     ratio: dict[JointKind, float] = {
         "hinge": float(np.sqrt(over)),
         "two-axis": float(np.sqrt(np.mean(gap**2 / size))),
         "ball": 0.0,
     }
-    fits: list[JointKind] = [each for each in ratio if ratio[each] <= _JOINT_KINDS_EXPLAINED[each]]
+    fits: list[JointKind] = [each for each in ratio if ratio[each] <= _EXPLAINED[each]]
     likely: JointKind = fits[0] if arc >= SHOWN else "ball"
-    worst = float(np.sqrt(np.linalg.eigvalsh(noise)[-1]))
-    return JointEvidence(kind or likely, likely, left, ratio, worst, arc)
+    return JointEvidence(kind or likely, likely, ratio, arc)
 
 
 def _measure_gap(turn: FloatArray, pair: JointAxes, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -162,35 +115,23 @@ def fit_two_axes(turn: FloatArray) -> JointAxes:
     spread = (turn - middle).reshape(len(turn), 9)
     form = (spread.T @ spread / len(turn)).reshape(3, 3, 3, 3)
     size = float(np.trace(spread.T @ spread)) / len(turn)
-    second = _spread_directions(_STARTS)
+    at = np.arange(_STARTS) + 0.5  # starts are spread over a half sphere
+    height, around = at / _STARTS, np.pi * (1 + np.sqrt(5)) * at
+    flat = np.sqrt(1 - height**2)
+    second = np.stack([flat * np.cos(around), flat * np.sin(around), height], axis=1)
     for pull in (*[_UPRIGHT * size] * _TURNS, *[1e-3 * size] * _TURNS):
         rotated = second @ middle.T
-        first = _smallest_eigenvectors(
-            np.einsum("ijkl,sj,sl->sik", form, second, second) + pull * _outer_squares(rotated)
-        )
+        upright = pull * (rotated[:, :, None] * rotated[:, None, :])
+        first = _smallest_eigenvectors(np.einsum("ijkl,sj,sl->sik", form, second, second) + upright)
         rotated = first @ middle
-        second = _smallest_eigenvectors(
-            np.einsum("ijkl,si,sk->sjl", form, first, first) + pull * _outer_squares(rotated)
-        )
+        upright = pull * (rotated[:, :, None] * rotated[:, None, :])
+        second = _smallest_eigenvectors(np.einsum("ijkl,si,sk->sjl", form, first, first) + upright)
     cosine = np.einsum("si,ij,sj->s", first, middle, second)
     value = np.einsum("ijkl,si,sj,sk,sl->s", form, first, second, first, second) / np.maximum(1 - cosine**2, 1e-6)
     best = int(np.argmin(value + (np.abs(cosine) > PARALLEL) * size))
     return JointAxes(first[best], second[best], float(cosine[best]))
 
 
-def _outer_squares(vectors: FloatArray) -> FloatArray:
-    """Return the outer products (S, 3, 3) of vectors (S, 3) with themselves."""
-    return np.asarray(vectors[:, :, None] * vectors[:, None, :])
-
-
 def _smallest_eigenvectors(form: FloatArray) -> FloatArray:
     """Return the eigenvectors (..., 3) of the smallest eigenvalues of forms (..., 3, 3)."""
     return np.asarray(np.linalg.eigh(form)[1][..., 0])
-
-
-def _spread_directions(count: int) -> FloatArray:
-    """Return directions (count, 3) that are spread over a half sphere."""
-    at = np.arange(count) + 0.5
-    height, around = at / count, np.pi * (1 + np.sqrt(5)) * at
-    flat = np.sqrt(1 - height**2)
-    return np.stack([flat * np.cos(around), flat * np.sin(around), height], axis=1)

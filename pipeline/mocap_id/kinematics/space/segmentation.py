@@ -23,15 +23,12 @@ from mocap_id.kinematics.space.bodies import (
     LEAST,
     NARROW,
     Division,
-    Partition,
     SpatialBodies,
     SpatialBody,
     SpatialPairJoint,
-    build_partition,
     distance_deviation,
     divide,
     exchange_markers,
-    fit_pair_joint,
     spanning_tree,
     subtract_means,
 )
@@ -52,120 +49,31 @@ _COARSE = 4.0  # evidence above which a division is made first
 
 @dataclass(frozen=True)
 class SpatialBodyChain:
-    """Bodies from base to tip, with their joints."""
+    """Bodies from base to tip."""
 
     bodies: tuple[SpatialBody, ...]  # n + 1 bodies
-    joints: tuple[SpatialPairJoint, ...]  # joint k - 1 connects bodies k - 1 (first) and k (second)
     branches: tuple[SpatialBody, ...]  # bodies that are not on the chain
     joined: tuple[bool, ...]  # for each branch, whether joints connect it with the chain
 
 
 def find_chain(
-    partition: Partition, points: FloatArray, rules: SegmentationRules, chance: float = CHANCE
+    sorter: SpatialBodies, bodies: Sequence[SpatialBody], rules: SegmentationRules, chance: float = CHANCE
 ) -> SpatialBodyChain | None:
     """Return the longest chain of real joints from the body that moves least; None if there is no real joint.
 
-    Each connected group of bodies has its own base. Of equally long chains, the chain whose joints rotate most is
-    chosen; the other arm of a person is then a branch. Trajectories (F, M, 3) are in the lab, m; ``chance`` is as for
-    :func:`is_real`.
+    At a real joint, two bodies rotate far enough about a common point. Bodies that hardly move also share a point.
+    ``chance`` is therefore the largest residual of the joint, relative to the motion of one body in the other without
+    a joint. Each connected group of bodies has its own base. Of equally long chains, the chain whose joints rotate most
+    is chosen; the other arm of a person is then a branch.
     """
-    count = len(partition.bodies)
+    joints, count = sorter.joints(bodies), len(bodies)
     near: dict[int, list[int]] = {body: [] for body in range(count)}
-    for i, j in spanning_tree(partition.joints, count):
-        if is_real(partition.joints[i, j], rules, chance):
+    for i, j in spanning_tree(joints, count):
+        joint = joints[i, j]
+        if joint.residual <= min(rules.max_residual, chance * joint.free) and joint.arc >= rules.min_arc:
             near[i].append(j)
             near[j].append(i)
-    motion = [float(np.median(measure_scatter(points[:, body.markers]))) for body in partition.bodies]
-    paths: list[list[int]] = []
-    for group in _find_groups(near):
-        root = min(group, key=lambda body: motion[body])
-        paths += [path[: rules.longest] for path in _extend_path(near, [root])]
-
-    def summed_arcs(path: list[int]) -> float:
-        return sum(partition.joints[min(pair), max(pair)].arc for pair in pairwise(path))
-
-    best = max(paths, key=lambda path: (len(path), summed_arcs(path)), default=[])
-    if len(best) < 2:
-        return None
-    reached = next(group for group in _find_groups(near) if best[0] in group)
-    rest = [body for body in range(count) if body not in best]
-    bodies = tuple(partition.bodies[body] for body in best)
-    return SpatialBodyChain(
-        bodies,
-        fit_joints_along(bodies),
-        tuple(partition.bodies[body] for body in rest),
-        tuple(body in reached for body in rest),
-    )
-
-
-def is_real(joint: SpatialPairJoint, rules: SegmentationRules, chance: float = CHANCE) -> bool:
-    """Return whether two bodies rotate far enough about a common point.
-
-    Bodies that hardly move also share a point. ``chance`` is therefore the largest residual of the joint, relative to
-    the motion of one body in the other without a joint.
-    """
-    return joint.residual <= min(rules.max_residual, chance * joint.free) and joint.arc >= rules.min_arc
-
-
-def fit_joints_along(bodies: Sequence[SpatialBody]) -> tuple[SpatialPairJoint, ...]:
-    """Return the joints of consecutive bodies."""
-    return tuple(fit_pair_joint(first, second) for first, second in pairwise(bodies))
-
-
-def give_landmarks_to_parents(chain: SpatialBodyChain, sorter: SpatialBodies) -> SpatialBodyChain:
-    """Return the chain with markers near a joint assigned to the segment before it, if they fit both segments.
-
-    The motion of a marker near a joint's centre hardly determines its segment, because skin moves the marker more than
-    the joint does. Bony landmarks there, such as epicondyles, malleoli and styloid processes, are ends of the segment
-    before the joint.
-    """
-    bodies = list(chain.bodies)
-    for _ in range(_ROUNDS):
-        before = [body.markers for body in bodies]
-        for k in range(1, len(bodies)):
-            bodies[k - 1], bodies[k] = _give_landmarks(bodies[k - 1], bodies[k], sorter)
-        if all(map(np.array_equal, before, [body.markers for body in bodies])):
-            break
-    return SpatialBodyChain(tuple(bodies), fit_joints_along(bodies), chain.branches, chain.joined)
-
-
-def _give_landmarks(parent: SpatialBody, child: SpatialBody, sorter: SpatialBodies) -> tuple[SpatialBody, SpatialBody]:
-    """Return two bodies after the landmarks near their joint that fit the parent are assigned to it."""
-    joint = fit_pair_joint(parent, child)
-    own = child.markers
-    _, place, _ = subtract_means(child.local(sorter.points[:, own]))
-    near = np.linalg.norm(place - joint.in_second, axis=1) <= _NEAR_JOINT
-    near &= parent.residual[own] <= np.minimum(_AS_RIGID * child.residual[own], _MOST)
-    for size in range(min(int(near.sum()), len(own) - LEAST), 0, -1):
-        groups = islice(combinations(own[near].tolist(), size), _CHOICES)
-        choices = [_move_markers(np.array(group), parent, child, sorter) for group in groups]
-        possible = [choice for choice in choices if choice is not None]
-        if possible:
-            return min(possible, key=lambda bodies: bodies[1].rms_residual)
-    return parent, child
-
-
-def _move_markers(
-    given: IntArray, parent: SpatialBody, child: SpatialBody, sorter: SpatialBodies
-) -> tuple[SpatialBody, SpatialBody] | None:
-    """Return two bodies after some markers are reassigned from the child to the parent; None if this is not allowed."""
-    kept, taken = np.setdiff1d(child.markers, given), np.sort(np.concatenate([parent.markers, given]))
-    constraints = sorter.constraints
-    together = bool(np.isin(constraints.unit[given], constraints.unit[kept]).any())
-    if together or not constraints.allow(taken) or sorter.body(kept).width < NARROW:
-        return None
-    return sorter.body(taken), sorter.body(kept)
-
-
-def measure_scatter(points: FloatArray) -> FloatArray:
-    """Return the rms distance (M,) of trajectories (F, M, 3) from their means, m; NaN if never visible."""
-    off, _, counts = subtract_means(points)
-    return np.where(counts > 0, np.sqrt(np.sum(off**2, axis=(0, 2)) / np.maximum(counts, 1)), np.nan)
-
-
-def _find_groups(near: dict[int, list[int]]) -> list[set[int]]:
-    """Return the connected groups of bodies."""
-    groups: list[set[int]] = []
+    groups: list[set[int]] = []  # connected bodies
     for body in near:
         if any(body in group for group in groups):
             continue
@@ -175,15 +83,67 @@ def _find_groups(near: dict[int, list[int]]) -> list[set[int]]:
             group.update(more)
             open_ends += more
         groups.append(group)
-    return groups
+    motion = [float(np.median(measure_scatter(sorter.points[:, body.markers]))) for body in bodies]
+
+    def extend(path: list[int]) -> list[list[int]]:
+        """Return all paths that begin with ``path`` and continue to a tip."""
+        onward = [body for body in near[path[-1]] if body not in path]
+        return [longer for body in onward for longer in extend([*path, body])] if onward else [path]
+
+    def summed_arcs(path: list[int]) -> float:
+        return sum(joints[min(pair), max(pair)].arc for pair in pairwise(path))
+
+    roots = [min(group, key=lambda body: motion[body]) for group in groups]
+    paths = [path[: rules.longest] for root in roots for path in extend([root])]
+    best = max(paths, key=lambda path: (len(path), summed_arcs(path)), default=[])
+    if len(best) < 2:
+        return None
+    reached = next(group for group in groups if best[0] in group)
+    rest = [body for body in range(count) if body not in best]
+    branches = tuple(bodies[body] for body in rest)
+    return SpatialBodyChain(tuple(bodies[body] for body in best), branches, tuple(body in reached for body in rest))
 
 
-def _extend_path(near: dict[int, list[int]], path: list[int]) -> list[list[int]]:
-    """Return all paths that begin with ``path`` and continue to a tip."""
-    onward = [body for body in near[path[-1]] if body not in path]
-    if not onward:
-        return [path]
-    return [longer for body in onward for longer in _extend_path(near, [*path, body])]
+def give_landmarks_to_parents(bodies: Sequence[SpatialBody], sorter: SpatialBodies) -> list[SpatialBody]:
+    """Return the bodies of a chain with markers near a joint assigned to the segment before it, if they fit both.
+
+    The motion of a marker near a joint's centre hardly determines its segment, because skin moves the marker more than
+    the joint does. Bony landmarks there, such as epicondyles, malleoli and styloid processes, are ends of the segment
+    before the joint.
+    """
+    bodies = list(bodies)
+    for _ in range(_ROUNDS):
+        before = [body.markers for body in bodies]
+        for k in range(1, len(bodies)):
+            bodies[k - 1], bodies[k] = _give_landmarks(bodies[k - 1], bodies[k], sorter)
+        if all(map(np.array_equal, before, [body.markers for body in bodies])):
+            break
+    return bodies
+
+
+def _give_landmarks(parent: SpatialBody, child: SpatialBody, sorter: SpatialBodies) -> tuple[SpatialBody, SpatialBody]:
+    """Return two bodies after the landmarks near their joint that fit the parent are assigned to it."""
+    own, constraints = child.markers, sorter.constraints
+    _, place, _ = subtract_means(child.local(sorter.points[:, own]))
+    near = np.linalg.norm(place - sorter.joint(parent, child).in_second, axis=1) <= _NEAR_JOINT
+    near &= parent.residual[own] <= np.minimum(_AS_RIGID * child.residual[own], _MOST)
+    for size in range(min(int(near.sum()), len(own) - LEAST), 0, -1):
+        possible = []
+        for group in islice(combinations(own[near].tolist(), size), _CHOICES):
+            given = np.array(group)
+            kept, taken = np.setdiff1d(own, given), np.sort(np.concatenate([parent.markers, given]))
+            together = bool(np.isin(constraints.unit[given], constraints.unit[kept]).any())
+            if not together and constraints.allow(taken) and sorter.body(kept).width >= NARROW:
+                possible.append((sorter.body(taken), sorter.body(kept)))
+        if possible:
+            return min(possible, key=lambda bodies: bodies[1].rms_residual)
+    return parent, child
+
+
+def measure_scatter(points: FloatArray) -> FloatArray:
+    """Return the rms distance (M,) of trajectories (F, M, 3) from their means, m; NaN if never visible."""
+    off, _, counts = subtract_means(points)
+    return np.where(counts > 0, np.sqrt(np.sum(off**2, axis=(0, 2)) / np.maximum(counts, 1)), np.nan)
 
 
 @dataclass(frozen=True)
@@ -191,9 +151,9 @@ class SpatialSearch:
     """Chain, if there is one, and the divisions that led to it."""
 
     chain: SpatialBodyChain | None  # None if there is no chain
-    bodies: tuple[SpatialBody, ...]  # all rigid bodies
-    made: tuple[Division, ...]  # accepted divisions
-    refused: tuple[Division, ...]  # best division of every body that was not divided
+    bodies: Sequence[SpatialBody]  # all rigid bodies
+    made: Sequence[Division]  # accepted divisions
+    refused: Sequence[Division]  # best division of every body that was not divided
 
     @property
     def carried(self) -> int:
@@ -225,33 +185,27 @@ def search_chain(sorter: SpatialBodies, rules: SegmentationRules, needed: float)
     first. After the landmarks are reassigned, every body is tested for another division. At the end, bodies exchange
     markers.
     """
-    start: tuple[SpatialBody, ...] = (sorter.body(sorter.markers),)
+
+    def reassign_landmarks(bodies: Sequence[SpatialBody]) -> list[SpatialBody]:
+        chain = find_chain(sorter, bodies, rules, _LENIENT)
+        return list(bodies) if chain is None else [*give_landmarks_to_parents(chain.bodies, sorter), *chain.branches]
+
+    start = [sorter.body(sorter.markers)]
     made: list[Division] = []
     for clear in (True, *(False,) * _ROUNDS):
-        partition = divide(sorter, start, max(needed, _COARSE) if clear else needed)
-        if not partition.made and not clear:
+        bodies, new, refused = divide(sorter, start, max(needed, _COARSE) if clear else needed)
+        if not new and not clear:
             break
-        made += partition.made
-        chain = find_chain(partition, sorter.points, rules, _LENIENT)
-        if chain is None:
-            start = tuple(partition.bodies)
-            continue
-        chain = give_landmarks_to_parents(chain, sorter)
-        start = (*chain.bodies, *chain.branches)
+        made += new
+        start = reassign_landmarks(bodies)
     for least in (needed, np.inf) if made else ():
-        start = exchange_markers(sorter, start)
-        chain = find_chain(build_partition(start), sorter.points, rules, _LENIENT)
-        if chain is not None:
-            chain = give_landmarks_to_parents(chain, sorter)
-            start = (*chain.bodies, *chain.branches)
-        partition = divide(sorter, start, least)
-        if not partition.made:
+        start = reassign_landmarks(exchange_markers(sorter, start))
+        bodies, new, refused = divide(sorter, start, least)
+        if not new:
             break
-        made += partition.made
-        start = tuple(partition.bodies)
-    return SpatialSearch(
-        find_chain(partition, sorter.points, rules), tuple(partition.bodies), tuple(made), tuple(partition.refused)
-    )
+        made += new
+        start = bodies
+    return SpatialSearch(find_chain(sorter, bodies, rules), bodies, made, refused)
 
 
 _BEST = 3.3  # log odds without evidence against the segments
@@ -266,12 +220,11 @@ _SURE_SECOND = float(np.radians(16.0))  # arc of the second independent rotation
 
 
 def assess_spatial_confidence(
-    chain: SpatialBodyChain,
-    made: Sequence[Division],
-    refused: Sequence[Division],
+    bodies: Sequence[SpatialBody],
+    joints: Sequence[SpatialPairJoint],
+    search: SpatialSearch,
     *,
     motion: float,
-    second_arc: float,
     left_out: float,
 ) -> Confidence:
     """Return the confidence in a chain of rigid bodies in space.
@@ -282,40 +235,44 @@ def assess_spatial_confidence(
     - ``runner-up``: one of the segments could nearly be two;
     - ``hidden-tip``: the last segment may be two segments that hardly move relative to each other;
     - ``joint``: two neighbours hardly share a point;
-    - ``base``: both ends of the chain move about equally far;
+    - ``base``: both ends of the chain move about equally far (``motion`` is that of the tip, divided by the base's);
     - ``not-rigid``: the markers of a segment move relative to each other;
-    - ``left-out``: markers are on no segment and on no branch of the chain;
+    - ``left-out``: the fraction ``left_out`` of the markers is on no segment and on no branch of the chain;
     - ``one-joint``: all joints rotate as one, so that segments without relative motion in this trial may be merged.
 
     The confidence in a joint is 0.5 if its residual is half of the motion without the joint.
-
-    Parameters
-    ----------
-    chain : SpatialBodyChain
-    made, refused : sequences of Division
-        Accepted divisions, and the best divisions of the bodies that were not divided.
-    motion : float
-        Motion of the tip divided by motion of the base.
-    second_arc : float
-        Arc of the second independent rotation of the joints, rad; 0 for a single joint.
-    left_out : float
-        Fraction of the markers that are neither on the chain nor on its branches.
     """
-    tip = chain.bodies[-1].markers
-    hidden = [each.evidence for each in refused if np.array_equal(each.whole.markers, tip)]
-    whole = [each.evidence for each in refused if not np.array_equal(each.whole.markers, tip)]
-    ratios = [joint.free / max(joint.residual, 1e-6) for joint in chain.joints]
+    tip = bodies[-1].markers
+    hidden = [each.evidence for each in search.refused if np.array_equal(each.whole.markers, tip)]
+    whole = [each.evidence for each in search.refused if not np.array_equal(each.whole.markers, tip)]
+    ratios = [joint.ratio for joint in joints]
     against = {
-        "weakest": 12 * log_shortfall(min((each.evidence for each in made), default=np.inf), _SURE_DIVISION),
+        "weakest": 12 * log_shortfall(min((each.evidence for each in search.made), default=np.inf), _SURE_DIVISION),
         "runner-up": 6 * log_shortfall(_SURE_WHOLE, max(whole, default=0.0)),
         "hidden-tip": 10 * log_shortfall(_SURE_TIP, max(hidden, default=0.0)),
         "joint": 4 * log_shortfall(min(ratios), _SURE_JOINT),
         "base": 3 * log_shortfall(motion, _SURE_BASE),
-        "not-rigid": 8 * log_shortfall(_SURE_BODY, max(body.rms_residual for body in chain.bodies)),
+        "not-rigid": 8 * log_shortfall(_SURE_BODY, max(body.rms_residual for body in bodies)),
         "left-out": 30 * log_shortfall(1 - left_out, 1.0),
-        "one-joint": min(10 * log_shortfall(second_arc, _SURE_SECOND), _ONE_JOINT),
+        "one-joint": min(10 * log_shortfall(_measure_second_arc(bodies), _SURE_SECOND), _ONE_JOINT),
     }
     return weigh_evidence(_BEST, tuple(ratio / (ratio + _SURE_JOINT) for ratio in ratios), against)
+
+
+def _measure_second_arc(bodies: Sequence[SpatialBody]) -> float:
+    """Return the arc of the second independent rotation of the joints, as 4 standard deviations, rad; 0 for one joint.
+
+    The rotation vectors of all joints are split into independent time courses (principal components).
+    """
+    if len(bodies) < 3:
+        return 0.0
+    turns = [np.swapaxes(a.rotation, 1, 2) @ b.rotation for a, b in pairwise(bodies)]
+    together = np.isfinite(np.stack([turn[:, 0, 0] for turn in turns])).all(axis=0)
+    if together.sum() < LEAST:
+        return 0.0
+    vectors = [so3.log(mean_rotation(turn[together]).T @ turn[together]) for turn in turns]
+    values = np.linalg.eigvalsh(np.cov(np.concatenate(vectors, axis=1).T))
+    return float(4 * np.sqrt(max(values[-2], 0.0)))
 
 
 _SEARCH_FRAMES = 120
@@ -328,31 +285,19 @@ _SEGMENTATION_ROUNDS = 4
 
 
 @dataclass(frozen=True)
-class SpatialHypothesis:
-    """Division of a body into two, which was made or refused."""
-
-    parts: tuple[IntArray, IntArray]  # columns of the markers of the two parts
-    evidence: float  # evidence for two bodies relative to the required one; 1 or more if they were divided
-    gain: float  # summed log gain of the markers' residuals by the division
-    chosen: bool  # whether the body was divided
-
-
-@dataclass(frozen=True)
 class SpatialSegmentation:
     """Markers sorted into the segments of a chain in space."""
 
     segment: IntArray  # (M,) 0 = base, 1 … n from base to tip, -1 = none
-    parents: tuple[int, ...]  # parent of segments 1 … n
     residual: FloatArray  # (M,) rms distance of each marker from its position on its segment, m; NaN for none
     reasons: tuple[str, ...]  # reason for the assignment of each marker
     count: int  # number of segments with the base
     confidence: Confidence
-    ratios: tuple[float, ...]  # motion without each joint, divided by the residual of the joint
-    joint_residuals: tuple[float, ...]  # rms distance between the two segments' points at each joint, m
-    arcs: tuple[float, ...]  # range of each joint's rotation about its main axis, rad
+    joints: tuple[SpatialPairJoint, ...]  # joint k - 1 connects segments k - 1 and k
     moving_base: bool  # whether the base moves in the lab
     planarity: float  # fraction of the rotation that is not about one axis; 0 if planar, 2/3 for equal rotations
-    hypotheses: tuple[SpatialHypothesis, ...] = field(repr=False)  # divisions made and refused, the largest gain first
+    # divisions into two bodies, the largest gain first, and whether they were made
+    divisions: tuple[tuple[Division, bool], ...] = field(repr=False)
     branches: tuple[IntArray, ...] = field(default=(), repr=False)  # columns of the bodies that were left out
 
 
@@ -388,16 +333,8 @@ def segment_in_space(
     deviation[np.ix_(seen, seen)] = distance_deviation(points[:, seen])
     partners = np.sum(deviation <= _PARTNER * rules.max_body_residual, axis=1) - 1
     markers = np.flatnonzero(seen & (partners >= LEAST - 1))
-    _require_motion(len(markers), deviation[np.ix_(seen, seen)])
-    searched = points[frames_along_motion(points, min(frames, _SEARCH_FRAMES))]
-    search = _search_with_count(SpatialBodies(searched, markers, constraints), rules)
-    return _assemble(search, points, seen, rules, constraints)
-
-
-def _require_motion(count: int, deviation: FloatArray) -> None:
-    """Refuse a trial in which no distance between markers changes, or fewer than two bodies can be formed."""
-    largest = float(deviation.max(initial=0.0))
-    if largest < _RIGID and count:
+    largest = float(deviation[np.ix_(seen, seen)].max(initial=0.0))
+    if largest < _RIGID and len(markers):
         raise Refused(
             "no-motion",
             f"no joint moves: all distances between markers stay constant within {1e3 * largest:.1f} mm rms (at a "
@@ -405,18 +342,65 @@ def _require_motion(count: int, deviation: FloatArray) -> None:
             largest,
             _RIGID,
         )
-    if count < 2 * LEAST:
+    if len(markers) < 2 * LEAST:
         raise Refused(
             "no-chain",
-            f"{count} of {len(deviation)} markers move rigidly with two others, but two segments in space need at "
-            f"least {2 * LEAST} markers, three each. Add markers, so that each segment has three.",
-            float(count),
+            f"{len(markers)} of {int(seen.sum())} markers move rigidly with two others, but two segments in space need "
+            f"at least {2 * LEAST} markers, three each. Add markers, so that each segment has three.",
+            float(len(markers)),
             float(2 * LEAST),
         )
+    searched = points[frames_along_motion(points, min(frames, _SEARCH_FRAMES))]
+    search, chain = _search_with_count(SpatialBodies(searched, markers, constraints), rules)
+
+    # the bodies are fitted to all chosen frames
+    sorter = SpatialBodies(points, np.flatnonzero(seen), constraints)
+    bodies = [sorter.body(body.markers) for body in chain.bodies]
+    joints = tuple(sorter.joint(first, second) for first, second in pairwise(bodies))
+    residuals = np.stack([body.residual for body in bodies])
+    segment = np.full(points.shape[1], -1)
+    for k, body in enumerate(bodies):
+        segment[body.markers] = k
+
+    # outliers are removed, and each visible marker that is on no branch is assigned to the segment that fits it best
+    for k in range(len(bodies)):
+        own = np.flatnonzero(segment == k)
+        usual = float(np.median(residuals[k, own]))
+        foreign = own[residuals[k, own] > max(_FOREIGN * usual, rules.max_body_residual)]
+        if len(own) - len(foreign) >= LEAST:
+            segment[foreign] = -1
+    branched = np.isin(np.arange(len(segment)), [marker for body in chain.branches for marker in body.markers])
+    for marker in np.flatnonzero(seen & ~branched & (segment < 0)):
+        unit = np.flatnonzero((constraints.unit == constraints.unit[marker]) & (segment >= 0))
+        taken = segment[constraints.barred[marker]]
+        cost = np.where(np.isin(np.arange(len(bodies)), taken), np.inf, residuals[:, marker])
+        if len(unit):
+            segment[marker] = segment[unit[0]]
+        elif cost.min() <= rules.max_body_residual:
+            segment[marker] = int(np.argmin(cost))
+
+    scatter = measure_scatter(points)
+    base, tip = (float(np.median(scatter[segment == k])) for k in (0, len(bodies) - 1))
+    beside = [branch for branch, joined in zip(chain.branches, chain.joined, strict=True) if joined]
+    explained = int(np.sum(segment >= 0)) + sum(len(branch.markers) for branch in beside)
+    left_out = 1 - explained / max(int(seen.sum()), 1)
+    divisions = [(each, True) for each in search.made] + [(each, False) for each in search.refused]
+    return SpatialSegmentation(
+        segment=segment,
+        residual=np.where(segment >= 0, residuals[segment, np.arange(len(segment))], np.nan),
+        reasons=tuple(_explain_assignment(m, segment, residuals, chain, seen) for m in range(len(segment))),
+        count=len(bodies),
+        confidence=assess_spatial_confidence(bodies, joints, search, motion=tip / max(base, 1e-6), left_out=left_out),
+        joints=joints,
+        moving_base=base > rules.still_limit,
+        planarity=_measure_planarity(bodies),
+        divisions=tuple(sorted(divisions, key=lambda pair: -pair[0].gain)),
+        branches=tuple(branch.markers for branch in chain.branches),
+    )
 
 
-def _search_with_count(sorter: SpatialBodies, rules: SegmentationRules) -> SpatialSearch:
-    """Return the search whose chain has the requested number of segments; refuse the trial if there is none."""
+def _search_with_count(sorter: SpatialBodies, rules: SegmentationRules) -> tuple[SpatialSearch, SpatialBodyChain]:
+    """Return the search whose chain has the requested number of segments, and the chain; refuse a trial without it."""
     search = search_best_chain(sorter, rules)
     lengths = set()
     for _ in range(_SEGMENTATION_ROUNDS):
@@ -426,9 +410,8 @@ def _search_with_count(sorter: SpatialBodies, rules: SegmentationRules) -> Spati
         if rules.count is None or length == rules.count or not sizes:
             break
         search = search_chain(sorter, rules, max(sizes) if length < rules.count else min(sizes) * (1 + 1e-9))
-    length = 0 if search.chain is None else len(search.chain.bodies)
-    if search.chain is not None and rules.count in (None, length):
-        return search
+    if search.chain is not None and rules.count in (None, len(search.chain.bodies)):
+        return search, search.chain
     if lengths - {0}:
         raise Refused(
             "no-chain",
@@ -438,100 +421,26 @@ def _search_with_count(sorter: SpatialBodies, rules: SegmentationRules) -> Spati
             float(rules.count or 0),
             float(max(lengths)),
         )
-    raise _explain_missing_chain(search, sorter, rules)
-
-
-def _explain_missing_chain(search: SpatialSearch, sorter: SpatialBodies, rules: SegmentationRules) -> Refused:
-    """Return the refusal: no two bodies rotate about a common point."""
-    bodies = sum(len(body.markers) >= LEAST for body in search.bodies)
-    if bodies < 2:
-        return Refused(
+    count = sum(len(body.markers) >= LEAST for body in search.bodies)
+    if count < 2:
+        raise Refused(
             "no-chain",
             f"the {len(sorter.markers)} markers are one body (residual {1e3 * search.bodies[0].rms_residual:.0f} mm "
             "rms), so there is no joint. Record a larger movement of the joints, with at least three markers on each "
             "segment, or take the chain from another trial (`calibration:`).",
-            float(bodies),
+            float(count),
             2.0,
         )
-    joints = [fit_pair_joint(first, second) for first, second in combinations(search.bodies, 2)]
-    best = min(joints, key=lambda joint: joint.residual / max(joint.free, 1e-6))
-    return Refused(
+    best = min(sorter.joints(search.bodies).values(), key=lambda joint: joint.residual / max(joint.free, 1e-6))
+    raise Refused(
         "no-chain",
-        f"none of {bodies} rigid bodies rotates about a point of another body: the best pair keeps a common point "
+        f"none of {count} rigid bodies rotates about a point of another body: the best pair keeps a common point "
         f"within {1e3 * best.residual:.0f} mm (limit {1e3 * min(rules.max_residual, CHANCE * best.free):.0f} mm) over "
         f"an arc of {np.degrees(best.arc):.1f}° (at least {np.degrees(rules.min_arc):.1f}°). Record a larger movement "
         "of the joints, with at least three markers on each segment.",
         best.residual,
         rules.max_residual,
     )
-
-
-def _assemble(
-    search: SpatialSearch, points: FloatArray, seen: BoolArray, rules: SegmentationRules, constraints: Constraints
-) -> SpatialSegmentation:
-    """Return the result, with the bodies fitted to all chosen frames, and with the leftover markers assigned."""
-    assert search.chain is not None
-    sorter = SpatialBodies(points, np.flatnonzero(seen), constraints)
-    bodies = [sorter.body(body.markers) for body in search.chain.bodies]
-    chain = SpatialBodyChain(tuple(bodies), fit_joints_along(bodies), search.chain.branches, search.chain.joined)
-    residuals = np.stack([body.residual for body in bodies])
-    segment = np.full(points.shape[1], -1)
-    for k, body in enumerate(bodies):
-        segment[body.markers] = k
-    branched = np.isin(np.arange(len(segment)), [marker for body in chain.branches for marker in body.markers])
-    _assign_leftovers(segment, residuals, seen & ~branched, rules, constraints)
-    residual = np.where(segment >= 0, residuals[segment, np.arange(len(segment))], np.nan)
-    motion = measure_scatter(points)
-    base, tip = (float(np.median(motion[segment == k])) for k in (0, len(bodies) - 1))
-    beside = [branch for branch, joined in zip(chain.branches, chain.joined, strict=True) if joined]
-    explained = int(np.sum(segment >= 0)) + sum(len(branch.markers) for branch in beside)
-    confidence = assess_spatial_confidence(
-        chain,
-        search.made,
-        search.refused,
-        motion=tip / max(base, 1e-6),
-        second_arc=_measure_second_arc(chain),
-        left_out=1 - explained / max(int(seen.sum()), 1),
-    )
-    return SpatialSegmentation(
-        segment=segment,
-        parents=tuple(range(len(bodies) - 1)),
-        residual=residual,
-        reasons=tuple(_explain_assignment(m, segment, residuals, chain, seen) for m in range(len(segment))),
-        count=len(bodies),
-        confidence=confidence,
-        ratios=tuple(joint.free / max(joint.residual, 1e-6) for joint in chain.joints),
-        joint_residuals=tuple(joint.residual for joint in chain.joints),
-        arcs=tuple(joint.arc for joint in chain.joints),
-        moving_base=base > rules.still_limit,
-        planarity=_measure_planarity(chain),
-        hypotheses=_list_hypotheses(search),
-        branches=tuple(branch.markers for branch in chain.branches),
-    )
-
-
-def _assign_leftovers(
-    segment: IntArray, residuals: FloatArray, free: BoolArray, rules: SegmentationRules, constraints: Constraints
-) -> None:
-    """Remove outliers from ``segment`` (M,), in place, and assign each free marker to the segment that fits it best.
-
-    ``residuals`` (n + 1, M) are residuals of every marker on every segment, m. ``free`` (M,) marks the markers that are
-    visible and on no branch.
-    """
-    for k in range(len(residuals)):
-        own = np.flatnonzero(segment == k)
-        usual = float(np.median(residuals[k, own]))
-        foreign = own[residuals[k, own] > max(_FOREIGN * usual, rules.max_body_residual)]
-        if len(own) - len(foreign) >= LEAST:
-            segment[foreign] = -1
-    for marker in np.flatnonzero(free & (segment < 0)):
-        unit = np.flatnonzero((constraints.unit == constraints.unit[marker]) & (segment >= 0))
-        taken = segment[constraints.barred[marker]]
-        cost = np.where(np.isin(np.arange(len(residuals)), taken), np.inf, residuals[:, marker])
-        if len(unit):
-            segment[marker] = segment[unit[0]]
-        elif cost.min() <= rules.max_body_residual:
-            segment[marker] = int(np.argmin(cost))
 
 
 def _explain_assignment(
@@ -559,11 +468,11 @@ def _explain_assignment(
     )
 
 
-def _measure_planarity(chain: SpatialBodyChain) -> float:
+def _measure_planarity(bodies: Sequence[SpatialBody]) -> float:
     """Return the fraction of the segments' squared short-time rotation in the base that is not about one axis."""
-    base = chain.bodies[0].rotation
+    base = bodies[0].rotation
     moment = np.zeros((3, 3))
-    for body in chain.bodies[1:]:
+    for body in bodies[1:]:
         turn = np.swapaxes(base, 1, 2) @ body.rotation
         turn = turn[np.isfinite(turn[:, 0, 0])]
         step = max(1, len(turn) // _STEPS)
@@ -571,29 +480,3 @@ def _measure_planarity(chain: SpatialBodyChain) -> float:
         moment += vector.T @ vector
     values = np.linalg.eigvalsh(moment)
     return float(1 - values[2] / values.sum()) if values.sum() > 0 else 0.0
-
-
-def _measure_second_arc(chain: SpatialBodyChain) -> float:
-    """Return the arc of the second independent rotation of the joints, as 4 standard deviations, rad; 0 for one joint.
-
-    The rotation vectors of all joints are split into independent time courses (principal components).
-    """
-    if len(chain.joints) < 2:
-        return 0.0
-    turns = [np.swapaxes(a.rotation, 1, 2) @ b.rotation for a, b in pairwise(chain.bodies)]
-    together = np.isfinite(np.stack([turn[:, 0, 0] for turn in turns])).all(axis=0)
-    if together.sum() < LEAST:
-        return 0.0
-    vectors = [so3.log(mean_rotation(turn[together]).T @ turn[together]) for turn in turns]
-    vector = np.concatenate(vectors, axis=1)
-    values = np.linalg.eigvalsh(np.cov(vector.T))
-    return float(4 * np.sqrt(max(values[-2], 0.0)))
-
-
-def _list_hypotheses(search: SpatialSearch) -> tuple[SpatialHypothesis, ...]:
-    """Return the divisions made and refused, the largest gain first."""
-    every = [(each, True) for each in search.made] + [(each, False) for each in search.refused]
-    return tuple(
-        SpatialHypothesis((each.parts[0].markers, each.parts[1].markers), each.evidence, each.gain, chosen)
-        for each, chosen in sorted(every, key=lambda pair: -pair[0].gain)
-    )

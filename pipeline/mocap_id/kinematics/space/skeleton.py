@@ -80,22 +80,8 @@ def fit_trunk(points: Mapping[str, FloatArray]) -> Trunk:
             f"{', '.join(roles) or 'none of them'}.",
         )
     tracks = np.stack([points[name] for name in roles], axis=1)
-    local, weight = _choose_first_shape(tracks), np.ones(len(roles))
-    for _ in range(_ROUNDS):
-        rotations, origins = _fit_poses(tracks, local, weight)
-        back = np.einsum("fji,fkj->fki", rotations, tracks - origins[:, None])
-        local = np.nanmedian(back, axis=0)
-        residual = np.sqrt(np.mean(_robust_sd(back - local) ** 2, axis=1))
-        weight = 1 / residual**2
-    turn, middle = _find_anatomical_axes(local, roles)
-    local = (local - middle) @ turn
-    rotations, origins = _fit_poses(tracks, local, weight)
-    share = np.clip(1 - 2 * weight / weight.sum(), 0.3, 1.0)  # the pose follows a joint by up to six of 3 T coordinates
-    return Trunk(roles, local, residual / np.sqrt(share), rotations, origins)
 
-
-def _choose_first_shape(tracks: FloatArray) -> FloatArray:
-    """Return the shape in the frame whose joint distances are closest to their medians."""
+    # the first shape is that of the frame whose joint distances are closest to their medians
     seen = np.isfinite(tracks).all(axis=(1, 2))
     if not seen.any():
         seen = np.isfinite(tracks).all(axis=2).sum(axis=1) >= 3
@@ -105,18 +91,15 @@ def _choose_first_shape(tracks: FloatArray) -> FloatArray:
     shape = some - np.nanmean(some, axis=1, keepdims=True)
     distance = np.linalg.norm(shape[:, :, None] - shape[:, None], axis=3)
     off = np.nansum((distance - np.nanmedian(distance, axis=0)) ** 2, axis=(1, 2))
-    return np.asarray(shape[int(np.argmin(off))])
+    local, weight = np.asarray(shape[int(np.argmin(off))]), np.ones(len(roles))
+    for _ in range(_ROUNDS):
+        rotations, origins = _fit_poses(tracks, local, weight)
+        back = np.einsum("fji,fkj->fki", rotations, tracks - origins[:, None])
+        local = np.nanmedian(back, axis=0)
+        residual = np.sqrt(np.mean(_robust_sd(back - local) ** 2, axis=1))
+        weight = 1 / residual**2
 
-
-def _fit_poses(tracks: FloatArray, local: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return rotations and origins of the trunk in every frame."""
-    seen = np.isfinite(tracks).all(axis=2) & np.isfinite(local).all(axis=1)
-    rotations, origins, _ = rigid_poses(tracks, local, seen * weight / weight.max())
-    return rotations, origins
-
-
-def _find_anatomical_axes(local: FloatArray, roles: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
-    """Return the anatomical axes as columns, and the origin, from the shape of the trunk."""
+    # anatomical axes from the shape of the trunk
     at = dict(zip(roles, local, strict=True))
 
     def middle(*names: str) -> FloatArray | None:
@@ -134,7 +117,17 @@ def _find_anatomical_axes(local: FloatArray, roles: tuple[str, ...]) -> tuple[Fl
         across = across + at["near_hip"] - at["far_hip"]
     z = across - (across @ y) * y
     z /= np.linalg.norm(z)
-    return np.stack([np.cross(y, z), y, z], axis=1), shoulders
+    local = (local - shoulders) @ np.stack([np.cross(y, z), y, z], axis=1)
+    rotations, origins = _fit_poses(tracks, local, weight)
+    share = np.clip(1 - 2 * weight / weight.sum(), 0.3, 1.0)  # the pose follows a joint by up to six of 3 T coordinates
+    return Trunk(roles, local, residual / np.sqrt(share), rotations, origins)
+
+
+def _fit_poses(tracks: FloatArray, local: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return rotations and origins of the trunk in every frame."""
+    seen = np.isfinite(tracks).all(axis=2) & np.isfinite(local).all(axis=1)
+    rotations, origins, _ = rigid_poses(tracks, local, seen * weight / weight.max())
+    return rotations, origins
 
 
 def fit_bone(tips: FloatArray, expected: FloatArray, expected_sd: float, *, rate: float) -> Bone:
@@ -143,11 +136,7 @@ def fit_bone(tips: FloatArray, expected: FloatArray, expected_sd: float, *, rate
     The positions ``tips`` (F, 3) are in the trunk's axes, m, NaN where missing; ``rate`` is in frames per second.
     ``expected`` (3,) is the measured centre, m, and ``expected_sd`` the standard deviation of its persistent error
     along each axis, m.
-
-    Raises
-    ------
-    Refused
-        Fewer than 20 frames contain the joint.
+    A joint in fewer than 20 frames is refused.
     """
     tips = tips[np.isfinite(tips).all(axis=1)]
     if len(tips) < _LEAST_FRAMES:

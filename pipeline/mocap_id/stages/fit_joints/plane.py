@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from mocap_id import recording
 from mocap_id.anatomy.landmarks import find_still_pose
-from mocap_id.arrays import BoolArray, ComplexArray, IntArray, as_xy
+from mocap_id.arrays import IntArray, as_xy
 from mocap_id.dynamics.priors import look_up_table
 from mocap_id.errors import ConfigError, RecordingError, Refused
 from mocap_id.kinematics import ChainFit, fit_chain, fit_links, frames_along_motion, orient_frames
@@ -18,14 +17,13 @@ from mocap_id.kinematics.bundle import chain_angles
 from mocap_id.kinematics.chain_fit import ChainState
 from mocap_id.kinematics.joint import count_positions
 from mocap_id.kinematics.static_pose import fit_static_pose
-from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.calibration_trial import get_calibration, has_no_markers, read_chain
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.stages.trial_keys import StaticTrial, Subject
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN
 from mocap_id.store.views import Trajectories
-from mocap_id.verdict import Reason
 
 _MARKED_SD = 0.005  # m; limit for a joint with a marker at it, and for the first joint if its segment has few
 _OTHER_PERSON = 0.03  # m; rms distance of the static pose's markers from the chain; the same person: below 0.015
@@ -41,8 +39,14 @@ _FEW_POSITIONS = 3  # smallest sufficient number of different marker positions o
 
 def fit_joints(context: Context) -> Outputs:
     """Return chain.h5 of a trial in the plane."""
-    if has_no_markers(context.long("planar.parquet").facts):
-        return (_use_calibration(context),)
+    trial = context.trial
+    out = Findings()
+    if has_no_markers(context.long("planar.parquet").facts):  # the chain is that of the calibration trial
+        calibration = get_calibration(trial)
+        tree, name = read_chain(calibration), calibration.trial.name
+        out.say("calibrated", f"the joint centres and the segments' axes come from {name}.", level="ok")
+        cautions = (reason for reason in tree.reasons if reason.level != "ok")
+        return (Tree(CHAIN, tree.data, {**tree.facts, "calibration": name}, (*out.reasons, *cautions)),)
     settings: FitJointsSettings = context.settings
     segments = context.table("segments.parquet")
     view = Trajectories(context.long("planar.parquet"), segments.facts.get("bad_stretches", ()))
@@ -51,23 +55,90 @@ def fit_joints(context: Context) -> Outputs:
     points, own = view.read_plane(), _columns(view, labels)
     heights = np.where(np.isfinite(points), points.imag, np.nan)
     top, floor = float(np.nanpercentile(heights, 99.5)), float(np.nanmean(heights[:, own[segment == 0]], axis=0).min())
-    joint_names = segments.facts["joint_names"]
+    joint_names, names = segments.facts["joint_names"], segments.facts["names"]
     marked: Mapping[str, list[str]] = segments.facts["joint_markers"]
-    at_joint = {joint_names.index(name) + 1: _columns(view, about) for name, about in marked.items()}
-    links = segments.facts.get("links")
-    tracks = {joint: points[:, about].mean(axis=1) for joint, about in at_joint.items()}
-    start = None if links is None else _make_start(links, points[:, own], segment, labels, tracks)
-    usable = _has_two_markers(points, own, segment) if start is None else np.isfinite(start.angles).all(axis=1)
+    tracks = {
+        joint_names.index(name) + 1: points[:, _columns(view, about)].mean(axis=1) for name, about in marked.items()
+    }
+
+    # with single markers on segments, the fit starts from the chain of the stage segment
+    links, start = segments.facts.get("links"), None
+    if links is not None:
+        centres = np.array([complex(x, y) for x, y in links["centres"]])
+        local = np.array([complex(*links["local"][label]) for label in labels])
+        start = ChainState(centres, local, chain_angles(points[:, own], segment, centres, local, tracks))
+        usable = np.isfinite(start.angles).all(axis=1)
+    else:
+        visible = np.isfinite(points[:, own])
+        usable = np.all([visible[:, segment == k].sum(axis=1) >= 2 for k in range(1, segment.max() + 1)], axis=0)
     if np.count_nonzero(usable) > settings.frames:
         frames = frames_along_motion(points, settings.frames, np.flatnonzero(usable))
         points = points[frames]
         start = None if start is None else replace(start, angles=start.angles[frames])
         tracks = {joint: track[frames] for joint, track in tracks.items()}
-    fit = orient_frames(_estimate(points[:, own], segment, tracks, settings, start))
-    names, uncertain = segments.facts["names"], np.nan_to_num(fit.length_sd)
-    check_sizes(dict(zip(names[1:-1], zip(fit.lengths, uncertain, strict=True), strict=True)), context.trial.subject)
-    if context.trial.protocol == "sit-to-stand" and names[0] == "foot":
-        _check_ankle(float(fit.centres[0].imag) - floor, top - floor, context.trial.subject.height)
+    if settings.estimator == "bundle":
+        fit = fit_chain(points[:, own], segment, tracks, settings.lambda_a, start)
+    elif start is not None:
+        raise ConfigError(
+            f"fit-joints: a segment has a single marker, and `estimator: {settings.estimator}` needs two markers on "
+            "every segment; expected `estimator: bundle`"
+        )
+    elif tracks:
+        raise ConfigError(f"segment: joint_markers: `fit-joints: {{estimator: {settings.estimator}}}` cannot use them")
+    else:
+        fit = fit_links(points[:, own], segment, "circle" if settings.estimator == "circle" else "rigid-body")
+    fit = orient_frames(fit)
+    sds = np.nan_to_num(fit.length_sd)
+    check_sizes(dict(zip(names[1:-1], zip(fit.lengths, sds, strict=True), strict=True)), trial.subject)
+    if trial.protocol == "sit-to-stand" and names[0] == "foot":
+        # if the ankle is as high above the lowest still marker as a knee, the shank was taken for the foot
+        height, stature = float(fit.centres[0].imag) - floor, trial.subject.height
+        limit = max(_ANKLE * (top - floor if stature is None else stature), _ANKLE_M)
+        if height > limit:
+            raise Refused(
+                "size-impossible",
+                f"the joint called ankle is {height:.2f} m above the lowest marker that stands, expected at most "
+                f"{limit:.2f} m: this is a higher joint, such as the knee, and what is still below it was taken for "
+                "the foot. Record a movement in which the shank rotates, or name the segments: `segment: {count: …, "
+                "names: […]}`, with `protocol: free`",
+                height,
+                limit,
+            )
+    out.fact(
+        estimator=settings.estimator,
+        iterations=fit.iterations,
+        reprojection_rms_m=float(np.sqrt(np.mean(fit.residual[segment > 0] ** 2))),
+        single_markers=links is not None,
+    )
+    if isinstance(trial.static, StaticTrial):
+        _fit_static_trial(out, trial.static, view, labels, fit)
+    report_estimator(out, settings)
+    for name, about in marked.items():
+        out.say(
+            "joint-markers",
+            f"the centre of the {name} is attracted to the mean of {', '.join(about)} (λ_A = {settings.lambda_a:g}); "
+            "its standard deviation includes 10 mm for the distance between this mean and the joint.",
+            settings.lambda_a,
+            level="ok",
+        )
+
+    # An error of the joints of conventional marker sets, and of the first joint if its segment has few different
+    # positions, is multiplied by the weight on them and gives an error of the torque: their limit is smaller.
+    critical = set(() if links is None else marked)
+    if count_positions(fit.local[fit.segment == 1]) < _FEW_POSITIONS:
+        critical |= set(joint_names[:1])
+    for name, arc, covariance in zip(joint_names, np.degrees(fit.arcs), fit.covariance, strict=True):
+        sd = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1])) if np.isfinite(covariance).all() else None
+        if arc < settings.small_arc_deg:
+            out.say(
+                "small-arc",
+                f"the {name} rotates by only {arc:.1f}°: skin motion of 2 mm then moves its centre by "
+                f"{2 / np.radians(arc):.0f} mm unnoticed. Record a movement in which it rotates more.",
+                float(arc),
+                settings.small_arc_deg,
+            )
+        elif sd is not None and sd > (limit := min(settings.large_sd_m, _MARKED_SD if name in critical else np.inf)):
+            report_uncertain_centre(out, name, sd, limit)
     data = {
         "joints": {
             "name": np.array(joint_names, dtype=object),
@@ -76,11 +147,7 @@ def fit_joints(context: Context) -> Outputs:
             "covariance": fit.covariance,
             "arc": fit.arcs,
         },
-        "segments": {
-            "name": np.array(segments.facts["names"], dtype=object),
-            "length": fit.lengths,
-            "length_sd": fit.length_sd,
-        },
+        "segments": {"name": np.array(names, dtype=object), "length": fit.lengths, "length_sd": fit.length_sd},
         "markers": {
             "name": np.array(labels, dtype=object),
             "segment": segment,
@@ -88,36 +155,15 @@ def fit_joints(context: Context) -> Outputs:
             "residual": fit.residual,
         },
     }
-    facts = {
-        "estimator": settings.estimator,
-        "iterations": fit.iterations,
-        "reprojection_rms_m": float(np.sqrt(np.mean(fit.residual[segment > 0] ** 2))),
-        "single_markers": links is not None,
-    }
-    pose, unclear = _fit_static_trial(context.trial.static, view, labels, segment, fit)
-    facts |= pose
-    critical = set(() if links is None else marked)
-    if count_positions(fit.local[fit.segment == 1]) < _FEW_POSITIONS:
-        critical |= set(joint_names[:1])
-    reasons = (
-        *unclear,
-        *explain_estimator(settings),
-        *_explain_joint_markers(marked, settings),
-        *_explain_weak_joints(fit, joint_names, settings, critical),
-    )
-    return (Tree(CHAIN, data, facts, reasons),)
+    return (Tree(CHAIN, data, out.facts, tuple(out.reasons)),)
 
 
-def _fit_static_trial(
-    static: tuple[float, float] | StaticTrial | None,
-    view: Trajectories,
-    labels: list[str],
-    segment: IntArray,
-    fit: ChainFit,
-) -> tuple[dict[str, Any], tuple[Reason, ...]]:
-    """Return the fact ``static``, the joint angles of the chain in the static trial, if there is one, and cautions."""
-    if not isinstance(static, StaticTrial):
-        return {}, ()
+def _columns(view: Trajectories, labels: list[str]) -> IntArray:
+    return np.array([view.labels.index(label) for label in labels], dtype=np.int64)
+
+
+def _fit_static_trial(out: Findings, static: StaticTrial, view: Trajectories, labels: list[str], fit: ChainFit) -> None:
+    """Add the fact ``static``, the joint angles of the chain in the static trial, and cautions."""
     file, source = static.recording, recording.read(static.recording, units=static.units, vertical=static.vertical)
     both = [k for k, label in enumerate(labels) if label in source.labels]
     points = source.positions[:, [source.labels.index(labels[k]) for k in both]]
@@ -146,7 +192,7 @@ def _fit_static_trial(
     used = np.array(both)[known]
     track = view.read_positions(_columns(view, [labels[k] for k in used]), axes="z")[..., 0]
     found = fit_static_pose(
-        mean[known], np.nanmean(track, axis=0), segment[used], as_xy(fit.local[used]), as_xy(fit.centres)
+        mean[known], np.nanmean(track, axis=0), fit.segment[used], as_xy(fit.local[used]), as_xy(fit.centres)
     )
     if found.residual > _OTHER_PERSON:
         raise RecordingError(
@@ -154,30 +200,18 @@ def _fit_static_trial(
             f"trial, expected at most {1e3 * _OTHER_PERSON:.0f} mm; give a static trial of the same person with the "
             "same markers, unmoved, or leave out `static:`"
         )
-    reasons: tuple[Reason, ...] = ()
     if pose.reasons:
         text = (
             f"the markers move at {1e3 * pose.speed:.0f} mm/s in the stillest part of {file.name}, so the zero of the "
             "joint angles is uncertain; record a person who stands still for two seconds."
         )
-        reasons = (Reason("static-moves", text, pose.speed, pose.reasons[0].limit),)
-    fact = {
+        out.say("static-moves", text, pose.speed, pose.reasons[0].limit)
+    out.facts["static"] = {
         "trial": static.trial.name,
         "theta": [float(angle) if np.isfinite(angle) else None for angle in found.theta],
         "sd_theta": [float(sd) for sd in found.sd],
         "residual_m": found.residual,
     }
-    return {"static": fact}, reasons
-
-
-def _use_calibration(context: Context) -> Tree:
-    """Return chain.h5 of a trial without markers, which is the chain of the calibration trial."""
-    calibration = get_calibration(context.trial)
-    tree = read_chain(calibration)
-    name = calibration.trial.name
-    note = Reason("calibrated", f"the joint centres and the segments' axes come from {name}.", level="ok")
-    cautions = tuple(reason for reason in tree.reasons if reason.level != "ok")
-    return Tree(CHAIN, tree.data, {**tree.facts, "calibration": name}, (note, *cautions))
 
 
 def check_sizes(sizes: Mapping[str, tuple[float, float]], subject: Subject) -> None:
@@ -185,12 +219,8 @@ def check_sizes(sizes: Mapping[str, tuple[float, float]], subject: Subject) -> N
 
     With a height, the length is compared with the tables' share of it; without, shank and thigh are compared with each
     other and with the smallest and tallest people. A segment above the hip is shorter than the trunk up to the
-    shoulder. Two standard deviations of the length are allowed in addition.
-
-    Parameters
-    ----------
-    sizes : mapping
-        Length and its standard deviation, m, of each segment between two joints.
+    shoulder. Two standard deviations of the length are allowed in addition. ``sizes`` are the length and its standard
+    deviation, m, of each segment between two joints.
     """
     sex = subject.sex
     tables = [look_up_table("winter", None), *((look_up_table("de-leva", sex),) if sex is not None else ())]
@@ -239,123 +269,20 @@ def check_sizes(sizes: Mapping[str, tuple[float, float]], subject: Subject) -> N
         )
 
 
-def _check_ankle(height: float, top: float, stature: float | None) -> None:
-    """Raise Refused if the ankle is as high above the floor as a knee, so that the shank was taken for the foot.
-
-    ``height`` is that of the ankle and ``top`` that of the highest marker above the lowest still marker, m.
-    """
-    limit = max(_ANKLE * (top if stature is None else stature), _ANKLE_M)
-    if height > limit:
-        raise Refused(
-            "size-impossible",
-            f"the joint called ankle is {height:.2f} m above the lowest marker that stands, expected at most "
-            f"{limit:.2f} m: this is a higher joint, such as the knee, and what is still below it was taken for the "
-            "foot. Record a movement in which the shank rotates, or name the segments: `segment: {count: …, names: "
-            "[…]}`, with `protocol: free`",
-            height,
-            limit,
+def report_estimator(out: Findings, settings: FitJointsSettings) -> None:
+    """Add a caution if the estimator is not the default; for trials in the plane and in space."""
+    if settings.estimator != "bundle":
+        without_sd = (
+            "" if settings.estimator == "rigid-body" else "; its joints and lengths have no standard deviations"
         )
-
-
-def _columns(view: Trajectories, labels: list[str]) -> IntArray:
-    return np.array([view.labels.index(label) for label in labels], dtype=np.int64)
-
-
-def _has_two_markers(points: ComplexArray, own: IntArray, segment: IntArray) -> BoolArray:
-    """Return True (F,) for the frames with at least two markers of every moving segment."""
-    visible = np.isfinite(points)
-    moving = [own[segment == k] for k in range(1, segment.max() + 1)]
-    return np.asarray(np.all([visible[:, markers].sum(axis=1) >= 2 for markers in moving], axis=0))
-
-
-def _make_start(
-    links: Mapping[str, Any],
-    points: ComplexArray,
-    segment: IntArray,
-    labels: list[str],
-    tracks: Mapping[int, ComplexArray],
-) -> ChainState:
-    """Return the chain fitted by the stage segment, with the angles of all frames, as start of the joint fit."""
-    centres = np.array([complex(x, y) for x, y in links["centres"]])
-    local = np.array([complex(*links["local"][label]) for label in labels])
-    return ChainState(centres, local, chain_angles(points, segment, centres, local, tracks))
-
-
-def _estimate(
-    points: ComplexArray,
-    segment: IntArray,
-    auxiliary: Mapping[int, ComplexArray],
-    settings: FitJointsSettings,
-    start: ChainState | None,
-) -> ChainFit:
-    """Fit the chain by the estimator in the settings; ConfigError if it cannot use the markers of this trial."""
-    if settings.estimator == "bundle":
-        return fit_chain(points, segment, auxiliary, settings.lambda_a, start)
-    if start is not None:
-        raise ConfigError(
-            f"fit-joints: a segment has a single marker, and `estimator: {settings.estimator}` needs two markers on "
-            "every segment; expected `estimator: bundle`"
-        )
-    if auxiliary:
-        raise ConfigError(f"segment: joint_markers: `fit-joints: {{estimator: {settings.estimator}}}` cannot use them")
-    return fit_links(points, segment, "circle" if settings.estimator == "circle" else "rigid-body")
-
-
-def explain_estimator(settings: FitJointsSettings) -> tuple[Reason, ...]:
-    """Return a caution if the estimator is not the default; for trials in the plane and in space."""
-    if settings.estimator == "bundle":
-        return ()
-    without_sd = "" if settings.estimator == "rigid-body" else "; its joints and lengths have no standard deviations"
-    return (
-        Reason(
+        out.say(
             "estimator",
             f"the joints are fitted by `{settings.estimator}`, which is only for comparison{without_sd}. Remove "
             "`fit-joints: {estimator: …}` to fit the whole chain.",
-        ),
-    )
-
-
-def _explain_joint_markers(marked: Mapping[str, list[str]], settings: FitJointsSettings) -> tuple[Reason, ...]:
-    """Return a note for each joint whose centre is attracted by markers; ``marked`` are the marker labels by joint."""
-    return tuple(
-        Reason(
-            "joint-markers",
-            f"the centre of the {name} is attracted to the mean of {', '.join(about)} (λ_A = {settings.lambda_a:g}); "
-            "its standard deviation includes 10 mm for the distance between this mean and the joint.",
-            settings.lambda_a,
-            level="ok",
         )
-        for name, about in marked.items()
-    )
 
 
-def _explain_weak_joints(
-    fit: ChainFit, names: list[str], settings: FitJointsSettings, critical: Container[str]
-) -> tuple[Reason, ...]:
-    """Return a caution for every joint that rotates too little or whose centre is uncertain.
-
-    The limit is smaller for the joints ``critical`` of conventional marker sets, because an error of their centres,
-    multiplied by the weight on them, is an error of the torque.
-    """
-    reasons = []
-    for name, arc, covariance in zip(names, np.degrees(fit.arcs), fit.covariance, strict=True):
-        sd = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1])) if np.isfinite(covariance).all() else None
-        if arc < settings.small_arc_deg:
-            reasons.append(
-                Reason(
-                    "small-arc",
-                    f"the {name} rotates by only {arc:.1f}°: skin motion of 2 mm then moves its centre by "
-                    f"{2 / np.radians(arc):.0f} mm unnoticed. Record a movement in which it rotates more.",
-                    float(arc),
-                    settings.small_arc_deg,
-                )
-            )
-        elif sd is not None and sd > (limit := min(settings.large_sd_m, _MARKED_SD if name in critical else np.inf)):
-            reasons.append(explain_uncertain_centre(name, sd, limit))
-    return tuple(reasons)
-
-
-def explain_uncertain_centre(name: str, sd: float, limit: float) -> Reason:
-    """Return a caution about a joint centre whose standard deviation ``sd``, m, is above the limit."""
+def report_uncertain_centre(out: Findings, name: str, sd: float, limit: float) -> None:
+    """Add a caution about a joint centre whose standard deviation ``sd``, m, is above the limit."""
     text = f"the centre of the {name} has a standard deviation of {1e3 * sd:.0f} mm."
-    return Reason("joint-uncertain", text, sd, limit)
+    out.say("joint-uncertain", text, sd, limit)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,23 +11,20 @@ from mocap_id.anatomy.names import find_landmarks
 from mocap_id.errors import ConfigError
 from mocap_id.geometry.spatial_chain import JointKind, SpatialJoint
 from mocap_id.kinematics.space.chain_fit import fit_spatial_chain, has_known_axes, refine_axes
-from mocap_id.kinematics.space.chain_result import SpatialFit
-from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.calibration_trial import read_chain
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.stages.fit_joints.anatomy import (
-    AnatomicalChain,
-    explain_unused_pointers,
     find_points_near_joints,
     fit_anatomical_frames,
+    report_unused_pointers,
 )
-from mocap_id.stages.fit_joints.plane import explain_estimator, explain_uncertain_centre
+from mocap_id.stages.fit_joints.plane import report_estimator, report_uncertain_centre
 from mocap_id.stages.skin_motion import correct_axial_rotation, fit_cluster_poses
-from mocap_id.stages.trial_keys import get_landmark_labels
+from mocap_id.stages.trial_keys import Calibration, get_landmark_labels
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN
 from mocap_id.store.views import SpatialSkeleton, Trajectories, is_skeleton
-from mocap_id.verdict import Reason
 
 _ANATOMICAL_KINDS: Mapping[str, JointKind] = {
     "clavicle": "ball",
@@ -57,31 +53,32 @@ _RIGID_MARKERS = (
 
 def fit_chain_in_space(context: Context) -> Outputs:
     """Return chain.h5 of a trial in space."""
-    if context.trial.calibration is not None:
-        tree = _use_calibration(context)
-        unused = explain_unused_pointers(context.trial, (), "the chain and its landmarks are from the calibration")
-        return (replace(tree, reasons=(*tree.reasons, *unused)),)
+    trial, out = context.trial, Findings()
     settings: FitJointsSettings = context.settings
-    segments = context.table("segments.parquet")
+    if trial.calibration is not None:
+        return (_use_calibration(context, trial.calibration),)
     if is_skeleton(context.long("planar.parquet").facts):
         from mocap_id.stages.fit_joints.skeleton import fit_skeleton_chain  # noqa: PLC0415  only skeletons need it
 
-        (skeleton,) = fit_skeleton_chain(context)
-        assert isinstance(skeleton, Tree)
-        unused = explain_unused_pointers(context.trial, (), "a skeleton has no markers on its segments")
-        return (replace(skeleton, reasons=(*skeleton.reasons, *unused)),)
+        return fit_skeleton_chain(context)
+    segments = context.table("segments.parquet")
     view = Trajectories(context.long("planar.parquet"), segments.facts.get("bad_stretches", ()))
     assigned = np.flatnonzero(segments["segment"] >= 0)
     labels, segment = [str(label) for label in segments["marker"][assigned]], segments["segment"][assigned]
     columns = np.array([view.labels.index(label) for label in labels], dtype=np.int64)
-    points = view.read_positions(columns)
     names, joint_names = segments.facts["names"], segments.facts["joint_names"]
-    kinds = _choose_kinds(settings.kinds, joint_names)
+    unknown = [name for name in settings.kinds if name not in joint_names]
+    if unknown:
+        raise ConfigError(
+            f"fit-joints: kinds: there is no joint {', '.join(unknown)}; expected one of {', '.join(joint_names)}"
+        )
+    of_names: dict[str, JointKind] = {**_ANATOMICAL_KINDS, **settings.kinds}
+    kinds = {k: of_names[name] for k, name in enumerate(joint_names, start=1) if name in of_names}
     assert settings.estimator != "rigid-body"
     assert settings.estimator != "circle"
-    acromion = find_landmarks(view.labels, get_landmark_labels(context.trial), context.trial.side).markers.get("AC")
+    acromion = find_landmarks(view.labels, get_landmark_labels(trial), trial.side).markers.get("AC")
     fit = fit_spatial_chain(
-        points,
+        view.read_positions(columns),
         segment,
         segments.facts["parents"],
         kinds,
@@ -90,60 +87,60 @@ def fit_chain_in_space(context: Context) -> Outputs:
         firm=[k for k, name in enumerate(names) if name == _GIRDLE],
         girdle=np.flatnonzero(columns == (-1 if acromion is None else acromion)).tolist(),
     )
-    anatomical = fit_anatomical_frames(context, view, fit, columns, names)
+    report_estimator(out, settings)
+    for name, joint, each in zip(joint_names, fit.chain.joints, fit.evidence, strict=True):
+        arc = float(np.degrees(each.arc))
+        known = np.isfinite(joint.covariance).all()
+        if not joint.known:
+            out.say(
+                "centre-unknown",
+                f"the motion does not determine the centre of the {name}, which rotates by {arc:.0f}°; no length "
+                f"or angle depends on it. {_MORE_MOTION if arc < _WIDE else _RIGID_MARKERS}",
+                arc,
+            )
+        elif joint.kind != "hinge" and known:  # the place of a hinge's centre along its axis has no meaning
+            sd = float(np.sqrt(np.linalg.eigvalsh(joint.covariance)[-1]))
+            if sd > settings.large_sd_m:
+                report_uncertain_centre(out, name, sd, settings.large_sd_m)
+    refined, chain, landmarks = fit_anatomical_frames(out, context, view, fit, columns=columns, names=names)
+    for k, (name, joint) in enumerate(zip(joint_names, fit.chain.joints, strict=True), start=1):
+        if kinds.get(k) == "two-axis" and joint.kind == "ball":
+            text = f"the two axes of the {name} are nearly parallel in this motion, so it is fitted as a ball joint."
+            out.say("axes-parallel", text, level="ok")
+    report_unused_pointers(out, trial, names)
     facts = {
         "estimator": settings.estimator,
-        "iterations": anatomical.fit.bundle.iterations,
-        "reprojection_rms_m": float(np.sqrt(np.mean(anatomical.fit.residual[segment > 0] ** 2))),
+        "iterations": refined.bundle.iterations,
+        "reprojection_rms_m": float(np.sqrt(np.mean(refined.residual[segment > 0] ** 2))),
         "evidence": {name: dict(each.ratio) for name, each in zip(joint_names, fit.evidence, strict=True)},
         "likely": {name: each.likely for name, each in zip(joint_names, fit.evidence, strict=True)},
-        **anatomical.facts,
+        **out.facts,
     }
-    reasons = explain_estimator(settings) + _explain_weak_joints(fit, joint_names, settings) + anatomical.reasons
-    reasons += _explain_parallel_axes(fit, joint_names, kinds) + explain_unused_pointers(context.trial, names)
-    return (Tree(CHAIN, _make_data(anatomical, labels, names, joint_names), facts, reasons),)
-
-
-def _choose_kinds(given: Mapping[str, JointKind], joint_names: Sequence[str]) -> dict[int, JointKind]:
-    """Return the kinds that the user gives, or else those of anatomical joints, by number of the joint."""
-    unknown = [name for name in given if name not in joint_names]
-    if unknown:
-        raise ConfigError(
-            f"fit-joints: kinds: there is no joint {', '.join(unknown)}; expected one of {', '.join(joint_names)}"
-        )
-    kinds = {**_ANATOMICAL_KINDS, **given}
-    return {k: kinds[name] for k, name in enumerate(joint_names, start=1) if name in kinds}
-
-
-def _make_data(
-    anatomical: AnatomicalChain, labels: list[str], names: list[str], joint_names: list[str]
-) -> dict[str, Any]:
-    """Return the datasets of chain.h5."""
-    chain, fit = anatomical.chain, anatomical.fit
     inner = len(chain.joints) - 1
-    return {
+    data = {
         "joints": {
             "name": np.array(joint_names, dtype=object),
             "parent": np.array(chain.parents, dtype=np.int64),
-            "arc": fit.arcs,
+            "arc": np.array([each.arc for each in fit.evidence]),
             **make_joint_arrays(chain.joints),
         },
         "segments": {
             "name": np.array(names, dtype=object),
-            "length": fit.lengths[:inner],
-            "length_sd": fit.length_sd[:inner],
+            "length": refined.lengths[:inner],
+            "length_sd": refined.length_sd[:inner],
         },
         "markers": {
             "name": np.array(labels, dtype=object),
             "segment": chain.segment,
             "local": chain.local,
-            "residual": fit.residual,
+            "residual": refined.residual,
             "on_glide": chain.on_glide,
             "skin": chain.skin,
             "skin_sd": chain.skin_sd,
         },
-        "landmarks": anatomical.landmarks,
+        "landmarks": landmarks,
     }
+    return (Tree(CHAIN, data, facts, tuple(out.reasons)),)
 
 
 def make_joint_arrays(joints: tuple[SpatialJoint, ...]) -> dict[str, Any]:
@@ -157,72 +154,30 @@ def make_joint_arrays(joints: tuple[SpatialJoint, ...]) -> dict[str, Any]:
     }
 
 
-def _use_calibration(context: Context) -> Tree:
+def _use_calibration(context: Context, calibration: Calibration) -> Tree:
     """Return the chain of the calibration with only the markers of this trial, and axes corrected by its motion."""
-    assert context.trial.calibration is not None
-    tree = read_chain(context.trial.calibration)
-    segments = context.table("segments.parquet")
+    tree, name, out = read_chain(calibration), calibration.trial.name, Findings()
+    segments, planar = context.table("segments.parquet"), context.long("planar.parquet")
     assigned = {str(label) for label, k in zip(segments["marker"], segments["segment"], strict=True) if k >= 0}
-    keep = np.array([name in assigned for name in tree.texts("markers/name")], dtype=np.bool_)
+    keep = np.array([label in assigned for label in tree.texts("markers/name")], dtype=np.bool_)
     markers: Mapping[str, Any] = tree.data["markers"]  # type: ignore[assignment]
-    data = {**tree.data, "markers": {name: np.asarray(values)[keep] for name, values in markers.items()}}
-    name = context.trial.calibration.trial.name
-    data["joints"], corrected = _correct_axes(context, Tree(CHAIN, data, tree.facts))
-    addition = f"; the motion of this trial corrects the axes of the {' and '.join(corrected)}" if corrected else ""
+    data = {**tree.data, "markers": {key: np.asarray(values)[keep] for key, values in markers.items()}}
+    skeleton = SpatialSkeleton.from_tree(Tree(CHAIN, data, tree.facts))
+    addition = ""
+    cameras = is_skeleton(planar.facts) or tree.facts["frames"] == "skeleton"
+    if not cameras and any(has_known_axes(joint) for joint in skeleton.chain.joints):
+        view = Trajectories(planar, segments.facts.get("bad_stretches", ()))
+        columns = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
+        points = view.read_positions(columns)[:: 1 + len(view.time) // _CORRECTED_BY]
+        rotations, _ = fit_cluster_poses(correct_axial_rotation(points, skeleton.chain), skeleton.chain)
+        chain, refined = refine_axes(skeleton.chain, rotations)
+        joints: Mapping[str, Any] = tree.data["joints"]  # type: ignore[assignment]
+        data["joints"] = {**joints, **make_joint_arrays(chain.joints)}
+        if refined:
+            corrected = " and ".join(skeleton.joints[k] for k in refined)
+            addition = f"; the motion of this trial corrects the axes of the {corrected}"
     message = f"joint centres, joint axes and anatomical frames come from {name}{addition}."
-    note = Reason("calibrated", message, level="ok")
-    cautions = tuple(reason for reason in tree.reasons if reason.level != "ok")
-    return Tree(CHAIN, data, {**tree.facts, "calibration": name}, (note, *cautions))
-
-
-def _correct_axes(context: Context, tree: Tree) -> tuple[Mapping[str, Any], list[str]]:
-    """Return the group ``joints`` of chain.h5 with axes corrected by this trial, and the names of corrected joints."""
-    skeleton, planar = SpatialSkeleton.from_tree(tree), context.long("planar.parquet")
-    joints: Mapping[str, Any] = tree.data["joints"]  # type: ignore[assignment]
-    if is_skeleton(planar.facts) or tree.facts["frames"] == "skeleton":
-        return joints, []
-    if not any(has_known_axes(joint) for joint in skeleton.chain.joints):
-        return joints, []
-    view = Trajectories(planar, context.table("segments.parquet").facts.get("bad_stretches", ()))
-    columns = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
-    points = view.read_positions(columns)[:: 1 + len(view.time) // _CORRECTED_BY]
-    rotations, _ = fit_cluster_poses(correct_axial_rotation(points, skeleton.chain), skeleton.chain)
-    chain, refined = refine_axes(skeleton.chain, rotations)
-    return {**joints, **make_joint_arrays(chain.joints)}, [skeleton.joints[k] for k in refined]
-
-
-def _explain_parallel_axes(fit: SpatialFit, names: Sequence[str], kinds: Mapping[int, JointKind]) -> tuple[Reason, ...]:
-    """Return a note for every joint that should have two axes but is fitted as a ball joint."""
-    return tuple(
-        Reason(
-            "axes-parallel",
-            f"the two axes of the {name} are nearly parallel in this motion, so it is fitted as a ball joint.",
-            level="ok",
-        )
-        for k, (name, joint) in enumerate(zip(names, fit.chain.joints, strict=True), start=1)
-        if kinds.get(k) == "two-axis" and joint.kind == "ball"
-    )
-
-
-def _explain_weak_joints(fit: SpatialFit, names: Sequence[str], settings: FitJointsSettings) -> tuple[Reason, ...]:
-    """Return a caution for every joint whose centre the motion determines poorly or not at all."""
-    reasons = []
-    for name, arc, joint in zip(names, np.degrees(fit.arcs), fit.chain.joints, strict=True):
-        if not joint.known:
-            reasons.append(
-                Reason(
-                    "centre-unknown",
-                    f"the motion does not determine the centre of the {name}, which rotates by {arc:.0f}°; no length "
-                    f"or angle depends on it. {_MORE_MOTION if arc < _WIDE else _RIGID_MARKERS}",
-                    float(arc),
-                )
-            )
-        elif joint.kind != "hinge" and (sd := _largest_sd(joint)) > settings.large_sd_m:
-            reasons.append(explain_uncertain_centre(name, sd, settings.large_sd_m))
-    return tuple(reasons)
-
-
-def _largest_sd(joint: SpatialJoint) -> float:
-    if not np.isfinite(joint.covariance).all():
-        return 0.0
-    return float(np.sqrt(np.linalg.eigvalsh(joint.covariance)[-1]))
+    out.say("calibrated", message, level="ok")
+    out.reasons += [reason for reason in tree.reasons if reason.level != "ok"]
+    report_unused_pointers(out, context.trial, (), "the chain and its landmarks are from the calibration")
+    return Tree(CHAIN, data, {**tree.facts, "calibration": name}, tuple(out.reasons))

@@ -154,22 +154,22 @@ def _name_joints(names: Sequence[str]) -> list[str]:
 
 def _make_facts(found: SpatialSegmentation, names: Sequence[str], labels: Sequence[str]) -> dict[str, Any]:
     """Return the facts of segments.parquet."""
-    return make_facts(names, _name_joints(names), found.parents) | {
+    return make_facts(names, _name_joints(names), range(found.count - 1)) | {
         "confidence": found.confidence.value,
         "against": dict(found.confidence.against),
         "planarity": found.planarity,
         "moving_base": found.moving_base,
         "joint_confidences": list(found.confidence.joints),
-        "joint_ratios": list(found.ratios),
-        "joint_residuals_m": list(found.joint_residuals),
+        "joint_ratios": [joint.ratio for joint in found.joints],
+        "joint_residuals_m": [joint.residual for joint in found.joints],
         "divisions": [
             {
-                "parts": [[labels[m] for m in part] for part in each.parts],
+                "parts": [[labels[m] for m in part.markers] for part in each.parts],
                 "evidence": each.evidence,
                 "gain": each.gain,
-                "chosen": each.chosen,
+                "chosen": made,
             }
-            for each in found.hypotheses
+            for each, made in found.divisions
         ],
     }
 
