@@ -16,6 +16,7 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray, as_complex, find_ru
 from mocap_id.errors import NumericalError
 from mocap_id.estimation.filter_kernels import Inertial
 from mocap_id.estimation.inertial import (
+    GRAVITY,
     MotionFromMarkers,
     PreparedSensor,
     SensorCalibration,
@@ -26,13 +27,12 @@ from mocap_id.estimation.inertial import (
     find_observed_segments,
     prepare_sensor,
 )
-from mocap_id.estimation.inertial.signals import GRAVITY
 from mocap_id.estimation.inverse_kinematics import MarkerChain
 from mocap_id.estimation.smoothing import FilterSettings, StateEstimator, States
 from mocap_id.geometry import so3
 
 SHARES = (1.5, 1.5)
-"""As :data:`mocap_id.estimation.inertial.calibration.SHARES`, but larger, because hinges can follow rotating skin."""
+"""As :data:`mocap_id.estimation.inertial.SHARES`, but larger, because hinges can follow rotating skin."""
 
 _SHARE_SD = 0.05  # standard deviation of the fraction of a joint's rotation that the skin under a sensor follows
 _COVERED, _QUANTILE = 0.95, 1.645  # fraction of intervals whose drift is covered; this quantile in standard deviations

@@ -19,8 +19,7 @@ from mocap_id.arrays import ComplexArray, FloatArray, as_complex, as_xy, interpo
 from mocap_id.errors import NumericalError
 from mocap_id.estimation.filter_kernels import Inertial
 from mocap_id.estimation.filter_problem import Anchors, FilterProblem, SigmaPoints, filter_forwards, smooth_backwards
-from mocap_id.estimation.inertial import MotionFromMarkers, SensorSignals, calibrate_all, prepare_sensor
-from mocap_id.estimation.inertial.signals import GRAVITY
+from mocap_id.estimation.inertial import GRAVITY, MotionFromMarkers, SensorSignals, calibrate_all, prepare_sensor
 from mocap_id.estimation.inertial_smoothing import SHARES, WornSensor, calibrate_worn_sensor, compute_segment_motions
 from mocap_id.estimation.smoothing import States
 
