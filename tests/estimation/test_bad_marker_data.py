@@ -12,7 +12,6 @@ from test_ukf_smooth_stage import NO_SEGMENTS, STAGE, Context, Files, Path, Tria
 
 from mocap_id.estimation import States
 from mocap_id.estimation.lasting_errors import (
-    ChainResiduals,
     add_lasting_errors,
     compute_residual_spectrum,
     estimate_camera_sd,
@@ -29,7 +28,7 @@ def deviations(states: States, moving: Moving) -> np.ndarray:
     camera = estimate_camera_sd(rested, states, FLOOR)
     skin = estimate_skin(states, rested, camera)
     assert skin is not None
-    spectrum = compute_residual_spectrum(ChainResiduals(states, rested, moving.rate))
+    spectrum = compute_residual_spectrum(states, rested, moving.rate)
     return add_lasting_errors(states, moving.rate, estimate_lasting_errors(states, rested, skin, camera, spectrum))
 
 

@@ -15,7 +15,6 @@ from test_ukf_smooth_stage import NO_SEGMENTS, chain, planar
 
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation.lasting_errors import (
-    ChainResiduals,
     ResidualSpectrum,
     add_lasting_errors,
     compute_residual_spectrum,
@@ -28,9 +27,7 @@ from mocap_id.stages.ukf_smooth.checks import bridge_repeated, find_repeated_fra
 
 def seen(moving: Moving) -> ResidualSpectrum:
     states = moving.smoothed()
-    return compute_residual_spectrum(
-        ChainResiduals(states, np.where(states.used[..., None], moving.markers, np.nan), moving.rate)
-    )
+    return compute_residual_spectrum(states, np.where(states.used[..., None], moving.markers, np.nan), moving.rate)
 
 
 def filtered(moving: Moving, cut_off: float) -> Moving:

@@ -57,9 +57,9 @@ def test_filter_and_smoother_equal_filterpy(
 ) -> None:
     moving = swinging(joints=joints, per_segment=per_segment, seconds=100 / rate, rate=rate, seed=seed)
     problem = damaged(moving, seed).problem(marker_sd=1e-3, sigma_v=3e5 / rate, kappa=kappa)
-    ours, theirs = filter_problem.filter_forwards(problem), filterpy_engine.filter_forwards(problem)
+    ours, theirs = filter_problem.filter_forwards(problem), filterpy_engine.filter_slowly(problem)
     assert_same(ours, theirs)
-    ours, theirs = filter_problem.smooth_backwards(problem, ours), filterpy_engine.smooth_backwards(problem, theirs)
+    ours, theirs = filter_problem.smooth_backwards(problem, ours), filterpy_engine.smooth_slowly(problem, theirs)
     assert_same(ours, theirs)
 
 
@@ -100,6 +100,6 @@ def test_both_engines_can_be_selected_and_agree() -> None:
 def test_both_engines_follow_a_movement_that_outruns_the_process_noise() -> None:
     fast = kicked(seconds=1.5, noise=5e-4)
     problem = fast.problem(marker_sd=1e-3, sigma_v=1e3)
-    ours, theirs = filter_problem.filter_forwards(problem), filterpy_engine.filter_forwards(problem)
+    ours, theirs = filter_problem.filter_forwards(problem), filterpy_engine.filter_slowly(problem)
     assert_same(ours, theirs)
     assert ours.used.mean() > 0.99

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,15 @@ from simulated_chains import Moving, swinging
 
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation import filter_problem, filterpy_engine
-from mocap_id.estimation.filter_problem import START_SD, Track, joint_noise, joint_transition, noise_shape, transition
+from mocap_id.estimation.filter_problem import (
+    START_SD,
+    FilterProblem,
+    Track,
+    joint_noise,
+    joint_transition,
+    noise_shape,
+    transition,
+)
 from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
 from mocap_id.estimation.noise import log_likelihood
 from mocap_id.geometry.planar import marker_jacobian, marker_positions
@@ -79,14 +88,16 @@ def batch(angles: FloatArray) -> tuple[FloatArray, FloatArray]:
     return mean.reshape(frames, size), sd.reshape(frames, size)
 
 
-@pytest.mark.parametrize("engine", [filter_problem, filterpy_engine], ids=["compiled", "filterpy"])
-def test_smoother_is_batch_least_squares(engine: object) -> None:
+@pytest.mark.parametrize(
+    "smoother", [filter_problem.smooth_backwards, filterpy_engine.smooth_slowly], ids=["compiled", "filterpy"]
+)
+def test_smoother_is_batch_least_squares(smoother: Callable[[FilterProblem, Track], Track]) -> None:
     angles = measured_angles()
     problem = replace(
         swinging(joints=2, seconds=len(angles) * DT, rate=1 / DT).problem(marker_sd=1e-3, sigma_v=1.0),
         density=problem_density(2),
     )
-    smoothed = engine.smooth_backwards(problem, kalman(angles)[0])  # type: ignore[attr-defined]
+    smoothed = smoother(problem, kalman(angles)[0])
     mean, sd = batch(angles)
     size = np.abs(mean).max(axis=0)
     np.testing.assert_allclose(smoothed.mean / size, mean / size, rtol=0, atol=1e-7)

@@ -14,7 +14,6 @@ from test_ukf_smooth_stage import NO_SEGMENTS, chain, planar
 from mocap_id.estimation import States
 from mocap_id.estimation.filter_problem import noise_shape, transition
 from mocap_id.estimation.lasting_errors import (
-    ChainResiduals,
     LastingErrors,
     add_lasting_errors,
     compute_residual_spectrum,
@@ -108,7 +107,7 @@ def told(states: States, moving: Moving) -> LastingErrors | None:
     skin = plane.estimate_skin(states, rested, camera(states, moving))
     if skin is None:
         return None
-    spectrum = compute_residual_spectrum(ChainResiduals(states, rested, moving.rate))
+    spectrum = compute_residual_spectrum(states, rested, moving.rate)
     return plane.estimate_lasting_errors(states, rested, skin, camera(states, moving), spectrum)
 
 

@@ -2,7 +2,4 @@
 
 Shapes: T samples, n joints, b base parameters, S error modes. Units are SI; rates are in samples per second. A
 covariance is infinite if the movement does not determine the parameters.
-
-Many docstrings do not describe the arguments ``predictor`` (CovariancePredictor), ``limits`` (MovementLimits),
-``family`` (MovementFamily) and ``joints`` (names of the joints).
 """

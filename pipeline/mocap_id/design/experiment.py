@@ -23,14 +23,7 @@ from mocap_id.design.movements import (
     list_simple_movements,
 )
 from mocap_id.design.predicted_covariance import CovariancePredictor, PredictedUncertainty
-from mocap_id.design.proposal import (
-    MovementLimits,
-    MovementScorer,
-    Objective,
-    Proposal,
-    change_movement,
-    compute_objective,
-)
+from mocap_id.design.proposal import MovementLimits, Objective, Proposal, change_movement, compute_objective
 from mocap_id.dynamics.cautions import measure_sizes
 
 _STARTS, _STEPS = 20, 60
@@ -41,91 +34,52 @@ _OVERTONE = 0.3  # largest amplitude of the overtone, relative to the wave
 _SHRINK, _TRIES = 0.97, 40
 
 
-@dataclass(frozen=True)
-class _Candidate:
-    """A movement within the limits, its objective, and whether it takes half of the recording."""
-
-    value: float
-    waves: WaveMovement
-    shared: bool
-
-
 def search_movement(
-    family: MovementFamily, rng: np.random.Generator, starts: Sequence[tuple[WaveMovement, bool]] = ()
+    family: MovementFamily, rng: np.random.Generator, starts: Sequence[tuple[WaveMovement, bool]]
 ) -> Proposal | None:
     """Return the best movement of all joints together, or None if the limits allow none.
 
     ``starts`` are movements from which the search also starts. The bool says whether each takes half of the recording.
     """
-    sharing = family.mixed and len(family.joints) > 1
-    drawn = [(_draw_movement(family, rng), sharing and k % 2 == 1) for k in range(_STARTS)]
-    tried = [_evaluate(family, *start) for start in (*starts, *drawn)]
-    best = min((each for each in tried if each is not None), key=lambda each: each.value, default=None)
+    predictor, joints = family.predictor, len(family.joints)
+    below, above = family.reaches()
+    tried = [_evaluate(family, *start) for start in starts]
+    # draw movements between two random angles of each joint, with overtones if the body need not keep its balance
+    drawn = []
+    for k in range(_STARTS):
+        low, high = -below * rng.uniform(0.0, 1.0, joints), above * rng.uniform(0.0, 1.0, joints)
+        overtone = 0.0 if family.balancing else rng.uniform(0.0, _OVERTONE, joints)
+        first = (high - low) / 2
+        waves = WaveMovement(
+            rest=family.rest,
+            centre=(low + high) / 2,
+            frequency=np.exp(rng.uniform(np.log(_SLOWEST), np.log(_FASTEST), joints)),
+            amplitude=np.stack([first, first * overtone], axis=1),
+            phase=rng.uniform(-np.pi, np.pi, (joints, 2)),
+            balanced=family.balancing,
+        )
+        drawn.append((waves, family.mixed and joints > 1 and k % 2 == 1))
+    tried += [_evaluate(family, *start) for start in drawn]
+    best = min((each for each in tried if each is not None), key=lambda each: each[0], default=None)
     if best is None:
         return None
-    for step in range(_STEPS):
-        near = _evaluate(family, _change_randomly(family, best.waves, rng, _STEP * _STEP_DECAY**step), best.shared)
-        if near is not None and near.value < best.value:
+    # try random steps, which may exceed the limits and become smaller
+    room, overtones = (below + above) / 2, np.array([1.0, 0.0 if family.balancing else _OVERTONE])
+    for k in range(_STEPS):
+        step, (value, waves, shared) = _STEP * _STEP_DECAY**k, best
+        amplitude = waves.amplitude + step * room[:, None] * overtones * rng.normal(size=(joints, 2))
+        changed = replace(
+            waves,
+            centre=np.clip(waves.centre + step * room * rng.normal(size=joints), -below, above),
+            frequency=np.clip(waves.frequency * np.exp(step * rng.normal(size=joints)), _SLOWEST, _FASTEST),
+            amplitude=amplitude,
+            phase=waves.phase + step * np.pi * rng.normal(size=(joints, 2)),
+        )
+        near = _evaluate(family, changed, shared)
+        if near is not None and near[0] < value:
             best = near
-    final = _round_to_limits(family, best.waves, best.shared)
-    if final is None:
-        return None
-    movement = compose_trajectory((final,), family, family.scorer.predictor.own.rate, best.shared)
-    words = describe_waves(final, family.joints)
-    proposal = family.scorer.propose(HALF + words if best.shared else words, movement)
-    return replace(proposal, designed=True, standalone=not best.shared)
-
-
-def _evaluate(family: MovementFamily, waves: WaveMovement, shared: bool) -> _Candidate | None:
-    """Scale a movement to the limits and compute its objective, larger for small rotations; None if it is too small."""
-    scaled = family.fit_to_limits(waves, family.seconds)
-    if scaled is None or not np.any(np.abs(scaled.amplitude[:, 0]) >= family.units):
-        return None
-    scorer, rate = family.scorer, family.scorer.comparison_rate
-    if shared:
-        return _Candidate(scorer.quick_value(compose_trajectory((scaled,), family, rate, shared)), scaled, shared)
-    movement = scaled.trajectory(scorer.predictor.body, min(family.seconds, COMPARED), rate)
-    penalty = float(np.max(np.maximum(_LEAST_ARC / np.maximum(np.ptp(movement.q, axis=0), 1e-3), 1.0)))
-    return _Candidate(scorer.quick_value(movement, family.seconds) * penalty, scaled, shared)
-
-
-def _draw_movement(family: MovementFamily, rng: np.random.Generator) -> WaveMovement:
-    """Draw a movement between two random angles of each joint, with overtones if the body need not keep its balance."""
-    below, above = family.reaches()
-    joints = len(below)
-    low, high = -below * rng.uniform(0.0, 1.0, joints), above * rng.uniform(0.0, 1.0, joints)
-    overtone = 0.0 if family.balancing else rng.uniform(0.0, _OVERTONE, joints)
-    first = (high - low) / 2
-    return WaveMovement(
-        rest=family.rest,
-        centre=(low + high) / 2,
-        frequency=np.exp(rng.uniform(np.log(_SLOWEST), np.log(_FASTEST), joints)),
-        amplitude=np.stack([first, first * overtone], axis=1),
-        phase=rng.uniform(-np.pi, np.pi, (joints, 2)),
-        balanced=family.balancing,
-    )
-
-
-def _change_randomly(
-    family: MovementFamily, waves: WaveMovement, rng: np.random.Generator, step: float
-) -> WaveMovement:
-    """Return the movement changed by a random step, which may exceed the limits."""
-    below, above = family.reaches()
-    room, joints = (below + above) / 2, len(below)
-    overtones = np.array([1.0, 0.0 if family.balancing else _OVERTONE])
-    amplitude = waves.amplitude + step * room[:, None] * overtones * rng.normal(size=(joints, 2))
-    return replace(
-        waves,
-        centre=np.clip(waves.centre + step * room * rng.normal(size=joints), -below, above),
-        frequency=np.clip(waves.frequency * np.exp(step * rng.normal(size=joints)), _SLOWEST, _FASTEST),
-        amplitude=amplitude,
-        phase=waves.phase + step * np.pi * rng.normal(size=(joints, 2)),
-    )
-
-
-def _round_to_limits(family: MovementFamily, waves: WaveMovement, shared: bool) -> WaveMovement | None:
-    """Round a movement to whole degrees, 5 mm and 0.01 Hz, and scale it down to the limits; None if nothing remains."""
-    unit, predictor = family.units, family.scorer.predictor
+    # round to whole degrees, 5 mm and 0.01 Hz, and scale down to the limits; None if nothing remains
+    (_, waves, shared), unit = best, family.units
     for _ in range(_TRIES):
         rounded = replace(
             waves,
@@ -134,10 +88,30 @@ def _round_to_limits(family: MovementFamily, waves: WaveMovement, shared: bool) 
             amplitude=np.trunc(waves.amplitude / unit[:, None]) * unit[:, None],
         )
         movement = rounded.trajectory(predictor.body, family.seconds / (1 + shared), predictor.own.rate)
-        if family.scorer.usage(movement) <= 1.0:
-            return rounded if np.any(rounded.amplitude) else None
+        if family.usage(movement) <= 1.0:
+            break
         waves = waves.scale(_SHRINK)
-    return None
+    else:
+        return None
+    if not np.any(rounded.amplitude):
+        return None
+    words = describe_waves(rounded, family.joints)
+    movement = compose_trajectory((rounded,), family, predictor.own.rate, shared)
+    proposal = family.propose(HALF + words if shared else words, movement)
+    return replace(proposal, designed=True, standalone=not shared)
+
+
+def _evaluate(family: MovementFamily, waves: WaveMovement, shared: bool) -> tuple[float, WaveMovement, bool] | None:
+    """Scale a movement to the limits; return its objective, larger for small rotations, with it; None if too small."""
+    scaled = family.fit_to_limits(waves, family.seconds)
+    if scaled is None or not np.any(np.abs(scaled.amplitude[:, 0]) >= family.units):
+        return None
+    rate = family.comparison_rate
+    if shared:
+        return family.quick_value(compose_trajectory((scaled,), family, rate, shared)), scaled, shared
+    movement = scaled.trajectory(family.predictor.body, min(family.seconds, COMPARED), rate)
+    penalty = float(np.max(np.maximum(_LEAST_ARC / np.maximum(np.ptp(movement.q, axis=0), 1e-3), 1.0)))
+    return family.quick_value(movement, family.seconds) * penalty, scaled, shared
 
 
 HELPS = 0.8
@@ -215,33 +189,21 @@ def design_experiment(
         Seed of the search's random starts.
     """
     body = predictor.body
-    size = np.maximum(measure_sizes(body.prepared, body.result), 1e-300)
-    scorer = MovementScorer(predictor, limits, objective, size)
-    family = MovementFamily(scorer, rest, predictor.own.seconds if seconds is None else seconds, tuple(joints), mixed)
-    ranked = _rank_simple_movements(family)
-    simple = [_evaluate_exactly(family, each) for each in ranked[:_KEPT]]
-    singles = [each for each in ranked if len(each.waves) == 1]
-    starts = [(each.waves[0], each.shared) for each in singles[:_STARTS_KNOWN]]
-    return ExperimentDesign(
+    family = MovementFamily(
+        predictor=predictor,
+        limits=limits,
         objective=objective,
-        size=size,
-        now=predictor.now,
-        value=compute_objective(objective, predictor.now, size),
-        simple=tuple(sorted(simple, key=lambda proposal: proposal.value)),
-        designed=search_movement(family, np.random.default_rng(seed), starts),
-        seconds=family.seconds,
+        size=np.maximum(measure_sizes(body.prepared, body.result), 1e-300),
         rest=rest,
+        seconds=predictor.own.seconds if seconds is None else seconds,
+        joints=tuple(joints),
+        mixed=mixed,
     )
-
-
-def _rank_simple_movements(family: MovementFamily) -> list[SimpleMovement]:
-    """Return the best simple change of each kind, best first."""
+    # the best simple change of each kind; changes that differ only in speed and amplitude are of one kind
     chosen: dict[object, SimpleMovement] = {}
-    scorer = family.scorer
     for each in sorted(
-        list_simple_movements(family), key=lambda each: scorer.quick_value(each.trajectory, each.seconds)
+        list_simple_movements(family), key=lambda each: family.quick_value(each.trajectory, each.seconds)
     ):
-        # changes that differ only in speed and amplitude are of one kind
         kind: object
         if each.change is not None:
             kind = each.change.change, each.change.joint
@@ -249,14 +211,24 @@ def _rank_simple_movements(family: MovementFamily) -> list[SimpleMovement]:
             moved = [tuple(np.flatnonzero(np.any(waves.amplitude != 0.0, axis=1)).tolist()) for waves in each.waves]
             kind = tuple(moved), each.shared
         chosen.setdefault(kind, each)
-    return list(chosen.values())
-
-
-def _evaluate_exactly(family: MovementFamily, each: SimpleMovement) -> Proposal:
-    """Return a simple change as a proposal, evaluated at the rate of the trial and with the filter of the trial."""
-    scorer, rate = family.scorer, family.scorer.predictor.own.rate
-    if each.change is not None:
-        movement = change_movement(scorer.predictor.own, each.change.change, each.change.joint)
-        return replace(scorer.propose(each.words, movement, each.seconds), own=True)
-    movement = compose_trajectory(each.waves, family, rate, each.shared)
-    return replace(scorer.propose(each.words, movement), standalone=not each.shared)
+    ranked = list(chosen.values())
+    # the best of them at the rate of the trial and with the filter of the trial
+    simple = []
+    for each in ranked[:_KEPT]:
+        if each.change is not None:
+            movement = change_movement(predictor.own, each.change.change, each.change.joint)
+            simple.append(replace(family.propose(each.words, movement, each.seconds), own=True))
+        else:
+            movement = compose_trajectory(each.waves, family, predictor.own.rate, each.shared)
+            simple.append(replace(family.propose(each.words, movement), standalone=not each.shared))
+    starts = [(each.waves[0], each.shared) for each in ranked if len(each.waves) == 1][:_STARTS_KNOWN]
+    return ExperimentDesign(
+        objective=objective,
+        size=family.size,
+        now=predictor.now,
+        value=compute_objective(objective, predictor.now, family.size),
+        simple=tuple(sorted(simple, key=lambda proposal: proposal.value)),
+        designed=search_movement(family, np.random.default_rng(seed), starts),
+        seconds=family.seconds,
+        rest=rest,
+    )

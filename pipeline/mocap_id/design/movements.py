@@ -8,8 +8,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.design.predicted_covariance import IdentifiedBody, Trajectory, concatenate, fit_trajectory
-from mocap_id.design.proposal import MovementScorer, Recommendation, change_movement, list_changes
+from mocap_id.design.predicted_covariance import (
+    CovariancePredictor,
+    IdentifiedBody,
+    Trajectory,
+    concatenate,
+    fit_trajectory,
+)
+from mocap_id.design.proposal import (
+    MovementLimits,
+    Objective,
+    Proposal,
+    Recommendation,
+    change_movement,
+    compute_objective,
+    list_changes,
+)
+from mocap_id.dynamics.least_squares import variance
 
 FREQUENCIES = (0.2, 0.35, 0.5, 0.7, 1.0)  # Hz
 _SYMMETRIC = 0.4  # ratio of the ranges below and above rest from which a joint swings symmetrically about rest
@@ -19,6 +34,7 @@ _HALVINGS = 4
 HALF = "for half of the recording, repeat the recorded movement; for the other half, "
 COMPARED = 16.0
 """Longest part of a movement that is sampled while many movements are compared, s."""
+_QUICK_SAMPLES, _QUICK_RATE = 50, 20.0  # samples, and samples per second, while many movements are compared
 
 
 @dataclass(frozen=True)
@@ -36,18 +52,47 @@ class SimpleMovement:
 
 @dataclass(frozen=True)
 class MovementFamily:
-    """The movements from which the search chooses."""
+    """The movements from which the search chooses: whether the limits allow them, and the value of the objective."""
 
-    scorer: MovementScorer  # evaluation of the movements
+    predictor: CovariancePredictor  # predictor of the trial
+    limits: MovementLimits
+    objective: Objective
+    size: FloatArray  # (b,) size of each parameter, SI
     rest: FloatArray  # (n,) posture at both ends, rad
     seconds: float  # duration of the recording, s
     joints: tuple[str, ...]  # names of the joints
     mixed: bool  # whether half of the recording may repeat the trial's own movement
 
     @property
+    def comparison_rate(self) -> float:
+        """Rate at which many movements are compared: the trial's own rate divided by a whole number."""
+        rate = self.predictor.own.rate
+        return rate / max(1, int(rate / _QUICK_RATE))
+
+    def usage(self, movement: Trajectory) -> float:
+        """Return the largest fraction of any limit that the movement uses; above 1 the movement is not allowed."""
+        body, sd = self.predictor.body, None
+        if self.limits.support is not None:
+            moment = body.regressor(movement.q, movement.dq, movement.ddq)[:, 2]
+            sd = np.asarray(np.sqrt(variance(moment, body.result.covariance)))
+        return self.limits.usage(movement, body.wrench(movement), sd)
+
+    def quick_value(self, movement: Trajectory, seconds: float | None = None) -> float:
+        """Return the objective, computed from few samples; ``seconds`` as for :meth:`CovariancePredictor.predict`."""
+        if self.objective.startswith("condition"):
+            return self.predictor.conditions(movement)[self.objective == "condition-scaled"]
+        predicted = self.predictor.predict(movement, seconds, samples=_QUICK_SAMPLES, exactly=False)
+        return compute_objective(self.objective, predicted, self.size)
+
+    def propose(self, words: str, movement: Trajectory, seconds: float | None = None) -> Proposal:
+        """Return the movement as a proposal; ``seconds`` as for :meth:`CovariancePredictor.predict`."""
+        predicted = self.predictor.predict(movement, seconds)
+        return Proposal(words, movement, predicted, compute_objective(self.objective, predicted, self.size))
+
+    @property
     def balancing(self) -> bool:
         """Whether the first joint keeps the balance."""
-        return self.scorer.limits.support is not None and len(self.joints) > 1
+        return self.limits.support is not None and len(self.joints) > 1
 
     def fit_to_limits(self, waves: WaveMovement, seconds: float) -> WaveMovement | None:
         """Scale a movement down until the limits allow it; return None if less than 1/16 of its range would remain.
@@ -56,8 +101,8 @@ class MovementFamily:
         """
 
         def usage(scale: float) -> float:
-            body, scorer = self.scorer.predictor.body, self.scorer
-            return scorer.usage(waves.scale(scale).trajectory(body, min(seconds, COMPARED), scorer.comparison_rate))
+            scaled = waves.scale(scale)
+            return self.usage(scaled.trajectory(self.predictor.body, min(seconds, COMPARED), self.comparison_rate))
 
         if usage(1.0) <= 1.0:
             return waves
@@ -69,10 +114,10 @@ class MovementFamily:
 
     def reaches(self) -> tuple[FloatArray, FloatArray]:
         """Return the ranges (n,) of each joint below and above rest, rad; for the centre of pressure in m."""
-        limits = self.scorer.limits
+        limits = self.limits
         below, above = self.rest - limits.low, limits.high - self.rest
         if self.balancing and limits.support is not None:
-            now = float(static_centre_of_pressure(self.scorer.predictor.body, self.rest[None])[0])
+            now = float(static_centre_of_pressure(self.predictor.body, self.rest[None])[0])
             below[0], above[0] = now - limits.support[0], limits.support[1] - now
         return np.maximum(below, 0.0), np.maximum(above, 0.0)
 
@@ -107,56 +152,40 @@ class MovementFamily:
 
 def list_simple_movements(family: MovementFamily) -> Iterator[SimpleMovement]:
     """Yield all simple movements within the limits."""
-    yield from _change_own_movement(family)
-    joints = len(family.joints)
-    singles: list[list[WaveMovement]] = []
-    for joint in range(joints):
-        swings = [family.swing(joint, frequency, family.seconds / max(joints, 2)) for frequency in FREQUENCIES]
-        singles.append([waves for waves in swings if waves is not None])
-        if joints == 1 or family.mixed:
-            yield from (_move_alone(family, waves) for waves in singles[joint])
-    if joints > 1:
-        yield from _move_in_turn(family, singles)
-
-
-def _change_own_movement(family: MovementFamily) -> Iterator[SimpleMovement]:
-    """Yield the trial's own movement made faster or larger, if the limits allow it."""
-    predictor = family.scorer.predictor
-    own = predictor.own.thin(family.scorer.comparison_rate)
-    for change, joint in list_changes(len(family.joints)):
+    predictor, rate, joints = family.predictor, family.comparison_rate, len(family.joints)
+    # the trial's own movement, faster or larger
+    own = predictor.own.thin(rate)
+    for change, joint in list_changes(joints):
         if change != "alone":
             movement = change_movement(own, change, joint)
-            if family.scorer.usage(movement) <= 1.0:
+            if family.usage(movement) <= 1.0:
                 changed = Recommendation(change, joint, np.nan)
                 words = changed.describe(family.joints).removesuffix(",")
                 yield SimpleMovement(words, movement, seconds=predictor.now.samples, change=changed)
-
-
-def _move_alone(family: MovementFamily, waves: WaveMovement) -> SimpleMovement:
-    """Return a movement of one joint; if there are other joints, it follows half of the trial's own movement."""
-    words, rate = describe_waves(waves, family.joints), family.scorer.comparison_rate
-    if len(family.joints) == 1:
-        return SimpleMovement(words, compose_trajectory((waves,), family, rate), (waves,))
-    movement = compose_trajectory((waves,), family, rate, shared=True)
-    return SimpleMovement(f"{HALF}{words}", movement, (waves,), shared=True)
-
-
-def _move_in_turn(family: MovementFamily, singles: Sequence[Sequence[WaveMovement]]) -> Iterator[SimpleMovement]:
-    """Yield movements of one joint after the other, all at the same frequency."""
-    for frequency in FREQUENCIES:
-        chosen = [waves for several in singles for waves in several if waves.frequency[0] == frequency]
-        if len(chosen) == len(family.joints):
+    # one joint; if there are other joints, after half of the trial's own movement
+    singles: list[WaveMovement] = []
+    for joint in range(joints):
+        swings = [family.swing(joint, frequency, family.seconds / max(joints, 2)) for frequency in FREQUENCIES]
+        found = [waves for waves in swings if waves is not None]
+        singles += found
+        for waves in found if joints == 1 or family.mixed else ():
+            words, shared = describe_waves(waves, family.joints), joints > 1
+            words = HALF + words if shared else words
+            yield SimpleMovement(words, compose_trajectory((waves,), family, rate, shared), (waves,), shared)
+    # one joint after the other, all at the same frequency
+    for frequency in FREQUENCIES if joints > 1 else ():
+        chosen = [waves for waves in singles if waves.frequency[0] == frequency]
+        if len(chosen) == joints:
             phrases = ", then ".join(describe_waves(waves, family.joints) for waves in chosen)
             words = f"one joint after the other, each for {family.seconds / len(chosen):.0f} s: {phrases}"
-            movement = compose_trajectory(tuple(chosen), family, family.scorer.comparison_rate)
-            yield SimpleMovement(words, movement, tuple(chosen))
+            yield SimpleMovement(words, compose_trajectory(chosen, family, rate), tuple(chosen))
 
 
 def compose_trajectory(
     waves: Sequence[WaveMovement], family: MovementFamily, rate: float, shared: bool = False
 ) -> Trajectory:
     """Sample several movements in sequence; if ``shared``, they follow the first half of the trial's own movement."""
-    predictor = family.scorer.predictor
+    predictor = family.predictor
     seconds = family.seconds / (len(waves) + shared)
     parts = [each.trajectory(predictor.body, seconds, rate) for each in waves]
     if shared:
@@ -186,11 +215,9 @@ class WaveMovement:
     rest: FloatArray  # (n,) angles at both ends, rad
     centre: FloatArray  # (n,) centre of each swing relative to `rest`, rad
     frequency: FloatArray  # (n,) frequency of each joint's wave, Hz
-    # amplitude, phase: (n, 2) amplitude and phase of the wave and of its first overtone, rad
-    amplitude: FloatArray
-    phase: FloatArray
-    # whether the first row is the centre of pressure, m, instead of the angle of the first joint
-    balanced: bool = False
+    amplitude: FloatArray  # (n, 2) of the wave and of its first overtone, rad
+    phase: FloatArray  # (n, 2) of the wave and of its first overtone, rad
+    balanced: bool = False  # whether the first row is the centre of pressure, m, instead of the first joint's angle
 
     def scale(self, scale: float) -> WaveMovement:
         """Return the movement with its amplitudes and its centres multiplied by ``scale``."""
@@ -204,7 +231,10 @@ class WaveMovement:
         time = np.arange(round(seconds * rate)) / rate
         angle = 2 * np.pi * np.multiply.outer(time, self.frequency)  # (T, n)
         swing = sum(self.amplitude[:, k] * np.sin((k + 1) * angle + self.phase[:, k]) for k in range(2))
-        moved = _compute_envelope(time, seconds)[:, None] * (self.centre + swing)
+        # weights that rise from 0 at both ends to 1, with three continuous derivatives
+        side = np.clip((np.minimum(time, time[-1] - time) - LEAD) / min(RAMP, seconds / 4), 0.0, 1.0)
+        envelope = np.asarray(side**4 * (35.0 - 84.0 * side + 70.0 * side**2 - 20.0 * side**3))
+        moved = envelope[:, None] * (self.centre + swing)
         q = self.rest + moved
         if self.balanced:
             q[:, 0] = balance(body, q, static_centre_of_pressure(body, self.rest[None])[0] + moved[:, 0], self.rest[0])
@@ -248,41 +278,31 @@ def balance(body: IdentifiedBody, q: FloatArray, target: FloatArray, near: float
     return np.asarray(near + np.where(np.abs(off[0]) <= np.abs(off[1]), off[0], off[1]))
 
 
-def _compute_envelope(time: FloatArray, seconds: float) -> FloatArray:
-    """Return weights (T,) that rise from 0 at both ends to 1, with three continuous derivatives."""
-    side = np.clip((np.minimum(time, time[-1] - time) - LEAD) / min(RAMP, seconds / 4), 0.0, 1.0)
-    return np.asarray(side**4 * (35.0 - 84.0 * side + 70.0 * side**2 - 20.0 * side**3))
-
-
 def describe_waves(waves: WaveMovement, joints: Sequence[str]) -> str:
-    """Return the movement as instructions, one phrase for each of the named joints."""
-    phrases = [_describe_joint(waves, j, joints[j]) for j in range(int(waves.balanced), len(joints))]
-    text = "; ".join(phrase for phrase in phrases if phrase)
+    """Return the movement as instructions, one phrase for each of the named joints that moves or is held."""
+    phrases = []
+    for joint in range(int(waves.balanced), len(joints)):
+        name, middle = _add_article(joints[joint]), waves.rest[joint] + waves.centre[joint]
+        if float(np.hypot(*waves.amplitude[joint])) < _LEAST_SWING:
+            if abs(waves.centre[joint]) >= _LEAST_SWING:
+                phrases.append(f"hold {name} at {_format_degrees(middle)}")
+            continue
+        first, overtone = np.abs(waves.amplitude[joint]).tolist()
+        ends = f"from {_format_degrees(middle - first)} to {_format_degrees(middle + first)}"
+        second = f", and {_format_degrees(overtone)} at twice this frequency" if overtone >= _LEAST_SWING else ""
+        phrases.append(f"swing {name} by ±{_format_degrees(first)} ({ends}) at {waves.frequency[joint]:.2f} Hz{second}")
+    text = "; ".join(phrases)
     if not waves.balanced:
         return text
     sway = float(waves.amplitude[0, 0])
-    keeping = f"let {add_article(joints[0])} keep the balance"
+    keeping = f"let {_add_article(joints[0])} keep the balance"
     if abs(sway) < _LEAST_SWAY:
         return f"{text}; {keeping}"
     swaying = f"sway to and fro by {100 * abs(sway):.1f} cm at {waves.frequency[0]:.2f} Hz"
     return "; ".join(part for part in (text, f"{swaying} and {keeping}") if part)
 
 
-def _describe_joint(waves: WaveMovement, joint: int, name: str) -> str:
-    """Return the phrase for one joint; an empty string if the joint hardly moves."""
-    size = float(np.hypot(*waves.amplitude[joint]))
-    if size < _LEAST_SWING:
-        if abs(waves.centre[joint]) < _LEAST_SWING:
-            return ""
-        return f"hold {add_article(name)} at {_format_degrees(waves.rest[joint] + waves.centre[joint])}"
-    middle, first = waves.rest[joint] + waves.centre[joint], abs(float(waves.amplitude[joint, 0]))
-    overtone = abs(float(waves.amplitude[joint, 1]))
-    ends = f"from {_format_degrees(middle - first)} to {_format_degrees(middle + first)}"
-    second = f", and {_format_degrees(overtone)} at twice this frequency" if overtone >= _LEAST_SWING else ""
-    return f"swing {add_article(name)} by ±{_format_degrees(first)} ({ends}) at {waves.frequency[joint]:.2f} Hz{second}"
-
-
-def add_article(name: str) -> str:
+def _add_article(name: str) -> str:
     """Return a joint's name as used within a sentence: ``the hip``, but ``joint 2``."""
     return name if name[-1:].isdigit() else f"the {name}"
 

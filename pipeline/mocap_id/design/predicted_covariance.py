@@ -19,7 +19,7 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.fit import compute_conditions
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.instrument_errors import KinematicError, propagate_to_parameters
-from mocap_id.dynamics.least_squares import unit_covariance, variance
+from mocap_id.dynamics.least_squares import unit_covariance
 from mocap_id.dynamics.preparation import LowPass, PreparedTrial, TrialData, choose_cutoff, erode
 from mocap_id.dynamics.regressor import planar_regressor
 
@@ -63,7 +63,6 @@ class Trajectory:
         return self._select(slice(None, max(2, round(seconds * self.rate))))
 
     def _select(self, own: slice) -> Trajectory:
-        """Return the selected samples as a trajectory."""
         fitted = None if self.fitted is None else self.fitted[own]
         return Trajectory(self.time[own], self.q[own], self.dq[own], self.ddq[own], fitted)
 
@@ -79,24 +78,18 @@ class Trajectory:
         clock = np.multiply.outer(time, speed)
         forth = np.floor_divide(clock, length * (1 + 1e-12)) % 2 == 0
         clock = np.where(forth, clock, 2 * length - clock)
+        middle = np.asarray(np.nanmedian(self.q if self.fitted is None else self.q[self.fitted], axis=0))
+        stamped = self.time - self.time[0]
+        q, dq, ddq = (
+            np.stack([np.interp(own, stamped, each) for own, each in zip(clock.T, values.T, strict=True)], axis=1)
+            for values in (self.q, self.dq, self.ddq)
+        )
         return Trajectory(
             time,
-            self._middle + size * (self._interpolate(self.q, clock) - self._middle),
-            np.where(forth, 1.0, -1.0) * size * speed * self._interpolate(self.dq, clock),
-            size * speed**2 * self._interpolate(self.ddq, clock),
+            middle + size * (q - middle),
+            np.where(forth, 1.0, -1.0) * size * speed * dq,
+            size * speed**2 * ddq,
             self.fitted,
-        )
-
-    @cached_property
-    def _middle(self) -> FloatArray:
-        """Median angles of the fitted samples (n,), rad."""
-        return np.asarray(np.nanmedian(self.q if self.fitted is None else self.q[self.fitted], axis=0))
-
-    def _interpolate(self, values: FloatArray, clock: FloatArray) -> FloatArray:
-        """Interpolate the values (T, n) at times (R, n), given for each joint in seconds from the beginning."""
-        stamped = self.time - self.time[0]
-        return np.stack(
-            [np.interp(own, stamped, column) for own, column in zip(clock.T, values.T, strict=True)], axis=1
         )
 
 
@@ -131,8 +124,7 @@ class PredictedUncertainty:
 
     sd: FloatArray  # (b,) standard deviation of each base parameter, SI
     covariance: FloatArray  # (b, b) covariance of the base parameters, SI
-    # condition, condition_scaled: condition number of the regressor's rows in the fit, in SI units and with unit
-    # columns
+    # condition number of the regressor's rows in the fit, in SI units and with unit columns
     condition: float
     condition_scaled: float
     samples: float  # duration of the fitted samples, s
@@ -155,38 +147,6 @@ class IdentifiedBody:
         """Return the wrench of the ground (T, 3) during a movement, N and N·m."""
         return np.asarray(self.regressor(movement.q, movement.dq, movement.ddq) @ self.result.base)
 
-    def moment_sd(self, movement: Trajectory) -> FloatArray:
-        """Return the standard deviation (T,) of the wrench's moment from the covariance of the parameters, N·m."""
-        rows = self.regressor(movement.q, movement.dq, movement.ddq)[:, 2]
-        return np.asarray(np.sqrt(variance(rows, self.result.covariance)))
-
-    def weighted_rows(self, regressor: FloatArray, rate_of_change: FloatArray) -> FloatArray:
-        """Return the rows (R, c, b + k + 1) of a fit, weighted as in the fit of the trial.
-
-        ``regressor`` and ``rate_of_change`` (R, 3, b) are the base columns and their time derivative. The last column
-        of the result is the time derivative of the wrench, because a clock offset shifts the wrench in time.
-        """
-        fit, chosen = self.result.fit, list(self.prepared.settings.components)
-        rows, rate = regressor[:, chosen], rate_of_change[:, chosen] @ self.result.base
-        bias = np.zeros((*rows.shape[:2], fit.problem.factor.shape[1] - fit.base))
-        if bias.shape[-1]:
-            bias[:, chosen.index(0), 0] = 1.0
-        return np.asarray(np.concatenate([rows, bias, rate[..., None]], axis=-1) * fit.weights[:, None])
-
-    def response(self, states: FloatArray, rows: FloatArray, error: KinematicError) -> FloatArray:
-        """Return the change (b, S) of the parameters with each error mode of the geometry.
-
-        ``states`` (R, 3, n) are joint angles and their derivatives; ``rows`` (R, c, b + k + 1) are the weighted rows of
-        the fit. The result is infinite, with S = 1, if the rows do not determine the parameters.
-        """
-        q, dq, ddq = np.swapaxes(states, 0, 1)
-        moved = replace(self.prepared, recorded=replace(self.prepared.recorded, q=q, dq=dq, ddq=ddq))
-        result = replace(self.result.fit, samples=np.arange(len(rows)), design=rows)
-        try:
-            return propagate_to_parameters(moved, result, self.result.base, error)[: result.base]
-        except np.linalg.LinAlgError:
-            return np.full((result.base, 1), np.inf)
-
 
 @dataclass(frozen=True)
 class CovariancePredictor:
@@ -208,12 +168,22 @@ class CovariancePredictor:
             condition=fit.condition,
             condition_scaled=fit.condition_scaled,
             samples=float(fit.in_fit.sum()) / self.body.prepared.recorded.rate,
-            fixed=_split_variances(result)[2],
+            fixed=self._variances[2],
         )
 
     @cached_property
+    def _variances(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Identified variances (b,) from residuals, from joint centres and skin, and from the plate's zero."""
+        result = self.body.result
+        residual = np.diag(result.residual_covariance)
+        rest = np.maximum(np.diag(result.covariance) - residual, 0.0)
+        geometry = np.minimum(np.sum(result.response**2, axis=1), rest)
+        return residual, geometry, rest - geometry
+
+    @cached_property
     def _own_parts(self) -> tuple[FloatArray, FloatArray]:
-        return self._compute_parts(self.own, self.find_fitted(self.own), SAMPLES)
+        fitted = self.find_fitted(self.own)
+        return self._compute_parts(self.own, fitted, _choose_samples(self.own, fitted, SAMPLES))
 
     def predict(
         self, movement: Trajectory, seconds: float | None = None, samples: int = SAMPLES, exactly: bool = True
@@ -230,19 +200,42 @@ class CovariancePredictor:
         sd = np.sqrt(np.diag(covariance))
         if not np.isfinite(covariance).any():
             return PredictedUncertainty(sd, covariance, np.inf, np.inf, 0.0, self.now.fixed)
-        condition, scaled = self._compute_conditions(movement, fitted) if exactly else self.conditions(movement)
+        if not exactly:
+            condition, scaled = self.conditions(movement)
+        elif movement is self.own:
+            condition, scaled = self.now.condition, self.now.condition_scaled
+        else:
+            settings = self.body.prepared.settings
+            cutoff = settings.cutoff if settings.cutoff is not None else choose_cutoff(movement.dq, movement.rate)
+            lowpass = LowPass(cutoff, movement.rate)
+            regressor = lowpass(self.body.regressor(movement.q, movement.dq, movement.ddq))
+            rows = regressor[fitted & np.isfinite(regressor).all(axis=(1, 2))][:: lowpass.step]
+            condition, scaled = compute_conditions(rows[:, list(settings.components)])
         return PredictedUncertainty(sd, covariance, condition, scaled, seconds, self.now.fixed)
 
     def covariance(self, movement: Trajectory, seconds: float, samples: int = SAMPLES) -> FloatArray:
-        """Predict only the covariance (b, b); infinite if no sample can be fitted. Arguments as for :meth:`predict`."""
-        fitted = self.find_fitted(movement)
-        if not len(_choose_samples(movement, fitted, samples)):
-            return np.full_like(self.now.covariance, np.inf)
-        return self._scale_parts(self._compute_parts(movement, fitted, samples), seconds)
+        """Predict only the covariance (b, b); infinite if no sample can be fitted. Arguments as for :meth:`predict`.
 
-    def conditions(self, movement: Trajectory, samples: int = SAMPLES) -> tuple[float, float]:
-        """Return the condition numbers of about ``samples`` unfiltered rows, in SI units and with unit columns."""
-        chosen = _choose_samples(movement, self.find_fitted(movement), samples)
+        It is the sum of its parts, scaled to those of the trial (predicted-covariance.md, eq. 3).
+        """
+        fitted = self.find_fitted(movement)
+        chosen = _choose_samples(movement, fitted, samples)
+        if not len(chosen):
+            return np.full_like(self.now.covariance, np.inf)
+        parts = self._compute_parts(movement, fitted, chosen)
+        residual, geometry, fixed = self._variances
+        noise_scale = np.sqrt(residual / np.diag(self._own_parts[0]))
+        geometry_scale = np.sqrt(geometry / np.maximum(np.diag(self._own_parts[1]), 1e-300))
+        length = self.now.samples / seconds
+        return np.asarray(
+            length * parts[0] * np.outer(noise_scale, noise_scale)
+            + parts[1] * np.outer(geometry_scale, geometry_scale)
+            + np.diag(fixed)
+        )
+
+    def conditions(self, movement: Trajectory) -> tuple[float, float]:
+        """Return the condition numbers of about 200 unfiltered rows, in SI units and with unit columns."""
+        chosen = _choose_samples(movement, self.find_fitted(movement), SAMPLES)
         if not len(chosen):
             return np.inf, np.inf
         rows = self.body.regressor(movement.q[chosen], movement.dq[chosen], movement.ddq[chosen])
@@ -255,48 +248,33 @@ class CovariancePredictor:
         margin = self.body.prepared.lowpass.reach + self.body.prepared.settings.offset_limit
         return erode(movement.known, int(np.ceil(margin * movement.rate)) + 1)
 
-    def _compute_parts(self, movement: Trajectory, fitted: BoolArray, samples: int) -> tuple[FloatArray, FloatArray]:
+    def _compute_parts(
+        self, movement: Trajectory, fitted: BoolArray, chosen: IntArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Return unscaled covariances (b, b) from residuals of unit variance, for one sample, and from the geometry."""
-        body, chosen = self.body, _choose_samples(movement, fitted, samples)
+        body, result, fit = self.body, self.body.result, self.body.result.fit
         three = np.concatenate([chosen - 1, chosen, chosen + 1])
         before, now, after = np.split(body.regressor(movement.q[three], movement.dq[three], movement.ddq[three]), 3)
-        rows = body.weighted_rows(now, (after - before) * movement.rate / 2)
-        states = np.stack([movement.q[chosen], movement.dq[chosen], movement.ddq[chosen]], axis=1)
-        noise = unit_covariance(rows.reshape(-1, rows.shape[-1]))[: len(self.now.sd), : len(self.now.sd)]
-        error = body.result.error if self.geometry is None else self.geometry(movement.q[fitted & movement.known])
-        response = body.response(states, rows, error)
+        # rows of a fit, weighted as in that of the trial; the last column is the time derivative of the wrench, because
+        # a clock offset shifts the wrench in time
+        components = list(body.prepared.settings.components)
+        regressor = now[:, components]
+        rate = ((after - before) * movement.rate / 2)[:, components] @ result.base
+        bias = np.zeros((*regressor.shape[:2], fit.problem.factor.shape[1] - fit.base))
+        if bias.shape[-1]:
+            bias[:, components.index(0), 0] = 1.0
+        rows = np.asarray(np.concatenate([regressor, bias, rate[..., None]], axis=-1) * fit.weights[:, None])
+        count = len(self.now.sd)
+        noise = unit_covariance(rows.reshape(-1, rows.shape[-1]))[:count, :count]
+        # change (b, S) of the parameters with each error mode of the geometry; infinite if not determined
+        error = result.error if self.geometry is None else self.geometry(movement.q[fitted & movement.known])
+        here = replace(body.prepared.recorded, q=movement.q[chosen], dq=movement.dq[chosen], ddq=movement.ddq[chosen])
+        moved, refitted = replace(body.prepared, recorded=here), replace(fit, samples=np.arange(len(rows)), design=rows)
+        try:
+            response = propagate_to_parameters(moved, refitted, result.base, error)[: fit.base]
+        except np.linalg.LinAlgError:
+            response = np.full((fit.base, 1), np.inf)
         return noise * len(chosen), response @ response.T
-
-    def _scale_parts(self, parts: tuple[FloatArray, FloatArray], seconds: float) -> FloatArray:
-        """Return the sum (b, b) of the parts, scaled to those of the trial (predicted-covariance.md, eq. 3)."""
-        residual, geometry, fixed = _split_variances(self.body.result)
-        noise_scale = np.sqrt(residual / np.diag(self._own_parts[0]))
-        geometry_scale = np.sqrt(geometry / np.maximum(np.diag(self._own_parts[1]), 1e-300))
-        length = self.now.samples / seconds
-        return np.asarray(
-            length * parts[0] * np.outer(noise_scale, noise_scale)
-            + parts[1] * np.outer(geometry_scale, geometry_scale)
-            + np.diag(fixed)
-        )
-
-    def _compute_conditions(self, movement: Trajectory, fitted: BoolArray) -> tuple[float, float]:
-        """Return the condition numbers of the filtered regressor, in SI units and with unit columns."""
-        if movement is self.own:
-            return self.now.condition, self.now.condition_scaled
-        settings = self.body.prepared.settings
-        cutoff = settings.cutoff if settings.cutoff is not None else choose_cutoff(movement.dq, movement.rate)
-        lowpass = LowPass(cutoff, movement.rate)
-        regressor = lowpass(self.body.regressor(movement.q, movement.dq, movement.ddq))
-        rows = regressor[fitted & np.isfinite(regressor).all(axis=(1, 2))][:: lowpass.step]
-        return compute_conditions(rows[:, list(settings.components)])
-
-
-def _split_variances(result: Identification) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the variances (b,) from residuals, from joint centres and skin, and from the plate's zero."""
-    residual = np.diag(result.residual_covariance)
-    rest = np.maximum(np.diag(result.covariance) - residual, 0.0)
-    geometry = np.minimum(np.sum(result.response**2, axis=1), rest)
-    return residual, geometry, rest - geometry
 
 
 def _choose_samples(movement: Trajectory, fitted: BoolArray, samples: int) -> IntArray:

@@ -33,14 +33,11 @@ _INSIDE = 0.01  # m: least distance of the resting posture's centre of pressure 
 class MovementLimits:
     """Bounds of a movement."""
 
-    # low, high: (n,) lowest and highest joint angles, rad
-    low: FloatArray
-    high: FloatArray
-    # speed, acceleration: (n,) largest speed and acceleration of each joint, rad/s and rad/s²
-    speed: FloatArray
-    acceleration: FloatArray
-    # allowed range of the centre of pressure, m; None for a base that is bolted down
-    support: tuple[float, float] | None
+    low: FloatArray  # (n,) lowest joint angles, rad
+    high: FloatArray  # (n,) highest joint angles, rad
+    speed: FloatArray  # (n,) largest speed of each joint, rad/s
+    acceleration: FloatArray  # (n,) largest acceleration of each joint, rad/s²
+    support: tuple[float, float] | None  # range of the centre of pressure, m; None for a base that is bolted down
 
     def clip(self, posture: FloatArray) -> FloatArray:
         """Return the allowed posture (n,) that is nearest to the given one, rad."""
@@ -68,16 +65,12 @@ class MovementLimits:
         if self.support is None:
             return worst
         sd = np.zeros(len(wrench)) if moment_sd is None else moment_sd
-        return max(worst, _compute_support_usage(wrench[counted], sd[counted], self.support))
-
-
-def _compute_support_usage(wrench: FloatArray, moment_sd: FloatArray, support: tuple[float, float]) -> float:
-    """Return the largest distance of the centre of pressure from the support's middle, divided by half its width."""
-    if np.any(wrench[:, 1] <= 0.0):
-        return np.inf
-    low, high = support
-    off = np.abs(wrench[:, 2] / wrench[:, 1] - (low + high) / 2) + moment_sd / wrench[:, 1]
-    return float(np.max(off)) / max((high - low) / 2, _TINY)
+        force, moment, sd = wrench[counted, 1], wrench[counted, 2], sd[counted]
+        if np.any(force <= 0.0):
+            return np.inf
+        low, high = self.support
+        off = np.abs(moment / force - (low + high) / 2) + sd / force
+        return max(worst, float(np.max(off)) / max((high - low) / 2, _TINY))
 
 
 def derive_limits(
@@ -120,19 +113,14 @@ def derive_limits(
             float(min(pressure.min() - slack, at_rest - _INSIDE)),
             float(max(pressure.max() + slack, at_rest + _INSIDE)),
         )
+    fastest, hardest = (np.abs(values[known]).max(axis=0) for values in (movement.dq, movement.ddq))
     return MovementLimits(
         low=np.minimum(movement.q[known].min(axis=0) - widened, rest),
         high=np.maximum(movement.q[known].max(axis=0) + widened, rest),
-        speed=_compute_limits(movement.dq[known], _FASTER, *speed),
-        acceleration=_compute_limits(movement.ddq[known], _FASTER**2, *acceleration),
+        speed=np.maximum(fastest, np.clip(_FASTER * fastest, *speed)),
+        acceleration=np.maximum(hardest, np.clip(_FASTER**2 * hardest, *acceleration)),
         support=support,
     )
-
-
-def _compute_limits(values: FloatArray, factor: float, least: float, most: float) -> FloatArray:
-    """Return limits (n,): ``factor`` times the largest values (T, n), clipped, but at least the largest values."""
-    largest = np.abs(values).max(axis=0)
-    return np.asarray(np.maximum(largest, np.clip(factor * largest, least, most)))
 
 
 def find_resting_posture(movement: Trajectory, centres: FloatArray, upright: bool) -> FloatArray:
@@ -154,8 +142,6 @@ OBJECTIVES: dict[Objective, str] = {
     "condition": "condition number of the regressor in SI units",
     "condition-scaled": "condition number of the regressor with unit columns",
 }
-
-_QUICK_SAMPLES, _QUICK_RATE = 50, 20.0  # samples, and samples per second, while many movements are compared
 
 
 @dataclass(frozen=True)
@@ -192,49 +178,12 @@ def compute_objective(objective: Objective, predicted: PredictedUncertainty, siz
     return float(np.exp(logarithm / (2 * len(size))))
 
 
-@dataclass(frozen=True)
-class MovementScorer:
-    """Evaluation of movements: whether the limits allow them, and the value of the objective."""
-
-    predictor: CovariancePredictor  # predictor of the trial
-    limits: MovementLimits  # limits of the movements
-    objective: Objective  # name of the objective, see `OBJECTIVES`
-    size: FloatArray  # (b,) size of each parameter, SI
-
-    @property
-    def comparison_rate(self) -> float:
-        """Rate at which many movements are compared: the trial's own rate divided by a whole number."""
-        rate = self.predictor.own.rate
-        return rate / max(1, int(rate / _QUICK_RATE))
-
-    def usage(self, movement: Trajectory) -> float:
-        """Return the largest fraction of any limit that the movement uses; above 1 the movement is not allowed."""
-        body = self.predictor.body
-        sd = None if self.limits.support is None else body.moment_sd(movement)
-        return self.limits.usage(movement, body.wrench(movement), sd)
-
-    def quick_value(self, movement: Trajectory, seconds: float | None = None) -> float:
-        """Return the objective, computed from few samples; ``seconds`` as for :meth:`CovariancePredictor.predict`."""
-        if self.objective.startswith("condition"):
-            return self.predictor.conditions(movement)[self.objective == "condition-scaled"]
-        predicted = self.predictor.predict(movement, seconds, samples=_QUICK_SAMPLES, exactly=False)
-        return compute_objective(self.objective, predicted, self.size)
-
-    def propose(self, words: str, movement: Trajectory, seconds: float | None = None) -> Proposal:
-        """Return the movement as a proposal; ``seconds`` as for :meth:`CovariancePredictor.predict`."""
-        predicted = self.predictor.predict(movement, seconds)
-        return Proposal(words, movement, predicted, compute_objective(self.objective, predicted, self.size))
-
-
 Change: TypeAlias = Literal["faster", "larger", "alone"]
 
 FACTOR = 1.5
 """Factor by which a movement is made faster or larger."""
 _HELPS = 0.8  # largest ratio of standard deviations: a smaller reduction is within the error of the prediction
-_RECOMMENDATION_QUICK_SAMPLES, _QUICK_ERROR = (
-    40,
-    1.1,
-)  # samples of a first estimate, and factor by which this estimate may be wrong
+_QUICK_SAMPLES, _QUICK_ERROR = 40, 1.1  # samples of a first estimate, and factor by which this estimate may be wrong
 _RATE = 40.0  # Hz: rate of the samples; movements are below 3 Hz
 
 
@@ -278,12 +227,18 @@ def recommend_changes(
     wanted = np.ones(len(result.base), dtype=np.bool_) if wanted is None else wanted
     own = get_recorded_trajectory(prepared.recorded, result.fit.in_fit).thin(_RATE)
     predictor = CovariancePredictor(IdentifiedBody(prepared, result), own)
+
+    def predict_ratios(movement: Trajectory, samples: int) -> FloatArray:
+        """Return the predicted standard deviations (b,) divided by the present ones, for the same duration."""
+        after = np.diag(predictor.covariance(movement, predictor.now.samples, samples))
+        return np.asarray(np.sqrt(after) / np.maximum(predictor.now.sd, 1e-300))
+
     best: list[Recommendation | None] = [None] * len(result.base)
     for change, joint in list_changes(len(prepared.recorded.centres)):
         movement = change_movement(predictor.own, change, joint)
-        if np.min(_predict_ratios(predictor, movement, _RECOMMENDATION_QUICK_SAMPLES)[wanted]) > _QUICK_ERROR * _HELPS:
+        if np.min(predict_ratios(movement, _QUICK_SAMPLES)[wanted]) > _QUICK_ERROR * _HELPS:
             continue
-        ratios = _predict_ratios(predictor, movement, SAMPLES)
+        ratios = predict_ratios(movement, SAMPLES)
         for i in np.flatnonzero(wanted):
             present = best[i]
             if ratios[i] < (_HELPS if present is None else present.ratio):
@@ -301,28 +256,19 @@ def describe_recommendations(excited: Excitation, recommendations: Recommendatio
             beyond.append(excited.names[i])
         else:
             best.setdefault((each.change, each.joint), []).append((i, each))
-    sentences = [
-        f"{_capitalise(group[0][1].describe(joints))} would reduce the standard deviation of "
-        + ", ".join(f"{excited.names[i]} to {100 * each.ratio * excited.relative_sd[i]:.0f} %" for i, each in group)
-        + "."
-        for group in best.values()
-    ]
+    sentences = []
+    for group in best.values():
+        words = group[0][1].describe(joints)
+        falls = ", ".join(
+            f"{excited.names[i]} to {100 * each.ratio * excited.relative_sd[i]:.0f} %" for i, each in group
+        )
+        sentences.append(f"{words[0].upper()}{words[1:]} would reduce the standard deviation of {falls}.")
     if beyond:
         sentences.append(
             f"No faster or larger movement of these joints would determine {', '.join(beyond)} better, because the "
             "error of the plate's zero, of the joint centres or of the skin remains."
         )
     return " ".join(sentences)
-
-
-def _capitalise(text: str) -> str:
-    return text[0].upper() + text[1:]
-
-
-def _predict_ratios(predictor: CovariancePredictor, movement: Trajectory, samples: int) -> FloatArray:
-    """Return the predicted standard deviations (b,) divided by the present ones, for the same duration."""
-    after = np.diag(predictor.covariance(movement, predictor.now.samples, samples))
-    return np.asarray(np.sqrt(after) / np.maximum(predictor.now.sd, 1e-300))
 
 
 def list_changes(joints: int) -> list[tuple[Change, int | None]]:

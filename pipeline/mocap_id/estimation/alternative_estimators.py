@@ -7,9 +7,8 @@ deviations.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -17,7 +16,6 @@ from scipy.interpolate import PchipInterpolator
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import ConfigError
 from mocap_id.estimation.filter_problem import ORDER, Anchors, FilterProblem, Track
-from mocap_id.estimation.quintic_spline import fit_smoothing_spline
 
 BRIDGE_LIMIT = 0.2  # longest gap, s, that the low-pass and the spline bridge
 
@@ -26,26 +24,23 @@ LEAST_SAMPLES = 12  # least number of angles between long gaps that the low-pass
 _REVERSED = np.array([1.0, -1.0, 1.0, -1.0])  # reversing time changes the sign of odd derivatives
 _POLES = 2  # of one pass; both passes together have four, as is usual in movement analysis
 
-Derivatives = Callable[[FloatArray, BoolArray, float], FloatArray]
-"""Function from an angle (F,), rad, flags of its known samples (F,) and the time step, s, to the states (F, 4)."""
 
-
-class AngleEstimate(NamedTuple):
-    """Estimated states of all joints, from any method."""
-
-    mean: FloatArray  # (F, n, 4) rad and s
-    sd: FloatArray  # (F, n, 4) standard deviations; NaN if unknown
-    used: BoolArray  # (F, M) markers used
-    log_likelihood: float  # NaN if the method has none
-    filled: BoolArray | None = None  # (F, n) states extrapolated backwards from later frames; None: no state
-
-
-def average_two_passes(problem: FilterProblem, run_filter: Callable[[FilterProblem], Track]) -> AngleEstimate:
+def average_two_passes(
+    problem: FilterProblem, run_filter: Callable[[FilterProblem], Track]
+) -> tuple[FloatArray, FloatArray, BoolArray, float]:
     """Return the average of a filter pass over the series and a pass over the reversed series (ch. 3.2.6).
 
     The errors of the two passes have an unknown correlation, because both use the frame itself. For any correlation,
-    the standard deviation of the average is at most the mean of the two standard deviations. This bound is returned. A
-    marker is ``used`` if one of the passes used it; the likelihood is that of the forward pass.
+    the standard deviation of the average is at most the mean of the two standard deviations. This bound is returned.
+
+    Returns
+    -------
+    mean, sd : (F, n, 4) arrays
+        States and standard deviations.
+    used : (F, M) bool array
+        Markers that one of the passes used.
+    log_likelihood : float
+        Of the forward pass.
     """
     ahead = run_filter(problem)
     anchors = problem.anchors
@@ -55,16 +50,15 @@ def average_two_passes(problem: FilterProblem, run_filter: Callable[[FilterProbl
     other, other_sd = (each[::-1] for each in back.by_joint())
     other = other * _REVERSED
     other[..., 0] -= 2.0 * np.pi * np.round((other[..., 0] - mean[..., 0]) / (2.0 * np.pi))
-    return AngleEstimate(
-        0.5 * (mean + other), 0.5 * (sd + other_sd), ahead.used | back.used[::-1], ahead.log_likelihood
-    )
+    used = np.asarray(ahead.used | back.used[::-1])
+    return 0.5 * (mean + other), 0.5 * (sd + other_sd), used, ahead.log_likelihood
 
 
-def smooth_butterworth(anchors: Anchors, dt: float, cutoff: float) -> AngleEstimate:
-    """Smooth the angles of single frames by a zero-phase Butterworth low-pass, then differentiate them.
+def smooth_butterworth(anchors: Anchors, dt: float, cutoff: float) -> FloatArray:
+    """Smooth the angles of single frames by a zero-phase Butterworth low-pass, and return the states (F, n, 4).
 
     ``cutoff`` is the cut-off of each of the two passes, Hz; both passes together halve the amplitude at this frequency.
-    The derivatives are central differences. Long gaps are NaN, as are all standard deviations.
+    The derivatives are central differences. Long gaps are NaN.
 
     Raises
     ------
@@ -88,32 +82,23 @@ def smooth_butterworth(anchors: Anchors, dt: float, cutoff: float) -> AngleEstim
             series.append(np.gradient(series[-1], dt, edge_order=2))
         return np.stack(series, axis=-1)
 
-    return _smooth_joints(anchors, dt, derivatives)
+    return smooth_joints(anchors, dt, derivatives)
 
 
-def smooth_spline(anchors: Anchors, dt: float) -> AngleEstimate:
-    """Smooth the angles of single frames by a quintic spline (ch. 5.5, :mod:`mocap_id.estimation.quintic_spline`).
+def smooth_joints(anchors: Anchors, dt: float, fit: Callable[[FloatArray, BoolArray, float], FloatArray]) -> FloatArray:
+    """Smooth the angles of single frames, joint by joint, and return the states (F, n, 4); long gaps are NaN.
 
-    Long gaps are NaN, as are all standard deviations.
+    ``fit`` returns the states (f, 4) from an angle (f,), rad, flags of its known samples (f,) and the time step, s.
     """
-    return _smooth_joints(anchors, dt, fit_smoothing_spline)
-
-
-def _smooth_joints(anchors: Anchors, dt: float, derivatives: Derivatives) -> AngleEstimate:
-    """Apply ``derivatives`` to each joint's angles between its long gaps; the result is NaN in these gaps."""
     mean = np.full((*anchors.angles.shape, ORDER), np.nan)
     for j in range(mean.shape[1]):
         seen = anchors.observed[:, j]
         angle = np.where(seen, anchors.angles[:, j], 0.0)
         angle[seen] = np.unwrap(angle[seen])
-        for part in _find_stretches(seen, BRIDGE_LIMIT / dt):
-            mean[part, j] = derivatives(angle[part], seen[part], dt)
-    return AngleEstimate(mean, np.full(mean.shape, np.nan), anchors.used.copy(), np.nan)
-
-
-def _find_stretches(seen: BoolArray, limit: float) -> Iterator[slice]:
-    """Yield each stretch with enough samples that are ``seen`` (F,), and no gap of more than ``limit`` samples."""
-    found = np.flatnonzero(seen)
-    for part in np.split(found, np.flatnonzero(np.diff(found) > limit + 1) + 1):
-        if len(part) >= LEAST_SAMPLES:
-            yield slice(int(part[0]), int(part[-1]) + 1)
+        # the stretches with enough samples and without a long gap
+        found = np.flatnonzero(seen)
+        for own in np.split(found, np.flatnonzero(np.diff(found) > BRIDGE_LIMIT / dt + 1) + 1):
+            if len(own) >= LEAST_SAMPLES:
+                part = slice(int(own[0]), int(own[-1]) + 1)
+                mean[part, j] = fit(angle[part], seen[part], dt)
+    return mean

@@ -46,30 +46,6 @@ class EncoderMatch:
         return np.asarray(moved)
 
 
-@dataclass(frozen=True)
-class _Curves:
-    """Samples of the angle from the cameras, without NaN, and the encoder's angle as a curve."""
-
-    time: FloatArray
-    angle: FloatArray
-    curve: CubicHermiteSpline
-    start: float
-    end: float
-
-    def encoder(self, offset: float, frames: slice = slice(None)) -> tuple[FloatArray, BoolArray]:
-        """Return the encoder's angle in some frames for an offset, s, and whether each frame is within its record."""
-        time = self.time[frames] - offset
-        inside: BoolArray = (time >= self.start) & (time <= self.end)
-        return np.asarray(self.curve(np.clip(time, self.start, self.end))), inside
-
-    def cost(self, offset: float, sign: int, frames: slice = slice(None)) -> float:
-        """Return the mean square difference of both angles, with fitted zero, rad²; infinite with too few frames."""
-        encoder, inside = self.encoder(offset, frames)
-        if np.count_nonzero(inside) < _LEAST_OVERLAP * len(inside):
-            return math.inf
-        return float(np.var((self.angle[frames] - sign * encoder)[inside]))
-
-
 def match_encoder(time: FloatArray, angle: FloatArray, encoder: EncoderStates, limit: float) -> EncoderMatch | None:
     """Estimate sign, zero and clock offset of an encoder; None if its record covers too few frames at every offset.
 
@@ -78,45 +54,61 @@ def match_encoder(time: FloatArray, angle: FloatArray, encoder: EncoderStates, l
     """
     known = np.isfinite(angle)
     curve = CubicHermiteSpline(encoder.time, encoder.mean[:, 0], encoder.mean[:, 1])
-    curves = _Curves(time[known], angle[known], curve, float(encoder.time[0]), float(encoder.time[-1]))
+    time, angle, start, end = time[known], angle[known], float(encoder.time[0]), float(encoder.time[-1])
     if known.sum() < 2:
         return None
-    best = {sign: _best_offset(curves, sign, limit) for sign in (1, -1)}
-    if not min(cost for _, cost in best.values()) < math.inf:
-        return None
-    sign = min(best, key=lambda each: best[each][1])
-    offset = best[sign][0]
-    edge = abs(offset) > limit - _COARSE / 10
-    return _describe_match(curves, sign, offset, opposite=math.sqrt(best[-sign][1]), at_edge=edge)
 
+    def encoder_at(offset: float, frames: slice = slice(None)) -> tuple[FloatArray, BoolArray]:
+        """Return the encoder's angle in some frames for an offset, s, and whether each frame is within its record."""
+        stamps = time[frames] - offset
+        inside: BoolArray = (stamps >= start) & (stamps <= end)
+        return np.asarray(curve(np.clip(stamps, start, end))), inside
 
-def _best_offset(curves: _Curves, sign: int, limit: float) -> tuple[float, float]:
-    """Return the offset, s, with the least mean square difference, and this difference, rad²; infinite if none fits."""
-    frames = slice(None, None, max(1, len(curves.time) // _COARSE_FRAMES))
+    def cost(offset: float, sign: int, frames: slice = slice(None)) -> float:
+        """Return the mean square difference of both angles, with fitted zero, rad²; infinite with too few frames."""
+        own, inside = encoder_at(offset, frames)
+        if np.count_nonzero(inside) < _LEAST_OVERLAP * len(inside):
+            return math.inf
+        return float(np.var((angle[frames] - sign * own)[inside]))
+
+    # the offset with the least mean square difference for both signs: on a grid, then between its neighbours
+    some = slice(None, None, max(1, len(time) // _COARSE_FRAMES))
     grid = np.linspace(-limit, limit, 2 * math.ceil(limit / _COARSE) + 1)
-    coarse = [curves.cost(float(offset), sign, frames) for offset in grid]
-    at = int(np.argmin(coarse))
-    if not math.isfinite(coarse[at]):
-        return 0.0, math.inf
-    best = minimize_scalar(
-        lambda offset: min(curves.cost(float(offset), sign), 1e12),
-        bounds=(grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)]),
-        method="bounded",
-        options={"xatol": _FINE},
-    )
-    return float(best.x), float(best.fun)
+    offsets, costs = dict.fromkeys((1, -1), 0.0), dict.fromkeys((1, -1), math.inf)
+    for sign in offsets:
+        coarse = [cost(float(offset), sign, some) for offset in grid]
+        at = int(np.argmin(coarse))
+        if math.isfinite(coarse[at]):
+            best = minimize_scalar(
+                lambda offset, sign=sign: min(cost(float(offset), sign), 1e12),
+                bounds=(grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)]),
+                method="bounded",
+                options={"xatol": _FINE},
+            )
+            offsets[sign], costs[sign] = float(best.x), float(best.fun)
+    if not min(costs.values()) < math.inf:
+        return None
+    sign = min(costs, key=lambda each: costs[each])
+    offset = offsets[sign]
 
-
-def _describe_match(curves: _Curves, sign: int, offset: float, *, opposite: float, at_edge: bool) -> EncoderMatch:
-    encoder, inside = curves.encoder(offset)
-    angle, encoder, time = curves.angle[inside], encoder[inside], curves.time[inside]
-    zero = float(np.mean(angle - sign * encoder))
-    residual = angle - sign * encoder - zero
+    # the transformation at this offset
+    measured, inside = encoder_at(offset)
+    angle, measured, time = angle[inside], measured[inside], time[inside]
+    zero = float(np.mean(angle - sign * measured))
+    residual = angle - sign * measured - zero
     rms = float(np.std(residual))
-    slopes = np.column_stack([-sign * curves.curve(time - offset, 1), np.ones(len(time))])
-    sds = _estimate_sds(slopes, residual, max(1, round(_LAG / float(np.median(np.diff(time))))))
-    variance, encoder_variance = float(np.var(angle)), float(np.var(encoder))
-    covariance = sign * float(np.cov(angle, encoder, bias=True)[0, 1])
+    slopes = np.column_stack([-sign * curve(time - offset, 1), np.ones(len(time))])
+    # standard deviations, for residuals correlated over ``lag`` samples
+    lag = max(1, round(_LAG / float(np.median(np.diff(time)))))
+    inverse = np.linalg.pinv(slopes.T @ slopes)
+    scores = slopes * residual[:, None]
+    total = scores.T @ scores
+    for shift in range(1, min(lag, len(residual) - 1) + 1):
+        across = scores[:-shift].T @ scores[shift:]
+        total += (1.0 - shift / (lag + 1)) * (across + across.T)
+    sds = np.sqrt(np.maximum(np.diagonal(inverse @ total @ inverse), 0.0))
+    variance, encoder_variance = float(np.var(angle)), float(np.var(measured))
+    covariance = sign * float(np.cov(angle, measured, bias=True)[0, 1])
     return EncoderMatch(
         sign=sign,
         zero=zero,
@@ -125,18 +117,7 @@ def _describe_match(curves: _Curves, sign: int, offset: float, *, opposite: floa
         offset_sd=float(sds[0]),
         r2=1.0 - rms**2 / variance if variance > 0 else math.nan,
         rms=rms,
-        opposite_rms=opposite,
+        opposite_rms=math.sqrt(costs[-sign]),
         gain=covariance / encoder_variance if encoder_variance > 0 else math.nan,
-        at_edge=at_edge,
+        at_edge=abs(offset) > limit - _COARSE / 10,
     )
-
-
-def _estimate_sds(slopes: FloatArray, residual: FloatArray, lag: int) -> FloatArray:
-    """Return standard deviations (p,) of a fit with slopes (N, p), for residuals correlated over ``lag`` samples."""
-    inverse = np.linalg.pinv(slopes.T @ slopes)
-    scores = slopes * residual[:, None]
-    total = scores.T @ scores
-    for shift in range(1, min(lag, len(residual) - 1) + 1):
-        across = scores[:-shift].T @ scores[shift:]
-        total += (1.0 - shift / (lag + 1)) * (across + across.T)
-    return np.asarray(np.sqrt(np.maximum(np.diagonal(inverse @ total @ inverse), 0.0)))

@@ -64,14 +64,28 @@ def smooth_encoder(
     """
     times = np.concatenate([time, time[:0] if at is None else at])
     order = np.argsort(times, kind="stable")
-    measured = order < len(time)
+    measured, times = order < len(time), times[order]
     values = np.zeros((len(times), 2))
     values[measured] = np.column_stack([position - position[0], velocity])
     variance = np.array([noise.position_sd, noise.velocity_sd]) ** 2
-    mean, sd, likelihood = _smooth(times[order], measured, values, variance, noise.density, np.square(START_SD))
+    ahead, ahead_p, mean, covariance, likelihood = _filter(
+        times, measured, values, variance, noise.density, np.square(START_SD)
+    )
+    # smoother
+    dt = np.diff(times)
+    transition = np.broadcast_to(np.eye(_SIZE), (len(dt), _SIZE, _SIZE)).copy()
+    transition[:, 0, 1] = transition[:, 1, 2] = dt
+    transition[:, 0, 2] = 0.5 * dt**2
+    gain = np.swapaxes(np.linalg.solve(ahead_p[1:], transition @ covariance[:-1]), 1, 2)
+    # P + G (P' - A) G' = (P - G A G') + G P' G'; only the last term needs the next frame
+    alone = covariance[:-1] - gain @ ahead_p[1:] @ np.swapaxes(gain, 1, 2)
+    for k in range(len(dt) - 1, -1, -1):
+        mean[k] += gain[k] @ (mean[k + 1] - ahead[k + 1])
+        covariance[k] = alone[k] + gain[k] @ covariance[k + 1] @ gain[k].T
+    sd = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
     mean[:, 0] += position[0]
     kept = measured if at is None else ~measured
-    return EncoderStates(times[order][kept], mean[kept], sd[kept], float(likelihood))
+    return EncoderStates(times[kept], mean[kept], sd[kept], float(likelihood))
 
 
 def estimate_encoder_noise(
@@ -95,7 +109,13 @@ def estimate_encoder_noise(
     given = np.array([position_sd or math.nan, velocity_sd or math.nan, math.nan])
     floor = np.array([_POSITION_SD_FLOOR, _VELOCITY_SD_FLOOR, _DENSITY_BOUNDS[0]])
     ceiling = np.array([10.0, 100.0, _DENSITY_BOUNDS[1]])
-    start = np.clip(_guess_noise(time, position, velocity), 2 * floor, 0.5 * ceiling)
+    # start values, from third differences and from the jerk of the smoothed velocity
+    step = float(np.median(np.diff(time)))
+    sds = [float(np.std(np.diff(each, 3))) / math.sqrt(20.0) for each in (position, velocity)]
+    wide = max(1, round(0.05 / step))
+    smooth = np.convolve(velocity, np.full(wide, 1.0 / wide), "valid")[::wide]
+    jerk = float(np.std(np.diff(smooth, 2))) / (wide * step) ** 2 if len(smooth) > 2 else 1.0
+    start = np.clip(np.array([*sds, max(jerk, 1e-2) ** 2 * 0.1]), 2 * floor, 0.5 * ceiling)
     open_ = np.isnan(given)
     measured, values = np.ones(len(time), dtype=np.bool_), np.column_stack([position - position[0], velocity])
 
@@ -113,34 +133,6 @@ def estimate_encoder_noise(
     options: Any = {"initial_simplex": simplex, "xatol": 0.005, "fatol": 0.01, "maxfev": 400}
     found = noise(minimize(cost, first, method="Nelder-Mead", options=options).x)
     return EncoderNoise(float(found[0]), float(found[1]), float(found[2]))
-
-
-def _guess_noise(time: FloatArray, position: FloatArray, velocity: FloatArray) -> FloatArray:
-    """Return start values (3,) of the noise, from third differences and from the jerk of the smoothed velocity."""
-    step = float(np.median(np.diff(time)))
-    sds = [float(np.std(np.diff(each, 3))) / math.sqrt(20.0) for each in (position, velocity)]
-    wide = max(1, round(0.05 / step))
-    smooth = np.convolve(velocity, np.full(wide, 1.0 / wide), "valid")[::wide]
-    jerk = float(np.std(np.diff(smooth, 2))) / (wide * step) ** 2 if len(smooth) > 2 else 1.0
-    return np.array([*sds, max(jerk, 1e-2) ** 2 * 0.1])
-
-
-def _smooth(  # noqa: PLR0917
-    time: FloatArray, measured: BoolArray, values: FloatArray, variance: FloatArray, density: float, start: FloatArray
-) -> tuple[FloatArray, FloatArray, float]:
-    """Run filter and smoother; return states (K, 3), their standard deviations (K, 3), and the log-likelihood."""
-    ahead, ahead_p, mean, covariance, total = _filter(time, measured, values, variance, density, start)
-    dt = np.diff(time)
-    transition = np.broadcast_to(np.eye(_SIZE), (len(dt), _SIZE, _SIZE)).copy()
-    transition[:, 0, 1] = transition[:, 1, 2] = dt
-    transition[:, 0, 2] = 0.5 * dt**2
-    gain = np.swapaxes(np.linalg.solve(ahead_p[1:], transition @ covariance[:-1]), 1, 2)
-    # P + G (P' - A) G' = (P - G A G') + G P' G'; only the last term needs the next frame
-    alone = covariance[:-1] - gain @ ahead_p[1:] @ np.swapaxes(gain, 1, 2)
-    for k in range(len(dt) - 1, -1, -1):
-        mean[k] += gain[k] @ (mean[k + 1] - ahead[k + 1])
-        covariance[k] = alone[k] + gain[k] @ covariance[k + 1] @ gain[k].T
-    return mean, np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0)), total
 
 
 @compiled

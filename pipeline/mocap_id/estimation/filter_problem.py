@@ -194,12 +194,6 @@ class Track:
         mean, sd = (np.swapaxes(each.reshape(shape), 1, 2) for each in (self.mean, self.sd))
         return mean, sd
 
-    @property
-    def found(self) -> BoolArray:
-        """Whether (F, n) a joint starts again in a frame and not in the next frame."""
-        after = np.concatenate([self.restarted[1:], np.zeros_like(self.restarted[:1])])
-        return np.asarray(self.restarted & ~after)
-
 
 _EMPTY = np.empty((0, 0))
 _NO_SENSORS = Inertial(

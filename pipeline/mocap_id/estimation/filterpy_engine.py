@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import NumericalError
 from mocap_id.estimation.filter_kernels import ENOUGH
 from mocap_id.estimation.filter_problem import (
@@ -28,7 +28,7 @@ from mocap_id.estimation.filter_problem import (
 from mocap_id.geometry.planar import marker_positions
 
 
-def filter_forwards(problem: FilterProblem) -> Track:
+def filter_slowly(problem: FilterProblem) -> Track:
     """Run the filter over all frames, and return the filtered states.
 
     Raise NumericalError if a covariance is not positive definite.
@@ -38,28 +38,38 @@ def filter_forwards(problem: FilterProblem) -> Track:
     mean, covariance = np.empty((frames, 4 * n)), np.empty((frames, 4 * n, 4 * n))
     used, restarted = np.zeros((frames, markers), dtype=np.bool_), np.zeros((frames, n), dtype=np.bool_)
     ukf, last_angle, log_likelihood = _make_filter(problem), problem.anchors.angles[0].copy(), 0.0
-    failing = np.zeros(n, dtype=np.int64)
+    own = problem.segment[:, None] == np.arange(1, n + 1)  # (M, n)
+    failing = np.zeros(n, dtype=np.int64)  # successive frames in which over half of a segment's markers fail
     for k in range(frames):
         try:
             if k > 0:
                 ukf.predict()
             diverged = (failing > 0) & bool((failing > problem.patience).any())
-            restarted[k] = (k == 0) | (np.diag(ukf.P)[:n] > START_SD[0] ** 2) | diverged
-            failing[restarted[k]] = 0
-            _restart(ukf, last_angle, restarted[k], problem.dt)
+            lost = restarted[k] = (k == 0) | (np.diag(ukf.P)[:n] > START_SD[0] ** 2) | diverged
+            failing[lost] = 0
+            # lost joints start at their last angle, at rest, with their initial covariance
+            rows = np.tile(lost, 4)
+            ukf.P[rows, :] = 0.0
+            ukf.P[:, rows] = 0.0
+            ukf.P[rows, rows] = np.repeat(start_sd(problem.dt) ** 2, n)[rows]
+            ukf.x[rows] = np.concatenate([last_angle, np.zeros(3 * n)])[rows]
+            ukf.sigmas_f = ukf.points_fn.sigma_points(ukf.x, ukf.P)
             gained, used[k] = _measure(ukf, problem, k)
         except np.linalg.LinAlgError as error:
             raise NumericalError(
                 f"the filter's covariance is not positive definite at sample {k} of {frames}"
             ) from error
         log_likelihood += gained
-        failing = _count_failing(problem, k, used[k], failing)
+        # a frame in which no marker of the segment is visible does not count
+        seen = (own & np.isfinite(problem.observed[k]).all(axis=-1)[:, None]).sum(axis=0)
+        passed = (own & used[k][:, None]).sum(axis=0)
+        failing = np.asarray(np.where(seen > 0, np.where(2 * passed < seen, failing + 1, 0), failing))
         last_angle = np.where(problem.anchors.observed[k] & (failing == 0), ukf.x[:n], last_angle)
         mean[k], covariance[k] = ukf.x, ukf.P
     return Track(mean, covariance, used, restarted, log_likelihood)
 
 
-def smooth_backwards(problem: FilterProblem, track: Track) -> Track:
+def smooth_slowly(problem: FilterProblem, track: Track) -> Track:
     """Run the Rauch–Tung–Striebel smoother over a filtered track, and return the smoothed states as a new track."""
     n = problem.joints
     f, q = joint_transition(problem.dt, n), joint_noise(problem.dt, problem.density)
@@ -102,16 +112,6 @@ def _forward(problem: FilterProblem, states: FloatArray, markers: BoolArray) -> 
     return marker_positions(angles, problem.centres, problem.segment[markers], problem.local[markers])
 
 
-def _restart(ukf: UnscentedKalmanFilter, last_angle: FloatArray, lost: BoolArray, dt: float) -> None:
-    """Set the joints ``lost`` (n,) to their last angles and to rest, with their initial covariance, in place."""
-    rows = np.tile(lost, 4)
-    ukf.P[rows, :] = 0.0
-    ukf.P[:, rows] = 0.0
-    ukf.P[rows, rows] = np.repeat(start_sd(dt) ** 2, len(lost))[rows]
-    ukf.x[rows] = np.concatenate([last_angle, np.zeros(3 * len(lost))])[rows]
-    ukf.sigmas_f = ukf.points_fn.sigma_points(ukf.x, ukf.P)
-
-
 def _measure(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int) -> tuple[float, BoolArray]:
     """Update the filter with frame k; return the increase of the log-likelihood and the markers used (M,)."""
     visible = np.isfinite(problem.observed[k]).all(axis=-1)
@@ -121,8 +121,16 @@ def _measure(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int) -> tupl
             return 0.0, np.zeros_like(visible)
         taken = _anchor(ukf, problem.anchors.angles[k], problem.anchors.covariance[k], problem.gate)
         return 0.0, problem.anchors.used[k] & taken
+    # the gate around the prediction
+    points = _forward(problem, ukf.sigmas_f, visible)  # (2L + 1, m, 2)
+    expected = np.einsum("s,smi->mi", ukf.Wm, points)
+    deviation = points - expected
+    spread = np.einsum("s,smi,smj->mij", ukf.Wc, deviation, deviation)
+    spread += problem.gate_variance[visible, None, None] * np.eye(2)
+    innovation = problem.observed[k, visible] - expected
+    squared = np.einsum("mi,mi->m", innovation, np.linalg.solve(spread, innovation[..., None])[..., 0])
     passed = visible.copy()
-    passed[visible] = _passes_gate(ukf, problem, k, visible)
+    passed[visible] = squared <= problem.gate**2
     own = problem.segment[:, None] == np.arange(1, problem.joints + 1)  # (M, n)
     seen, through, fitting = ((own & each[:, None]).sum(axis=0) for each in (visible, passed, problem.anchors.used[k]))
     lost = problem.anchors.observed[k] & (seen >= ENOUGH) & (2 * through < seen) & (seen < 2 * fitting)
@@ -134,30 +142,6 @@ def _measure(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int) -> tupl
     noise = np.diag(np.repeat(problem.variance[passed], 2))
     ukf.update(problem.observed[k, passed].ravel(), R=noise, markers=passed)
     return float(ukf.log_likelihood), passed
-
-
-def _count_failing(problem: FilterProblem, k: int, used: BoolArray, failing: IntArray) -> IntArray:
-    """Return ``failing`` (n,), the number of successive frames in which over half of a segment's markers fail.
-
-    It does not change in a frame in which no marker of the segment is visible.
-    """
-    own = problem.segment[:, None] == np.arange(1, problem.joints + 1)  # (M, n)
-    seen = (own & np.isfinite(problem.observed[k]).all(axis=-1)[:, None]).sum(axis=0)
-    passed = (own & used[:, None]).sum(axis=0)
-    counted = np.where(2 * passed < seen, failing + 1, 0)
-    return np.asarray(np.where(seen > 0, counted, failing))
-
-
-def _passes_gate(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int, visible: BoolArray) -> BoolArray:
-    """Return which of the m visible markers (M,) are within the gate, as flags (m,)."""
-    points = _forward(problem, ukf.sigmas_f, visible)  # (2L + 1, m, 2)
-    expected = np.einsum("s,smi->mi", ukf.Wm, points)
-    deviation = points - expected
-    spread = np.einsum("s,smi,smj->mij", ukf.Wc, deviation, deviation)
-    spread += problem.gate_variance[visible, None, None] * np.eye(2)
-    innovation = problem.observed[k, visible] - expected
-    squared = np.einsum("mi,mi->m", innovation, np.linalg.solve(spread, innovation[..., None])[..., 0])
-    return np.asarray(squared <= problem.gate**2, dtype=np.bool_)
 
 
 def _anchor(ukf: UnscentedKalmanFilter, angles: FloatArray, noise: FloatArray, gate: float) -> bool:

@@ -16,6 +16,7 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray, as_complex, find_ru
 from mocap_id.errors import NumericalError
 from mocap_id.estimation.filter_kernels import Inertial
 from mocap_id.estimation.inertial import (
+    GRAVITY,
     MotionFromMarkers,
     PreparedSensor,
     SensorCalibration,
@@ -26,12 +27,12 @@ from mocap_id.estimation.inertial import (
     find_observed_segments,
     prepare_sensor,
 )
-from mocap_id.estimation.inertial.signals import GRAVITY
-from mocap_id.estimation.smoothing import FilterSettings, States, prepare_states
+from mocap_id.estimation.inverse_kinematics import MarkerChain
+from mocap_id.estimation.smoothing import FilterSettings, StateEstimator, States
 from mocap_id.geometry import so3
 
 SHARES = (1.5, 1.5)
-"""As :data:`mocap_id.estimation.inertial.calibration.SHARES`, but larger, because hinges can follow rotating skin."""
+"""As :data:`mocap_id.estimation.inertial.SHARES`, but larger, because hinges can follow rotating skin."""
 
 _SHARE_SD = 0.05  # standard deviation of the fraction of a joint's rotation that the skin under a sensor follows
 _COVERED, _QUANTILE = 0.95, 1.645  # fraction of intervals whose drift is covered; this quantile in standard deviations
@@ -60,8 +61,8 @@ def smooth_with_sensors(
     """
     rate = (len(time) - 1) / float(time[-1] - time[0])
     times = time[0] + np.arange(len(time)) / rate
-    prepared = prepare_states(observed, rate, centres, segment, local, settings=settings)
-    alone = prepared.estimate()
+    trial = StateEstimator(observed, rate, MarkerChain(centres, segment, local), settings)
+    alone = trial.estimate()
     motions = compute_segment_motions(alone, rate)
     results = calibrate_all(sensors, motions, times)
     worn = {
@@ -73,7 +74,18 @@ def smooth_with_sensors(
         return alone, results
     results |= {s: replace(results[s], calibration=each.calibration) for s, each in worn.items()}
     try:
-        both = prepared.estimate(_collect_signals(alone, worn))
+        ready = [each.prepared for each in worn.values()]
+        both = trial.estimate(
+            Inertial(
+                segment=np.array(list(worn), dtype=np.int64),
+                place=np.array([each.calibration.place[:2] for each in worn.values()]),
+                share=np.array([each.share for each in worn.values()]),
+                rest=np.nanmean(alone.mean[..., 0], axis=0),
+                signal=np.stack([np.column_stack([each.gyro[:, 2], each.force[:, :2]]) for each in ready], axis=1),
+                variance=np.stack([each.variance for each in ready], axis=1),
+                gravity=GRAVITY,
+            )
+        )
         if not _measure_residual(both, observed) < _WORSE * _measure_residual(alone, observed):
             raise NumericalError("the sensors pull the chain away from the markers")
     except NumericalError as error:
@@ -131,8 +143,13 @@ def calibrate_worn_sensor(  # noqa: PLR0917
     seen, rest = _find_determined(states)[:, s], np.nanmean(states.mean[..., 0], axis=0)
     first = prepare_sensor(signals, found, motion, time, seen, SHARES)
     beside = [j for j in (s - 1, s) if j < len(rest)]
+    # the fractions of the joints' rates that add up best to the rate of the sensor relative to the segment
+    off, rates = first.gyro[:, 2] - motion.omega[:, 2], states.mean[:, beside, 1]
+    known = np.isfinite(off + rates.sum(axis=1))
+    weight = 1.0 / (found.residual[0] ** 2 * found.correlated[0])
+    normal = weight * rates[known].T @ rates[known] + np.eye(rates.shape[1]) / _SHARE_SD**2
     share = np.zeros(len(rest))
-    share[beside] = _fit_share(first.gyro[:, 2] - motion.omega[:, 2], states.mean[:, beside, 1], found)
+    share[beside] = np.linalg.solve(normal, weight * rates[known].T @ off[known])
     angle, rate, acceleration = ((states.mean[..., d] - rest * (d == 0)) @ share for d in range(3))
     skin = replace(
         motion,
@@ -144,28 +161,6 @@ def calibrate_worn_sensor(  # noqa: PLR0917
     again = calibrate_sensor(signals, skin, time, clock, follows=False, start=replace(found, lag=0.0)) or found
     prepared = prepare_sensor(signals, again, skin, time, seen, SHARES)
     return WornSensor(again, prepared, share, prepared.gyro[:, 2] - skin.omega[:, 2])
-
-
-def _fit_share(off: FloatArray, rates: FloatArray, found: SensorCalibration) -> FloatArray:
-    """Return the fractions (k,) of the joints' rates (F, k) that add up to ``off`` (F,) best, all in rad/s."""
-    known = np.isfinite(off + rates.sum(axis=1))
-    weight = 1.0 / (found.residual[0] ** 2 * found.correlated[0])
-    normal = weight * rates[known].T @ rates[known] + np.eye(rates.shape[1]) / _SHARE_SD**2
-    return np.asarray(np.linalg.solve(normal, weight * rates[known].T @ off[known]))
-
-
-def _collect_signals(states: States, worn: Mapping[int, WornSensor]) -> Inertial:
-    sensors = list(worn.values())
-    signal = [np.column_stack([each.prepared.gyro[:, 2], each.prepared.force[:, :2]]) for each in sensors]
-    return Inertial(
-        segment=np.array(list(worn), dtype=np.int64),
-        place=np.array([each.calibration.place[:2] for each in sensors]),
-        share=np.array([each.share for each in sensors]),
-        rest=np.nanmean(states.mean[..., 0], axis=0),
-        signal=np.stack(signal, axis=1),
-        variance=np.stack([each.prepared.variance for each in sensors], axis=1),
-        gravity=GRAVITY,
-    )
 
 
 def _add_drift(states: States, worn: Mapping[int, WornSensor], dt: float) -> FloatArray:

@@ -17,11 +17,9 @@ import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, as_complex, as_xy, interpolate_gaps
 from mocap_id.errors import NumericalError
-from mocap_id.estimation import filter_problem
 from mocap_id.estimation.filter_kernels import Inertial
-from mocap_id.estimation.filter_problem import Anchors, FilterProblem, SigmaPoints
-from mocap_id.estimation.inertial import MotionFromMarkers, SensorSignals, calibrate_all, prepare_sensor
-from mocap_id.estimation.inertial.signals import GRAVITY
+from mocap_id.estimation.filter_problem import Anchors, FilterProblem, SigmaPoints, filter_forwards, smooth_backwards
+from mocap_id.estimation.inertial import GRAVITY, MotionFromMarkers, SensorSignals, calibrate_all, prepare_sensor
 from mocap_id.estimation.inertial_smoothing import SHARES, WornSensor, calibrate_worn_sensor, compute_segment_motions
 from mocap_id.estimation.smoothing import States
 
@@ -66,16 +64,6 @@ class Reckoning:
     force_bias: FloatArray  # (n, 2) bias of each accelerometer, m/s²
     force_bias_sd: FloatArray  # (n, 2) standard deviations, m/s²
     residual: FloatArray  # (n,) rms residual of a component of each accelerometer, m/s²
-
-
-@dataclass(frozen=True)
-class _Unknowns:
-    """Parameters of the fit."""
-
-    start: FloatArray  # (n,) constants of the angles, rad
-    bias: FloatArray  # (F, n) changes of the gyroscopes' biases, rad/s
-    force: ComplexArray  # (n,) changes of the accelerometers' biases, m/s²
-    shift: FloatArray  # (n,) clocks, s
 
 
 class DeadReckoning:
@@ -127,13 +115,30 @@ class DeadReckoning:
 
     def solve(self) -> Reckoning:
         """Return the motion and the parameters that fit best, by Gauss–Newton with weak priors."""
-        unknowns, prior = np.zeros(self._size), self._prior()
-        unknowns[self._at[0]] = self._find_upright()
+        # inverse covariance of the prior; the constants of the angles have none
+        prior, free, count = np.zeros((self._size, self._size)), np.ones(self._size), len(self._knots)
+        walk = np.diff(np.eye(count), axis=0) / (_WALK * np.sqrt(np.diff(self._knots)))[:, None]
+        bias = walk.T @ walk
+        bias[0, 0] += 1.0 / SWITCHED_ON**2
+        prior[self._at[1], self._at[1]] = np.kron(np.eye(len(self._signals)), bias)
+        for part, sd in ((self._at[2], FORCE_BIAS), (self._at[3], _CLOCK)):
+            prior[part, part] = np.eye(part.stop - part.start) / sd**2
+        free[self._at[0]] = 0.0
+
+        # constants of the angles for which measured and expected forces agree in direction
+        unknowns = np.zeros(self._size)
+        _, _, _, shift = self._split(unknowns)
+        angle, speed, acceleration = self._motion(unknowns)
+        force, start = self.sample(tuple(shift))[1], np.zeros(len(self._signals))
+        for _ in range(3):  # the rotation of the skin depends on the angle
+            off = np.nansum(self._expect(start + angle, speed, acceleration) * np.conj(force), axis=0)
+            start = start + self._to_segments @ np.angle(off)
+        unknowns[self._at[0]] = start
+
+        # Gauss–Newton
         calibrations = [each.calibration for each in self.chain.sensors]
         spread = np.array([each.residual[1] * np.sqrt(each.correlated[1]) for each in calibrations])
         spread *= len(self.time) ** -0.5 * len(self._some) ** 0.5  # thinned samples are less correlated
-        free = np.ones(self._size)
-        free[self._at[0]] = 0.0  # the constants of the angles have no prior
         for _ in range(_ROUNDS):
             off = self._residual(unknowns)
             rows = np.stack([(self._residual(unknowns + _STEP * e) - off) / _STEP for e in np.eye(self._size)], 2)
@@ -146,37 +151,52 @@ class DeadReckoning:
             unknowns = unknowns + step
             if np.max(np.abs(step) * np.sqrt(np.diagonal(normal))) < 1e-2:
                 break
-        return self._describe(unknowns, np.linalg.inv(normal))
 
-    def _prior(self) -> FloatArray:
-        """Return the prior inverse covariance of the parameters."""
-        count = len(self._knots)
-        walk = np.diff(np.eye(count), axis=0) / (_WALK * np.sqrt(np.diff(self._knots)))[:, None]
-        bias = walk.T @ walk
-        bias[0, 0] += 1.0 / SWITCHED_ON**2
-        prior = np.zeros((self._size, self._size))
-        prior[self._at[1], self._at[1]] = np.kron(np.eye(len(self._signals)), bias)
-        for part, sd in ((self._at[2], FORCE_BIAS), (self._at[3], _CLOCK)):
-            prior[part, part] = np.eye(part.stop - part.start) / sd**2
-        return prior
+        # standard deviations
+        covariance = np.linalg.inv(normal)
+        sd = np.sqrt(np.diagonal(covariance))
+        _, gyro_bias, force_bias, shift = self._split(unknowns)
+        angle, off = self._motion(unknowns)[0], self._residual(unknowns)
+        some = np.unique(np.linspace(0, len(angle) - 1, _SD_FRAMES).astype(np.int64))
+        moved = [self._motion(unknowns + _STEP * e)[0][some] for e in np.eye(self._size)]
+        rows = (np.stack(moved, axis=2) - angle[some, :, None]) / _STEP
+        variance = np.einsum("fkp,pq,fkq->kf", rows, covariance, rows)
+        knots = sd[self._at[1]].reshape(len(self._signals), -1)
+        return Reckoning(
+            angle=angle,
+            angle_sd=np.stack([np.interp(self.time, self.time[some], np.sqrt(each)) for each in variance], axis=1),
+            shift=shift,
+            shift_sd=np.concatenate([[0.0], sd[self._at[3]]]),
+            gyro_bias=gyro_bias,
+            gyro_bias_sd=np.stack([np.interp(self.time, self._knots, each) for each in knots], axis=1),
+            force_bias=as_xy(force_bias),
+            force_bias_sd=sd[self._at[2]].reshape(-1, 2),
+            residual=np.sqrt(np.nanmean(np.abs(off) ** 2, axis=0) / 2),
+        )
 
-    def _split(self, unknowns: FloatArray) -> _Unknowns:
+    def _split(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray, ComplexArray, FloatArray]:
+        """Return the parameters of the fit.
+
+        They are the constants (n,) of the angles, rad, the changes (F, n) of the gyroscopes' biases, rad/s, the changes
+        (n,) of the accelerometers' biases, m/s², and the clocks (n,), s.
+        """
         start, bias, force, shift = (unknowns[each] for each in self._at)
         knots = bias.reshape(len(self._signals), -1)
         every = np.stack([np.interp(self.time, self._knots, each) for each in knots], axis=1)
-        return _Unknowns(start, every, as_complex(force.reshape(-1, 2)), np.concatenate([[0.0], shift]))
+        return start, every, as_complex(force.reshape(-1, 2)), np.concatenate([[0.0], shift])
 
     def _smooth(self, values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
         ends = [np.repeat(each, self._half, axis=0) for each in (values[:1], values[-1:])]
         padded = np.concatenate([ends[0], values, ends[1]])
         return np.stack([np.convolve(each, self._window, mode="valid") for each in padded.T], axis=1)
 
-    def _motion(self, given: _Unknowns) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _motion(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return angles, angular velocities and angular accelerations (F, n) of the segments."""
-        speed = (interpolate_gaps(self.sample(tuple(given.shift))[0]) - given.bias) @ self._to_segments.T
+        start, bias, _, shift = self._split(unknowns)
+        speed = (interpolate_gaps(self.sample(tuple(shift))[0]) - bias) @ self._to_segments.T
         integral = np.cumsum((speed[1:] + speed[:-1]) / 2, axis=0) * self._dt
         smooth = self._smooth(speed)
-        angle = given.start + np.concatenate([np.zeros((1, len(given.start))), integral])
+        angle = start + np.concatenate([np.zeros((1, len(start))), integral])
         return angle, smooth, np.gradient(smooth, self._dt, axis=0)
 
     def _expect(self, angle: FloatArray, speed: FloatArray, acceleration: FloatArray) -> ComplexArray:
@@ -188,41 +208,11 @@ class DeadReckoning:
         total = carried + weight * self._place * rotation + 1j * GRAVITY
         return np.asarray(total * np.exp(-1j * (angle + skin)))
 
-    def _find_upright(self) -> FloatArray:
-        """Return the constants (n,) of the angles, rad, for which measured and expected forces agree in direction."""
-        given = self._split(np.zeros(self._size))
-        angle, speed, acceleration = self._motion(given)
-        force, start = self.sample(tuple(given.shift))[1], np.zeros(len(self._signals))
-        for _ in range(3):  # the rotation of the skin depends on the angle
-            off = np.nansum(self._expect(start + angle, speed, acceleration) * np.conj(force), axis=0)
-            start = start + self._to_segments @ np.angle(off)
-        return np.asarray(start)
-
     def _residual(self, unknowns: FloatArray) -> ComplexArray:
         """Return measured minus expected forces (f, n), m/s², at the frames of the fit; NaN where not measured."""
-        given = self._split(unknowns)
-        measured = self._smooth(self.sample(tuple(given.shift))[1]) - given.force
-        return np.asarray((measured - self._expect(*self._motion(given)))[self._some])
-
-    def _describe(self, unknowns: FloatArray, covariance: FloatArray) -> Reckoning:
-        given, sd = self._split(unknowns), np.sqrt(np.diagonal(covariance))
-        angle, off = self._motion(given)[0], self._residual(unknowns)
-        some = np.unique(np.linspace(0, len(angle) - 1, _SD_FRAMES).astype(np.int64))
-        moved = [self._motion(self._split(unknowns + _STEP * e))[0][some] for e in np.eye(self._size)]
-        rows = (np.stack(moved, axis=2) - angle[some, :, None]) / _STEP
-        variance = np.einsum("fkp,pq,fkq->kf", rows, covariance, rows)
-        knots = sd[self._at[1]].reshape(len(self._signals), -1)
-        return Reckoning(
-            angle=angle,
-            angle_sd=np.stack([np.interp(self.time, self.time[some], np.sqrt(each)) for each in variance], axis=1),
-            shift=given.shift,
-            shift_sd=np.concatenate([[0.0], sd[self._at[3]]]),
-            gyro_bias=given.bias,
-            gyro_bias_sd=np.stack([np.interp(self.time, self._knots, each) for each in knots], axis=1),
-            force_bias=as_xy(given.force),
-            force_bias_sd=sd[self._at[2]].reshape(-1, 2),
-            residual=np.sqrt(np.nanmean(np.abs(off) ** 2, axis=0) / 2),
-        )
+        _, _, bias, shift = self._split(unknowns)
+        measured = self._smooth(self.sample(tuple(shift))[1]) - bias
+        return np.asarray((measured - self._expect(*self._motion(unknowns)))[self._some])
 
 
 _GATE = 8.0  # largest innovation in the filter, in standard deviations
@@ -238,9 +228,7 @@ class TrackedStates:
     mean: FloatArray  # (F, n, 4) angle, rad, velocity, rad/s, acceleration, rad/s², and jerk, rad/s³
     sd: FloatArray  # (F, n, 3) standard deviations of angle, velocity and acceleration
     reckoning: Reckoning  # motion before the filter, with biases and clocks
-    level: (
-        FloatArray  # (n,) mean specific force out of the plane, m/s²; not zero if a sensor was rotated on its segment
-    )
+    level: FloatArray  # (n,) mean specific force out of the plane, m/s²; not zero if a sensor was rotated
     heading: FloatArray  # (n,) rotation of each sensor about the vertical between start and end, rad
     heading_sd: FloatArray  # (n,) its standard deviation, rad
 
@@ -306,8 +294,16 @@ def track_without_markers(signals: Sequence[SensorSignals], time: FloatArray, ch
     lasting = np.broadcast_to(chain.errors**2, variance.shape).copy()
     before = np.concatenate([np.zeros((len(sd), 1)), reckoning.angle_sd[:, :-1]], axis=1)
     lasting[..., 0] += np.hypot(reckoning.angle_sd, before) ** 2
-    out_of_plane = _measure_out_of_plane(problem, reckoning)
-    return TrackedStates(mean, np.sqrt(variance + lasting), reckoning, *out_of_plane)
+    # out of the plane: mean force, and rotation about the vertical
+    level, heading, heading_sd = np.empty((3, len(signals)))
+    duration = float(time[-1] - time[0])
+    for k, worn in enumerate(chain.known.sensors):
+        gyro, force = problem.prepare(k, float(reckoning.shift[k]))
+        upwards = as_xy(1j * np.exp(-1j * reckoning.angle[:, k]))
+        level[k] = np.nanmean(force[:, 2])
+        heading[k] = np.nanmean(np.sum(gyro[:, :2] * upwards, axis=1)) * duration
+        heading_sd[k] = np.hypot(SWITCHED_ON, np.mean(worn.calibration.sd["gyro_bias"])) * duration
+    return TrackedStates(mean, np.sqrt(variance + lasting), reckoning, level, heading, heading_sd)
 
 
 def _track(reckoned: DeadReckoning) -> tuple[FloatArray, FloatArray, Reckoning]:
@@ -348,19 +344,5 @@ def _track(reckoned: DeadReckoning) -> tuple[FloatArray, FloatArray, Reckoning]:
             gravity=GRAVITY,
         ),
     )
-    mean, sd = filter_problem.smooth_backwards(problem, filter_problem.filter_forwards(problem)).by_joint()
+    mean, sd = smooth_backwards(problem, filter_forwards(problem)).by_joint()
     return mean, sd, reckoning
-
-
-def _measure_out_of_plane(reckoned: DeadReckoning, reckoning: Reckoning) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the fields ``level``, ``heading`` and ``heading_sd`` of :class:`TrackedStates`, (n,) each."""
-    sensors, time = reckoned.chain.sensors, reckoned.time
-    level, heading, heading_sd = (np.empty(len(sensors)) for _ in range(3))
-    duration = float(time[-1] - time[0])
-    for k, worn in enumerate(sensors):
-        gyro, force = reckoned.prepare(k, float(reckoning.shift[k]))
-        upwards = as_xy(1j * np.exp(-1j * reckoning.angle[:, k]))
-        level[k] = np.nanmean(force[:, 2])
-        heading[k] = np.nanmean(np.sum(gyro[:, :2] * upwards, axis=1)) * duration
-        heading_sd[k] = np.hypot(SWITCHED_ON, np.mean(worn.calibration.sd["gyro_bias"])) * duration
-    return level, heading, heading_sd

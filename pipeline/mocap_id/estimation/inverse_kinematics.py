@@ -61,10 +61,7 @@ class FrameAngles:
 
 
 def compute_angle_covariance(information: FloatArray, marker_sd: float) -> FloatArray:
-    """Return the covariance (F, n, n) of the angles of each frame, rad^2, with a prior of 1 rad for each angle.
-
-    ``information`` (F, n, n) is Jᵀ J, m^2/rad^2, and ``marker_sd`` the marker noise, m.
-    """
+    """Return the covariance (F, n, n), rad^2, of the angles from Jᵀ J, m^2/rad^2, with a prior of 1 rad each."""
     n = information.shape[1]
     return np.asarray(np.linalg.inv(information / marker_sd**2 + np.eye(n) / _WEAK_SD**2))
 
@@ -73,9 +70,8 @@ def find_determined_angles(angles: FloatArray, used: BoolArray, chain: MarkerCha
     """Return which angles (F, n) the ``used`` markers (F, M) of their frame determine, for a marker noise in m."""
     found = np.empty(angles.shape, dtype=np.bool_)
     for s in chunks(len(angles)):
-        found[s] = find_observed_angles(
-            compute_angle_covariance(compute_information(angles[s], used[s], chain), marker_sd)
-        )
+        information = _compute_information(angles[s], used[s], chain)
+        found[s] = find_observed_angles(compute_angle_covariance(information, marker_sd))
     return found
 
 
@@ -102,42 +98,32 @@ def find_frame_angles(observed: FloatArray, chain: MarkerChain, gate: float, flo
     for _ in range(_ROUNDS):
         limit = gate * np.fmax(scale, floor)
         for s in parts:
-            _remove_outliers(observed[s], used[s], angles[s], residual[s], chain, limit=limit)
+            frames = np.arange(s.start, s.stop)
+            for _marker in range(observed.shape[1]):
+                excess = np.where(used[frames], residual[frames] / limit, 0.0)
+                worst = excess.argmax(axis=1)
+                beyond = excess[np.arange(len(frames)), worst] > 1.0
+                frames, worst = frames[beyond], worst[beyond]
+                if not frames.size:
+                    break
+                used[frames, worst] = False
+                refined, seen = angles[frames], observed[frames]
+                _refine(seen, used[frames], refined, chain)
+                angles[frames], residual[frames] = refined, _measure_residual(seen, refined, chain)
         scale = _estimate_scale(residual, used, chain.segment)
-    reliable = np.concatenate([_find_reliable(observed[s], used[s], chain) for s in parts])
+    # a joint is reliable if few markers are outliers, on its segment and on those before
+    own = (chain.segment[:, None] == np.arange(1, len(chain.centres) + 1)).astype(np.int64)  # (M, n)
+    reliable = np.empty(angles.shape, dtype=np.bool_)
+    for s in parts:
+        visible = np.isfinite(observed[s]).all(axis=-1).astype(np.int64) @ own
+        out = visible - used[s].astype(np.int64) @ own
+        reliable[s] = np.cumsum(out > _OUTLIER_SHARE * visible, axis=1) == 0
     counted = residual[used & np.all(reliable, axis=1, keepdims=True)]
     squares = float(counted @ counted)
-    return FrameAngles(angles, compute_information(angles, used, chain), used, reliable, squares, scale)
+    return FrameAngles(angles, _compute_information(angles, used, chain), used, reliable, squares, scale)
 
 
-def _remove_outliers(
-    observed: FloatArray,
-    used: BoolArray,
-    angles: FloatArray,
-    residual: FloatArray,
-    chain: MarkerChain,
-    *,
-    limit: FloatArray,
-) -> None:
-    """Remove the worst marker of each frame with outliers and solve it again, until no residual exceeds ``limit``.
-
-    ``limit`` (M,) is the largest residual of each marker, m. ``used``, ``angles`` and ``residual`` change in place.
-    """
-    frames = np.arange(len(observed))
-    for _ in range(observed.shape[1]):
-        excess = np.where(used[frames], residual[frames] / limit, 0.0)
-        worst = excess.argmax(axis=1)
-        beyond = excess[np.arange(len(frames)), worst] > 1.0
-        frames, worst = frames[beyond], worst[beyond]
-        if not frames.size:
-            break
-        used[frames, worst] = False
-        refined, seen = angles[frames], observed[frames]
-        _refine(seen, used[frames], refined, chain)
-        angles[frames], residual[frames] = refined, _measure_residual(seen, refined, chain)
-
-
-def compute_information(angles: FloatArray, used: BoolArray, chain: MarkerChain) -> FloatArray:
+def _compute_information(angles: FloatArray, used: BoolArray, chain: MarkerChain) -> FloatArray:
     """Return Jᵀ J (F, n, n), m^2/rad^2, of the used markers (F, M) at angles (F, n), rad."""
     normal = np.empty((*angles.shape, angles.shape[1]))
     for s in chunks(len(angles)):
@@ -147,20 +133,12 @@ def compute_information(angles: FloatArray, used: BoolArray, chain: MarkerChain)
     return normal
 
 
-def _find_reliable(observed: FloatArray, used: BoolArray, chain: MarkerChain) -> BoolArray:
-    own = chain.segment[:, None] == np.arange(1, len(chain.centres) + 1)  # (M, n)
-    seen = np.isfinite(observed).all(axis=-1).astype(np.int64) @ own
-    out = seen - used.astype(np.int64) @ own
-    return np.asarray(np.cumsum(out > _OUTLIER_SHARE * seen, axis=1) == 0, dtype=np.bool_)
-
-
 def _refine(observed: FloatArray, used: BoolArray, angles: FloatArray, chain: MarkerChain) -> None:
     """Run Gauss–Newton from ``angles`` (f, n), in place; angles that no marker determines stay unchanged."""
-    n = angles.shape[1]
-    centres, segment, local = chain.centres, chain.segment, chain.local
+    n, limits = angles.shape[1], (_DAMPING, _CONVERGED, _ITERATIONS)
     for s in chunks(len(angles)):
-        normal, limits = np.empty((len(angles[s]), n, n)), (_DAMPING, _CONVERGED, _ITERATIONS)
-        refine(observed[s], used[s], angles[s], centres, segment, local, *limits, normal)
+        normal = np.empty((len(angles[s]), n, n))
+        refine(observed[s], used[s], angles[s], chain.centres, chain.segment, chain.local, *limits, normal)
 
 
 def _guess_angles(observed: FloatArray, used: BoolArray, chain: MarkerChain) -> FloatArray:
@@ -193,25 +171,17 @@ def _find_angle(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: in
     turned = np.where(used[:, own].any(axis=1), _fit_rotation(chain.local[own][None], arm), np.nan)
     unseen = np.flatnonzero(np.isnan(turned))
     if unseen.size and j + 1 < len(chain.centres):
-        turned[unseen] = _point_at_next(observed[unseen], used[unseen], chain, j, origin[unseen])
+        # the direction to the next joint, whose position needs two or more of the next segment's markers
+        own = chain.segment == j + 2
+        weight = used[unseen][:, own, None].astype(np.float64)
+        count = np.maximum(weight.sum(axis=1), 1.0)
+        z, local = np.where(weight > 0, observed[unseen][:, own], 0.0), chain.local[own]
+        middle, local_middle = z.sum(axis=1) / count, (weight * local).sum(axis=1) / count
+        next_turned = _fit_rotation(weight * (local - local_middle[:, None]), z - middle[:, None])
+        joint = middle - rotate(next_turned, local_middle)
+        pointed = _fit_rotation(chain.centres[j + 1][None, None], (joint - origin[unseen])[:, None])
+        turned[unseen] = np.where(count[:, 0] >= 2.0, pointed, np.nan)
     return turned
-
-
-def _point_at_next(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: int, origin: FloatArray) -> FloatArray:
-    """Return the absolute angle (f,), rad, at which segment j + 1 points to the next joint.
-
-    The position of the next joint is found from the markers of the next segment; the angle is NaN if it has less than
-    two.
-    """
-    own = chain.segment == j + 2
-    weight = used[:, own, None].astype(np.float64)
-    count = np.maximum(weight.sum(axis=1), 1.0)
-    z, local = np.where(weight > 0, observed[:, own], 0.0), chain.local[own]
-    middle, local_middle = z.sum(axis=1) / count, (weight * local).sum(axis=1) / count
-    turned = _fit_rotation(weight * (local - local_middle[:, None]), z - middle[:, None])
-    joint = middle - rotate(turned, local_middle)
-    pointed = _fit_rotation(chain.centres[j + 1][None, None], (joint - origin)[:, None])
-    return np.where(count[:, 0] >= 2.0, pointed, np.nan)
 
 
 def _fit_rotation(start: FloatArray, end: FloatArray) -> FloatArray:

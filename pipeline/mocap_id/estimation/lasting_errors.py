@@ -28,48 +28,38 @@ _RIDGE = 1e-9  # added to the diagonal of the regression, relative to it, for an
 _LEAST = 10  # frames per unknown of a regression
 
 
-@dataclass(frozen=True)
-class ChainResiduals:
-    """Differences of the markers from the positions that the chain predicts."""
+def list_residuals(states: States, used_markers: FloatArray) -> Iterator[tuple[int, ComplexArray, BoolArray]]:
+    """Yield for each marker with enough samples: its index, its residual (F,), m, and whether each frame uses it.
 
-    states: States
-    used_markers: FloatArray  # (F, M, 2) markers used for the states, plane frame, m; NaN elsewhere
-    rate: float  # frames per second
-
-    @cached_property
-    def _posture(self) -> FloatArray:
-        """Linear and quadratic functions (F, P) of the angles; zero in frames in which an angle is missing."""
-        angles = self.states.mean[..., 0]
-        given = np.isfinite(angles)
-        centred = angles - np.sum(angles, axis=0, where=given) / np.maximum(np.sum(given, axis=0), 1)
-        products = [centred[:, i] * centred[:, j] for i in range(centred.shape[1]) for j in range(i, centred.shape[1])]
-        basis = np.column_stack([np.ones(len(centred)), centred, *products])
-        basis[~np.isfinite(basis).all(axis=1)] = 0
-        return np.asarray(basis / np.sqrt(np.mean(basis**2, axis=0) + 1e-30))
-
-    def columns(self) -> Iterator[tuple[int, ComplexArray, BoolArray]]:
-        """Yield for each marker with enough samples: its index, its residual (F,), m, and whether each frame uses it.
-
-        The residual is x + 1j y in the segment's axes, interpolated in gaps. The part that is a quadratic function of
-        the joint angles is removed, because it is attributed to sliding skin (:mod:`mocap_id.kinematics.skin_slides`).
-        """
-        chain, basis = self.states.chain, self._posture
-        rotation, origin = segment_poses(self.states.mean[..., 0], chain.centres)
-        every, whole = np.arange(len(rotation)), basis.T @ basis
-        for segment in np.unique(chain.segment):
-            back, start = np.exp(-1j * rotation[:, segment]), as_complex(origin[:, segment])
-            for k in np.flatnonzero(chain.segment == segment):
-                off = (as_complex(self.used_markers[:, k]) - start) * back - complex(*chain.local[k])
-                seen: BoolArray = np.isfinite(off)
-                if np.count_nonzero(seen) < _LEAST * basis.shape[1]:
-                    continue
-                missing = np.flatnonzero(~seen)
-                off[missing] = 0
-                square = whole - basis[missing].T @ basis[missing] + _RIDGE * len(basis) * np.eye(basis.shape[1])
-                off -= as_complex(basis @ np.linalg.solve(square, basis.T @ as_xy(off)))
-                if missing.size:
-                    off[missing] = np.interp(missing, every[seen], off[seen])
-                yield int(k), off, seen
+    The residual is the difference from the position that the chain predicts, x + 1j y in the segment's axes,
+    interpolated in gaps. The part that is a quadratic function of the joint angles is removed, because it is attributed
+    to sliding skin (:mod:`mocap_id.kinematics.skin_slides`). ``used_markers`` (F, M, 2) are the markers used for the
+    states, plane frame, m; NaN elsewhere.
+    """
+    chain, angles = states.chain, states.mean[..., 0]
+    # linear and quadratic functions (F, P) of the angles; zero in frames in which an angle is missing
+    given = np.isfinite(angles)
+    centred = angles - np.sum(angles, axis=0, where=given) / np.maximum(np.sum(given, axis=0), 1)
+    products = [centred[:, i] * centred[:, j] for i in range(centred.shape[1]) for j in range(i, centred.shape[1])]
+    basis = np.column_stack([np.ones(len(centred)), centred, *products])
+    basis[~np.isfinite(basis).all(axis=1)] = 0
+    basis = np.asarray(basis / np.sqrt(np.mean(basis**2, axis=0) + 1e-30))
+    rotation, origin = segment_poses(angles, chain.centres)
+    every, whole = np.arange(len(rotation)), basis.T @ basis
+    for segment in np.unique(chain.segment):
+        back, start = np.exp(-1j * rotation[:, segment]), as_complex(origin[:, segment])
+        for k in np.flatnonzero(chain.segment == segment):
+            off = (as_complex(used_markers[:, k]) - start) * back - complex(*chain.local[k])
+            seen: BoolArray = np.isfinite(off)
+            if np.count_nonzero(seen) < _LEAST * basis.shape[1]:
+                continue
+            missing = np.flatnonzero(~seen)
+            off[missing] = 0
+            square = whole - basis[missing].T @ basis[missing] + _RIDGE * len(basis) * np.eye(basis.shape[1])
+            off -= as_complex(basis @ np.linalg.solve(square, basis.T @ as_xy(off)))
+            if missing.size:
+                off[missing] = np.interp(missing, every[seen], off[seen])
+            yield int(k), off, seen
 
 
 _WINDOW = 4.0  # s
@@ -108,9 +98,12 @@ class ResidualSpectrum:
     @cached_property
     def cut_off(self) -> float | None:
         """Cut-off of a low-pass filter, Hz; None if the recording was not filtered."""
-        f, power = self.frequency, _smooth(self.power)
+        f, power = self.frequency, self.power
         if not len(f):
             return None
+        if len(power) >= _NEIGHBOURS:  # average over neighbouring frequencies
+            ones = np.ones(_NEIGHBOURS)
+            power = np.convolve(power, ones, "same") / np.convolve(np.ones_like(power), ones, "same")
         highest = np.maximum.accumulate(power[::-1])[::-1]  # of all frequencies from here on
         above = np.searchsorted(f, 2 * f)
         inside = (f >= _LOWEST) & (above < len(f))
@@ -133,7 +126,15 @@ class ResidualSpectrum:
             if not windows:
                 continue
             f, power = _list_frequencies(len(self.shift), self.rate), np.mean(windows, axis=0)
-            peak = _find_clearest_peak(f, power)
+            # the clearest narrow peak, if it is high enough above the power beside it
+            best, peak = _PEAK, None
+            for i in np.flatnonzero((f >= _RANGE[0]) & (f <= min(_RANGE[1], f[-1] / 2))):
+                ratio = f / f[i]
+                beside = [power[(ratio > 1 / 2) & (ratio < 1 / 1.4)], power[(ratio > 1.4) & (ratio < 2)]]
+                if all(np.any(side) for side in beside):
+                    clear = power[i] / max(float(np.mean(side)) for side in beside)
+                    if clear > best:
+                        best, peak = clear, float(f[i])
             if peak is not None:
                 near = (f > peak / _HALF_WIDTH) & (f < peak * _HALF_WIDTH)
                 found.append(Oscillation(k + 1, peak, float(np.sqrt(2 * np.sum(power[near]) * (f[1] - f[0])))))
@@ -155,43 +156,22 @@ class ResidualSpectrum:
         return np.broadcast_to(np.stack(variance, axis=1), (len(frames), n, ORDER))
 
 
-def compute_residual_spectrum(residuals: ChainResiduals) -> ResidualSpectrum:
-    """Return the spectrum of the residuals, and the motion of each segment's markers relative to the chain."""
-    chain, count = residuals.states.chain, len(residuals.used_markers)
+def compute_residual_spectrum(states: States, used_markers: FloatArray, rate: float) -> ResidualSpectrum:
+    """Return the spectrum of the residuals of :func:`list_residuals`; ``rate`` is in frames per second."""
+    chain, count = states.chain, len(used_markers)
     n, local = len(chain.centres), as_complex(chain.local)
     shift, rotation = np.zeros((count, n), dtype=np.complex128), np.zeros((count, n))
     windows, each = list[FloatArray](), max(_MOST // len(local), 1)
-    for k, off, seen in residuals.columns():
+    for k, off, seen in list_residuals(states, used_markers):
         own = local[chain.segment == chain.segment[k]]
         j, square = chain.segment[k] - 1, float(np.sum(np.abs(own - own.mean()) ** 2))
         shift[:, j] += off / len(own)
         if square > _LEAST_SPREAD**2 * len(own):
             rotation[:, j] += (np.conj(local[k] - own.mean()) * off).imag / square
-        windows += _spectra(off, residuals.rate, seen, each)
-    frequency = _list_frequencies(count, residuals.rate) if windows else np.empty(0)
+        windows += _spectra(off, rate, seen, each)
+    frequency = _list_frequencies(count, rate) if windows else np.empty(0)
     power = np.median(windows, axis=0) if windows else np.empty(0)
-    return ResidualSpectrum(residuals.rate, frequency, power, shift, rotation)
-
-
-def _find_clearest_peak(f: FloatArray, power: FloatArray) -> float | None:
-    """Return the frequency, Hz, of the clearest narrow peak; None if none is high enough above the power beside it."""
-    best, found = _PEAK, None
-    for k in np.flatnonzero((f >= _RANGE[0]) & (f <= min(_RANGE[1], f[-1] / 2))):
-        ratio = f / f[k]
-        beside = [power[(ratio > 1 / 2) & (ratio < 1 / 1.4)], power[(ratio > 1.4) & (ratio < 2)]]
-        if all(np.any(side) for side in beside):
-            clear = power[k] / max(float(np.mean(side)) for side in beside)
-            if clear > best:
-                best, found = clear, float(f[k])
-    return found
-
-
-def _smooth(power: FloatArray) -> FloatArray:
-    """Return a spectrum (P,) averaged over neighbouring frequencies."""
-    if len(power) < _NEIGHBOURS:
-        return power
-    ones = np.ones(_NEIGHBOURS)
-    return np.asarray(np.convolve(power, ones, "same") / np.convolve(np.ones_like(power), ones, "same"))
+    return ResidualSpectrum(rate, frequency, power, shift, rotation)
 
 
 def _spectra(
@@ -232,14 +212,14 @@ _MEMORY = 0.5  # s; standard deviation of the window of the mean squares
 
 
 def estimate_coloured_variance(
-    residuals: ChainResiduals, angles: FloatArray, frames: IntArray, camera: float
+    states: States, used_markers: FloatArray, angles: FloatArray, frames: IntArray, *, rate: float, camera: float
 ) -> FloatArray:
     """Return the variances (T, n, 4) of velocity and acceleration due to residuals that exceed white camera noise.
 
-    The variances of angle and jerk are zero. ``angles`` (F, n) are the joint angles, rad, without gaps; ``frames`` (T,)
-    are the frames of the variances; ``camera`` is the standard deviation of a coordinate due to camera noise, m.
+    The variances of angle and jerk are zero. ``used_markers`` and ``rate`` are as for
+    :func:`compute_residual_spectrum`. ``angles`` (F, n) are the joint angles, rad, without gaps; ``frames`` (T,) are
+    the frames of the variances; ``camera`` is the standard deviation of a coordinate due to camera noise, m.
     """
-    states, rate = residuals.states, residuals.rate
     count, n = angles.shape
     frequency = 2 * np.pi * np.fft.fftfreq(2 * count, 1 / rate)
     corners = np.array([compute_corner(np.nanmedian(states.sd[:, j] ** 2, axis=0)) for j in range(n)])[:, None, None]
@@ -250,12 +230,21 @@ def estimate_coloured_variance(
     white = camera**2 * np.mean(np.abs(passing) ** 2, axis=2)
     passing = passing[..., kept] * (bins / count)
     times = np.arange(2 * bins) * count / bins  # of the samples kept, in frames; the second half is the reversal
-    postures, gains = _compute_gains(residuals, angles)
+    # squared gains (M, n, f), rad²/m², in some frames. The angles follow a part of a marker's error, which its residual
+    # does not contain; the gains are increased accordingly.
+    postures = np.unique(np.linspace(0, count - 1, _POSTURES).round().astype(np.int64))
+    often = states.used.mean(axis=0)
+    jacobian = marker_jacobian(angles[postures], states.chain.centres, states.chain.segment, states.chain.local)
+    normal = np.einsum("fmik,fmil,m->fkl", jacobian, jacobian, often)
+    follows = np.einsum("fkl,fmil->kfmi", np.linalg.inv(normal), jacobian)
+    own = np.einsum("fmik,kfmi->m", jacobian, follows) / len(postures) / 2
+    squared = np.sum(follows**2, axis=3) * often / np.maximum(1 - own, _LEAST_LEFT)
+    gains = np.ascontiguousarray(squared.transpose(2, 0, 1))
     back = np.minimum(times, 2 * count - 1 - times).clip(0)
     at = np.searchsorted(postures, back).clip(1, len(postures) - 1)
     share = ((back - postures[at - 1]) / (postures[at] - postures[at - 1])).clip(0, 1)
     beyond = np.zeros((n, len(_DERIVATIVES), 2 * bins))
-    for k, off, _ in residuals.columns():
+    for k, off, _ in list_residuals(states, used_markers):
         passed = np.fft.ifft(passing * np.fft.fft(np.concatenate([off, off[::-1]]))[kept])
         gain = gains[k][:, at - 1] * (1 - share) + gains[k][:, at] * share
         beyond += gain[:, None] * (np.abs(passed) ** 2 / 2 - white[..., None])
@@ -266,23 +255,6 @@ def estimate_coloured_variance(
         for i, d in enumerate(_DERIVATIVES):
             variance[:, j, d] = np.maximum(np.interp(frames, times, local[j, i]), 0)
     return variance
-
-
-def _compute_gains(residuals: ChainResiduals, angles: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return frames (f,) spread over the trial, and the squared gains a_jk (M, n, f) in these frames, rad²/m².
-
-    The angles follow a part of a marker's error, which its residual does not contain. The gains are increased
-    accordingly.
-    """
-    states = residuals.states
-    some = np.unique(np.linspace(0, len(angles) - 1, _POSTURES).round().astype(np.int64))
-    often = states.used.mean(axis=0)
-    jacobian = marker_jacobian(angles[some], states.chain.centres, states.chain.segment, states.chain.local)
-    normal = np.einsum("fmik,fmil,m->fkl", jacobian, jacobian, often)
-    gain = np.einsum("fkl,fmil->kfmi", np.linalg.inv(normal), jacobian)
-    own = np.einsum("fmik,kfmi->m", jacobian, gain) / len(some) / 2
-    squared = np.sum(gain**2, axis=3) * often / np.maximum(1 - own, _LEAST_LEFT)
-    return some, np.ascontiguousarray(squared.transpose(2, 0, 1))
 
 
 _MISSING_MARKERS_LEAST = 1e-5  # m; least rms displacement
@@ -299,7 +271,16 @@ def compute_variance_growth(
     have no gaps, rad; ``frames`` (T,) are the frames of the factor; ``camera`` is the camera noise of a coordinate, m.
     """
     used, chain = states.used, states.chain
-    often, slide = used.mean(axis=0), _measure_slides(states, used_markers, camera)
+    often = used.mean(axis=0)
+    # mean square (M,) of each marker's residual per coordinate without camera noise, m^2
+    squares, count = np.zeros(used_markers.shape[1]), np.zeros(used_markers.shape[1])
+    spread = np.arange(0, len(used_markers), max(1, len(used_markers) // _ENOUGH))
+    for part in chunks(len(spread)):
+        off = used_markers[spread[part]] - states.predicted_in(spread[part])
+        known = np.isfinite(off)
+        squares += np.where(known, off**2, 0.0).sum(axis=(0, 2))
+        count += known.sum(axis=(0, 2))
+    slide = np.asarray(np.maximum(squares / np.maximum(count, 1) - camera**2, _MISSING_MARKERS_LEAST**2))
     forgotten = compute_forgotten_share(used, frames, rate)
     factor = np.ones((len(frames), angles.shape[1]))
     some = np.flatnonzero(~used[frames][:, often > 0].all(axis=1))
@@ -311,18 +292,6 @@ def compute_variance_growth(
             jacobian, used[at], often=often, slide=slide, forgotten=forgotten[part], marker_sd=states.noise.marker_sd
         )
     return factor
-
-
-def _measure_slides(states: States, used_markers: FloatArray, camera: float) -> FloatArray:
-    """Return the mean square (M,) of each marker's residual per coordinate without camera noise, m^2."""
-    squares, count = np.zeros(used_markers.shape[1]), np.zeros(used_markers.shape[1])
-    frames = np.arange(0, len(used_markers), max(1, len(used_markers) // _ENOUGH))
-    for part in chunks(len(frames)):
-        off = used_markers[frames[part]] - states.predicted_in(frames[part])
-        known = np.isfinite(off)
-        squares += np.where(known, off**2, 0.0).sum(axis=(0, 2))
-        count += known.sum(axis=(0, 2))
-    return np.asarray(np.maximum(squares / np.maximum(count, 1) - camera**2, _MISSING_MARKERS_LEAST**2))
 
 
 def _compute_growth(
@@ -396,8 +365,17 @@ def add_lasting_errors(states: States, rate: float, errors: LastingErrors) -> Fl
         variance: FloatArray = states.sd[:, joint] ** 2
         steady = np.median(variance, axis=0)  # (4,); gaps and ends have more
         white = np.minimum(variance, steady) * (1 - _WITHHELD) * (errors.camera / states.noise.marker_sd) ** 2
-        withheld = np.maximum(_measure_withheld(states.mean[:, joint, 0], steady, rate) - _TWICE * white, 0)
-        total = white + np.maximum(variance - steady, 0) + withheld
+        # mean square of the movement that a second smoothing removes, averaged around each frame; the interpolated
+        # angles are followed by their reversal, so that the series is periodic
+        filled = interpolate_gaps(states.mean[:, joint, :1])[:, 0]
+        extended, w0 = np.concatenate([filled, filled[::-1]]), compute_corner(steady)
+        frequency = 2 * np.pi * np.fft.rfftfreq(len(extended), 1 / rate)
+        stopped = np.fft.rfft(extended) * (1 - 1 / (1 + (frequency / w0) ** (2 * ORDER)))
+        memory, removed = np.exp(-0.5 * (frequency / w0) ** 2), np.empty_like(white)
+        for order in range(ORDER):
+            part = np.fft.irfft((1j * frequency) ** order * stopped, len(extended))
+            removed[:, order] = np.fft.irfft(np.fft.rfft(part**2) * memory, len(extended))[: len(sd)]
+        total = white + np.maximum(variance - steady, 0) + np.maximum(removed - _TWICE * white, 0)
         for order in range(ORDER):
             total[:, order] += np.interp(every, errors.frames, errors.variance[:, joint, order])
         sd[:, joint] = np.sqrt(total)
@@ -408,22 +386,3 @@ def compute_corner(steady: FloatArray) -> float:
     """Return the corner w0 of the smoother of a joint, rad/s, from its variances (4,) of angle and acceleration."""
     ratio = np.sin(5 * np.pi / 8) / np.sin(np.pi / 8) * steady[2] / steady[0]
     return float(ratio**0.25)
-
-
-def _measure_withheld(angle: FloatArray, steady: FloatArray, rate: float) -> FloatArray:
-    """Return the mean square (F, 4) of the movement that a second smoothing removes, averaged around each frame."""
-    squares = np.empty((len(angle), ORDER))
-    extended, w0 = _extend_backwards(angle), compute_corner(steady)
-    frequency = 2 * np.pi * np.fft.rfftfreq(len(extended), 1 / rate)
-    stopped = np.fft.rfft(extended) * (1 - 1 / (1 + (frequency / w0) ** (2 * ORDER)))
-    memory = np.exp(-0.5 * (frequency / w0) ** 2)
-    for order in range(ORDER):
-        part = np.fft.irfft((1j * frequency) ** order * stopped, len(extended))
-        squares[:, order] = np.fft.irfft(np.fft.rfft(part**2) * memory, len(extended))[: len(angle)]
-    return squares
-
-
-def _extend_backwards(angle: FloatArray) -> FloatArray:
-    """Return the interpolated angles (F,) followed by their time reversal, (2 F,), so that the series is periodic."""
-    filled = interpolate_gaps(angle[:, None])[:, 0]
-    return np.concatenate([filled, filled[::-1]])

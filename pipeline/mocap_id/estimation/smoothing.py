@@ -7,19 +7,194 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from types import ModuleType
 from typing import Literal
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
-from mocap_id.estimation import alternative_estimators, filter_problem
-from mocap_id.estimation.alternative_estimators import AngleEstimate
+from mocap_id.estimation.alternative_estimators import average_two_passes, smooth_butterworth, smooth_joints
 from mocap_id.estimation.filter_kernels import Inertial
-from mocap_id.estimation.filter_problem import FilterProblem, SigmaPoints, Track, noise_shape, transition
+from mocap_id.estimation.filter_problem import (
+    FilterProblem,
+    SigmaPoints,
+    Track,
+    filter_forwards,
+    noise_shape,
+    smooth_backwards,
+    transition,
+)
 from mocap_id.estimation.inverse_kinematics import FrameAngles, MarkerChain, find_determined_angles, find_frame_angles
 from mocap_id.estimation.noise import FilterNoise, estimate_marker_noise, estimate_process_noise
+from mocap_id.estimation.quintic_spline import fit_smoothing_spline
 from mocap_id.geometry.planar import marker_jacobian, marker_positions, rotate
+
+Method = Literal["rts", "two-filter", "butterworth", "spline"]
+
+FRAMEWISE: tuple[Method, ...] = ("butterworth", "spline")
+"""Methods that smooth the angles of single frames, joint by joint, and give no standard deviations."""
+
+
+@dataclass(frozen=True)
+class FilterSettings:
+    """Settings of the state estimation in the plane."""
+
+    method: Method = "rts"  # filter and smoother, or one of :mod:`mocap_id.estimation.alternative_estimators`
+    butterworth_hz: float = 6.0  # cut-off of ``butterworth``, Hz
+    engine: Literal["compiled", "filterpy"] = "compiled"  # filterpy gives the same result a hundred times slower
+    marker_sd: float | None = None  # standard deviation of a marker's coordinate, m; None: estimated
+    sigma_v: float | None = None  # sd of every joint's snap held over one frame, rad/s^4; None: estimated
+    sigma_v_ratio: float = math.inf  # largest estimate of a joint's sigma_v, relative to the median of all joints
+    marker_sd_floor: float = 5e-5  # least estimate of ``marker_sd``, m
+    gate: float = 5.0  # a marker farther from its prediction is left out; standard deviations
+    angle_sd_limit: float = 0.2  # largest standard deviation of an angle, rad; beyond it the states are NaN
+    sigma_points: SigmaPoints = field(default_factory=SigmaPoints)
+
+
+@dataclass(frozen=True)
+class States:
+    """Smoothed states of a trial with F frames, n joints and M markers.
+
+    The standard deviations come from the filter, which treats all noise as white. Soft tissue is not white;
+    :func:`mocap_id.estimation.lasting_errors.add_lasting_errors` corrects for this.
+    """
+
+    mean: FloatArray  # (F, n, 4) angle (rad, unwrapped), velocity, acceleration, jerk; NaN if the angle is uncertain
+    sd: FloatArray  # (F, n, 4) standard deviations, also of uncertain states; NaN for methods that give none
+    observed: BoolArray  # (F, n) the frame's own markers determine the angle; false where it is bridged
+    used: BoolArray  # (F, M) markers used for the states: visible, on a moving segment, and within the gate
+    noise: FilterNoise  # estimated or given
+    log_likelihood: float  # of the filter's innovations; NaN for methods without one
+    chain: MarkerChain  # with all M markers
+
+    @property
+    def predicted(self) -> FloatArray:
+        """Positions (F, M, 2) of all markers from the states, plane frame, m (eq. 3.18)."""
+        return self.predicted_in(slice(None))
+
+    def predicted_in(self, frames: slice | IntArray) -> FloatArray:
+        """Return the positions (..., M, 2), m, of all markers in the chosen frames (...), plane frame.
+
+        They are NaN if the angle of a joint between base and marker is NaN.
+        """
+        return marker_positions(self.mean[frames, :, 0], self.chain.centres, self.chain.segment, self.chain.local)
+
+
+def smooth(
+    observed: FloatArray,
+    rate: float,
+    centres: FloatArray,
+    segment: IntArray,
+    local: FloatArray,
+    *,
+    settings: FilterSettings | None = None,
+    overwrite: bool = False,
+) -> States:
+    """Return the states of every joint at every frame, estimated from markers.
+
+    Parameters
+    ----------
+    observed : (F, M, 2) array
+        Measured markers in the plane frame, m; NaN where missing.
+    rate : float
+        Frames per second, Hz.
+    centres : (n, 2) array
+        Joint centres in the frame of the segment before, m.
+    segment : (M,) int array
+        Segment of each marker, 0 = base. Base markers are predicted but not used.
+    local : (M, 2) array
+        Coordinates in the segment frame, m.
+    settings : FilterSettings, optional
+        Default: :class:`FilterSettings`.
+    overwrite : bool
+        Whether ``observed`` may be changed, which saves a copy: in frames with missing markers,
+        :func:`compensate_dropouts` moves the other markers.
+
+    Raises
+    ------
+    NumericalError
+        A covariance is not positive definite.
+    """
+    markers = observed if overwrite else observed.copy()
+    return StateEstimator(markers, rate, MarkerChain(centres, segment, local), settings or FilterSettings()).estimate()
+
+
+class StateEstimator:
+    """Markers of a trial and their noise, from which states can be estimated several times.
+
+    The arguments are as for :func:`smooth`; ``observed`` may be changed in place, as with its ``overwrite``.
+    """
+
+    def __init__(self, observed: FloatArray, rate: float, chain: MarkerChain, settings: FilterSettings) -> None:
+        self.chain, self.settings = chain, settings
+        moves, dt = chain.segment > 0, 1.0 / rate
+        markers = observed if moves.all() else observed[:, moves]
+        # numba would recompile for read-only arrays
+        moving = MarkerChain(chain.centres.copy(), chain.segment[moves], chain.local[moves])
+        frames = find_frame_angles(markers, moving, settings.gate, settings.marker_sd_floor)
+        marker_sd = settings.marker_sd or estimate_marker_noise(frames, settings.marker_sd_floor)
+        frames = compensate_dropouts(markers, frames, moving, marker_sd, 1.0 / dt)
+        anchors, given = frames.anchors(marker_sd), settings.sigma_v
+        sigma_v = estimate_process_noise(anchors, dt) if given is None else np.full(len(moving.centres), given)
+        sigma_v = np.minimum(sigma_v, settings.sigma_v_ratio * np.median(sigma_v))
+        self.noise = FilterNoise(marker_sd, sigma_v)
+        self.problem = FilterProblem(
+            observed=markers,
+            dt=dt,
+            centres=moving.centres,
+            segment=moving.segment,
+            local=moving.local,
+            variance=np.full(len(moving.segment), marker_sd**2),
+            gate_variance=np.fmax(marker_sd, frames.scale) ** 2,
+            gate=settings.gate,
+            density=sigma_v**2 * dt,
+            anchors=anchors,
+            sigma_points=settings.sigma_points,
+        )
+
+    def estimate(self, inertial: Inertial | None = None) -> States:
+        """Return the states from the markers, and from inertial sensors if given.
+
+        Sensors need the method ``rts`` and the compiled engine. Raise NumericalError if a covariance is not positive
+        definite.
+        """
+        settings, problem = (
+            self.settings,
+            self.problem if inertial is None else replace(self.problem, inertial=inertial),
+        )
+        if settings.method in FRAMEWISE:
+            if settings.method == "butterworth":
+                mean = smooth_butterworth(problem.anchors, problem.dt, settings.butterworth_hz)
+            else:
+                mean = smooth_joints(problem.anchors, problem.dt, fit_smoothing_spline)
+            sd, passed, log_likelihood = np.full(mean.shape, np.nan), problem.anchors.used, math.nan
+            # these start from the frames' own angles and bridge no long gap
+            determined = np.asarray(problem.anchors.observed & np.isfinite(mean[..., 0]))
+        else:
+            forwards, backwards = filter_forwards, smooth_backwards
+            if settings.engine == "filterpy":  # slow import, seldom used
+                from mocap_id.estimation.filterpy_engine import filter_slowly, smooth_slowly  # noqa: PLC0415
+
+                forwards, backwards = filter_slowly, smooth_slowly
+            if settings.method == "two-filter":
+                mean, sd, passed, log_likelihood = average_two_passes(problem, forwards)
+                filled = np.zeros(mean.shape[:2], dtype=np.bool_)
+            else:
+                track = backwards(problem, forwards(problem))
+                passed, log_likelihood = track.used, track.log_likelihood
+                mean, sd = track.by_joint()
+                filled = backfill(problem, track, mean, sd)
+                del track  # its covariance is large
+            # angles that the markers used in the same frame determine
+            moving = MarkerChain(problem.centres, problem.segment, problem.local)
+            determined = find_determined_angles(mean[..., 0], passed, moving, self.noise.marker_sd)
+            determined = np.asarray(determined & ~filled)
+        mean[sd[..., 0] > settings.angle_sd_limit] = math.nan
+        # whole rotations are removed, so that the first finite angle of each joint is in (-π, π]
+        first = mean[np.isfinite(mean[..., 0]).argmax(axis=0), np.arange(mean.shape[1]), 0]
+        mean[..., 0] -= np.where(np.isfinite(first), 2.0 * math.pi * np.round(first / (2.0 * math.pi)), 0.0)
+        used = np.zeros((len(mean), len(self.chain.segment)), dtype=np.bool_)
+        used[:, self.chain.segment > 0] = passed
+        return States(mean, sd, determined, used, self.noise, log_likelihood, self.chain)
 
 
 def backfill(problem: FilterProblem, track: Track, mean: FloatArray, sd: FloatArray) -> BoolArray:
@@ -33,7 +208,9 @@ def backfill(problem: FilterProblem, track: Track, mean: FloatArray, sd: FloatAr
     for j, density in enumerate(problem.density):
         noise = density * noise_shape(problem.dt)
         own = np.arange(4) * problem.joints + j
-        for k in np.flatnonzero(track.found[:, j]).tolist():
+        # frames in which the joint starts again and does not start again in the next frame
+        starts = np.append(track.restarted[:-1, j] & ~track.restarted[1:, j], track.restarted[-1:, j])
+        for k in np.flatnonzero(starts).tolist():
             x, p = mean[k, j], track.covariance[k][np.ix_(own, own)]
             for before in range(k - 1, -1, -1):
                 x, p = back @ x, back @ (p + noise) @ back.T
@@ -50,51 +227,6 @@ FEW = 3
 _BESIDE = 5  # frames before and after a gap over which the residual is averaged
 PAIRS = 1000  # pairs of consecutive frames used to estimate the persistent part of a residual
 _ROUNDS = 2  # the residuals beside a gap depend on the angles in other markers' gaps
-
-
-@dataclass(frozen=True)
-class _GappedMarker:
-    """A marker with gaps, and the data with which its residual is bridged."""
-
-    observed: FloatArray  # (F, 2) m
-    used: BoolArray  # (F,)
-    chain: MarkerChain  # the chain with this marker alone
-    gaps: Gaps
-    lasting: float  # variance of the part of the residual that persists to the next frame, m^2 per coordinate
-    noise: float  # variance of the rest, m^2 per coordinate
-
-    @classmethod
-    def of(
-        cls, observed: FloatArray, frames: FrameAngles, chain: MarkerChain, marker: int, memory: float
-    ) -> _GappedMarker | None:
-        """Return a marker with its gaps; None if it has no gap or is never used in two successive frames."""
-        track, used = observed[:, marker], frames.used[:, marker]
-        gaps = find_gaps(used, memory)
-        pairs = np.flatnonzero(used[1:] & used[:-1])
-        if not gaps.missing.size or not pairs.size:
-            return None
-        one = MarkerChain(chain.centres, chain.segment[[marker]], chain.local[[marker]])
-        found = cls(track, used, one, gaps, 0.0, 0.0)
-        pairs = pairs[:: max(1, len(pairs) // PAIRS)]
-        first, second = (found.residual(frames.angles, pairs + step) for step in (0, 1))
-        lasting, noise = split_variance(first, second)
-        return replace(found, lasting=lasting, noise=noise)
-
-    def add_push(self, push: FloatArray, angles: FloatArray) -> None:
-        """Add Jᵀ r, m²/rad, to ``push`` (F, n), in place, in the frames without the marker."""
-        sides = (shrink_mean(self.residual(angles, side), self.lasting, self.noise) for side in self.gaps.beside)
-        displacement = self.gaps.bridge(*sides)
-        at = angles[self.gaps.missing]
-        rotation = at[:, : self.chain.segment[0]].sum(axis=1)
-        jacobian = marker_jacobian(at, self.chain.centres, self.chain.segment, self.chain.local)[:, 0]
-        push[self.gaps.missing] += np.einsum("fik,fi->fk", jacobian, rotate(rotation, displacement))
-
-    def residual(self, angles: FloatArray, at: IntArray) -> FloatArray:
-        """Return residuals (..., 2) at frames (...) in the segment's frame, m; NaN at frame -1 and where not used."""
-        centres, segment, local = self.chain.centres, self.chain.segment, self.chain.local
-        off = self.observed[at] - marker_positions(angles[at], centres, segment, local)[..., 0, :]
-        rotation = angles[at][..., : segment[0]].sum(axis=-1)
-        return np.where(((at >= 0) & self.used[at])[..., None], rotate(-rotation, off), np.nan)
 
 
 def compensate_dropouts(
@@ -114,15 +246,37 @@ def compensate_dropouts(
     both = anchors.observed[some, :, None] & anchors.observed[some, None, :]
     inverse = np.linalg.inv(np.where(both, frames.information[some], np.eye(anchors.observed.shape[1])))
     response = np.where(both, inverse, 0.0)
+
+    def residual(m: int, angles: FloatArray, at: IntArray) -> FloatArray:
+        """Return residuals (..., 2) at frames (...) in the segment's frame, m; NaN at frame -1 and where not used."""
+        off = (
+            observed[at, m]
+            - marker_positions(angles[at], chain.centres, chain.segment[[m]], chain.local[[m]])[..., 0, :]
+        )
+        rotation = angles[at][..., : chain.segment[m]].sum(axis=-1)
+        return np.where(((at >= 0) & frames.used[at, m])[..., None], rotate(-rotation, off), np.nan)
+
+    # the markers with gaps, with the variance of their residuals that persists to the next frame, and of the rest;
+    # without markers that are never used in two successive frames
+    gapped = []
+    for m in range(observed.shape[1]):
+        used = frames.used[:, m]
+        gaps, pairs = find_gaps(used, SKIN_MEMORY * rate), np.flatnonzero(used[1:] & used[:-1])
+        if gaps.missing.size and pairs.size:
+            pairs = pairs[:: max(1, len(pairs) // PAIRS)]
+            first, second = (residual(m, frames.angles, pairs + step) for step in (0, 1))
+            gapped.append((m, gaps, *split_variance(first, second)))
     angles = frames.angles.copy()
-    markers = [
-        _GappedMarker.of(observed, frames, chain, marker, SKIN_MEMORY * rate) for marker in range(observed.shape[1])
-    ]
     for _ in range(_ROUNDS):
-        push = np.zeros_like(angles)
-        for marker in markers:
-            if marker is not None:
-                marker.add_push(push, angles)
+        push = np.zeros_like(angles)  # Jᵀ r, m²/rad, of the missing markers
+        for m, gaps, lasting, noise in gapped:
+            displacement = gaps.bridge(
+                *(shrink_mean(residual(m, angles, side), lasting, noise) for side in gaps.beside)
+            )
+            at, segment = angles[gaps.missing], chain.segment[[m]]
+            rotation = at[:, : segment[0]].sum(axis=1)
+            jacobian = marker_jacobian(at, chain.centres, segment, chain.local[[m]])[:, 0]
+            push[gaps.missing] += np.einsum("fik,fi->fk", jacobian, rotate(rotation, displacement))
         angles[some] = frames.angles[some] + np.einsum("fkl,fl->fk", response, push[some])
     for part in chunks(len(some)):
         own = some[part]
@@ -219,185 +373,3 @@ def shrink_mean(residual: FloatArray, lasting: float, noise: float) -> FloatArra
     count = np.isfinite(residual[..., 0]).sum(axis=1, keepdims=True)
     factor = lasting / np.maximum(count * lasting + noise, np.finfo(np.float64).tiny)
     return np.where(count > 0, factor * np.nansum(residual, axis=1), np.nan)
-
-
-Method = Literal["rts", "two-filter", "butterworth", "spline"]
-
-FRAMEWISE: tuple[Method, ...] = ("butterworth", "spline")
-"""Methods that smooth the angles of single frames, joint by joint, and give no standard deviations."""
-
-
-@dataclass(frozen=True)
-class FilterSettings:
-    """Settings of the state estimation in the plane."""
-
-    method: Method = "rts"  # filter and smoother, or one of :mod:`mocap_id.estimation.alternative_estimators`
-    butterworth_hz: float = 6.0  # cut-off of ``butterworth``, Hz
-    engine: Literal["compiled", "filterpy"] = "compiled"  # filterpy gives the same result a hundred times slower
-    marker_sd: float | None = None  # standard deviation of a marker's coordinate, m; None: estimated
-    sigma_v: float | None = None  # sd of every joint's snap held over one frame, rad/s^4; None: estimated
-    sigma_v_ratio: float = math.inf  # largest estimate of a joint's sigma_v, relative to the median of all joints
-    marker_sd_floor: float = 5e-5  # least estimate of ``marker_sd``, m
-    gate: float = 5.0  # a marker farther from its prediction is left out; standard deviations
-    angle_sd_limit: float = 0.2  # largest standard deviation of an angle, rad; beyond it the states are NaN
-    sigma_points: SigmaPoints = field(default_factory=SigmaPoints)
-
-
-@dataclass(frozen=True)
-class States:
-    """Smoothed states of a trial with F frames, n joints and M markers.
-
-    The standard deviations come from the filter, which treats all noise as white. Soft tissue is not white;
-    :func:`mocap_id.estimation.lasting_errors.add_lasting_errors` corrects for this.
-    """
-
-    mean: FloatArray  # (F, n, 4) angle (rad, unwrapped), velocity, acceleration, jerk; NaN if the angle is uncertain
-    sd: FloatArray  # (F, n, 4) standard deviations, also of uncertain states; NaN for methods that give none
-    observed: BoolArray  # (F, n) the frame's own markers determine the angle; false where it is bridged
-    used: BoolArray  # (F, M) markers used for the states: visible, on a moving segment, and within the gate
-    noise: FilterNoise  # estimated or given
-    log_likelihood: float  # of the filter's innovations; NaN for methods without one
-    chain: MarkerChain  # with all M markers
-
-    @property
-    def predicted(self) -> FloatArray:
-        """Positions (F, M, 2) of all markers from the states, plane frame, m (eq. 3.18)."""
-        return self.predicted_in(slice(None))
-
-    def predicted_in(self, frames: slice | IntArray) -> FloatArray:
-        """Return the positions (..., M, 2), m, of all markers in the chosen frames (...), plane frame.
-
-        They are NaN if the angle of a joint between base and marker is NaN.
-        """
-        return marker_positions(self.mean[frames, :, 0], self.chain.centres, self.chain.segment, self.chain.local)
-
-
-def smooth(
-    observed: FloatArray,
-    rate: float,
-    centres: FloatArray,
-    segment: IntArray,
-    local: FloatArray,
-    *,
-    settings: FilterSettings | None = None,
-    overwrite: bool = False,
-) -> States:
-    """Return the states of every joint at every frame, estimated from markers.
-
-    Parameters
-    ----------
-    observed : (F, M, 2) array
-        Measured markers in the plane frame, m; NaN where missing.
-    rate : float
-        Frames per second, Hz.
-    centres : (n, 2) array
-        Joint centres in the frame of the segment before, m.
-    segment : (M,) int array
-        Segment of each marker, 0 = base. Base markers are predicted but not used.
-    local : (M, 2) array
-        Coordinates in the segment frame, m.
-    settings : FilterSettings, optional
-        Default: :class:`FilterSettings`.
-    overwrite : bool
-        Whether ``observed`` may be changed, which saves a copy: in frames with missing markers,
-        :func:`compensate_dropouts` moves the other markers.
-
-    Raises
-    ------
-    NumericalError
-        A covariance is not positive definite.
-    """
-    if not overwrite:
-        observed = observed.copy()
-    return prepare_states(observed, rate, centres, segment, local, settings=settings).estimate()
-
-
-@dataclass(frozen=True)
-class PreparedStates:
-    """Markers of a trial and their noise, from which states can be estimated several times."""
-
-    problem: FilterProblem  # with the markers of the moving segments
-    noise: FilterNoise
-    chain: MarkerChain  # with all M markers
-    settings: FilterSettings
-
-    def estimate(self, inertial: Inertial | None = None) -> States:
-        """Return the states from the markers, and from inertial sensors if given.
-
-        Sensors need the method ``rts`` and the compiled engine. Raise NumericalError if a covariance is not positive
-        definite.
-        """
-        problem = self.problem if inertial is None else replace(self.problem, inertial=inertial)
-        estimate = _estimate(problem, self.settings)
-        mean, sd = estimate.mean, estimate.sd
-        # angles that the markers used in the same frame determine
-        if self.settings.method in FRAMEWISE:  # these start from the frames' own angles and bridge no long gap
-            determined = np.asarray(problem.anchors.observed & np.isfinite(mean[..., 0]))
-        else:
-            moving = MarkerChain(problem.centres, problem.segment, problem.local)
-            determined = find_determined_angles(mean[..., 0], estimate.used, moving, self.noise.marker_sd)
-            if estimate.filled is not None:
-                determined = np.asarray(determined & ~estimate.filled)
-        mean[sd[..., 0] > self.settings.angle_sd_limit] = math.nan
-        # whole rotations are removed, so that the first finite angle of each joint is in (-π, π]
-        first = mean[np.isfinite(mean[..., 0]).argmax(axis=0), np.arange(mean.shape[1]), 0]
-        mean[..., 0] -= np.where(np.isfinite(first), 2.0 * math.pi * np.round(first / (2.0 * math.pi)), 0.0)
-        used = np.zeros((len(mean), len(self.chain.segment)), dtype=np.bool_)
-        used[:, self.chain.segment > 0] = estimate.used
-        return States(mean, sd, determined, used, self.noise, estimate.log_likelihood, self.chain)
-
-
-def prepare_states(
-    observed: FloatArray,
-    rate: float,
-    centres: FloatArray,
-    segment: IntArray,
-    local: FloatArray,
-    *,
-    settings: FilterSettings | None = None,
-) -> PreparedStates:
-    """Estimate the noise of a trial, and prepare its markers for :meth:`PreparedStates.estimate`.
-
-    The arguments are as for :func:`smooth`; ``observed`` may be changed in place, as with its ``overwrite``.
-    """
-    settings = settings or FilterSettings()
-    moves, dt = segment > 0, 1.0 / rate
-    moving = observed if moves.all() else observed[:, moves]
-    chain = MarkerChain(centres.copy(), segment[moves], local[moves])  # numba would recompile for read-only arrays
-    frames = find_frame_angles(moving, chain, settings.gate, settings.marker_sd_floor)
-    marker_sd = settings.marker_sd or estimate_marker_noise(frames, settings.marker_sd_floor)
-    frames = compensate_dropouts(moving, frames, chain, marker_sd, 1.0 / dt)
-    anchors = frames.anchors(marker_sd)
-    given = settings.sigma_v
-    sigma_v = estimate_process_noise(anchors, dt) if given is None else np.full(len(chain.centres), given)
-    sigma_v = np.minimum(sigma_v, settings.sigma_v_ratio * np.median(sigma_v))
-    problem = FilterProblem(
-        observed=moving,
-        dt=dt,
-        centres=chain.centres,
-        segment=chain.segment,
-        local=chain.local,
-        variance=np.full(len(chain.segment), marker_sd**2),
-        gate_variance=np.fmax(marker_sd, frames.scale) ** 2,
-        gate=settings.gate,
-        density=sigma_v**2 * dt,
-        anchors=anchors,
-        sigma_points=settings.sigma_points,
-    )
-    return PreparedStates(problem, FilterNoise(marker_sd, sigma_v), MarkerChain(centres, segment, local), settings)
-
-
-def _estimate(problem: FilterProblem, settings: FilterSettings) -> AngleEstimate:
-    engine: ModuleType = filter_problem
-    if settings.engine == "filterpy":
-        from mocap_id.estimation import filterpy_engine as engine  # noqa: PLC0415  slow import, seldom used
-    if settings.method == "two-filter":
-        return alternative_estimators.average_two_passes(problem, engine.filter_forwards)
-    if settings.method == "butterworth":
-        return alternative_estimators.smooth_butterworth(problem.anchors, problem.dt, settings.butterworth_hz)
-    if settings.method == "spline":
-        return alternative_estimators.smooth_spline(problem.anchors, problem.dt)
-    track = engine.smooth_backwards(problem, engine.filter_forwards(problem))
-    mean, sd = track.by_joint()
-    filled = backfill(problem, track, mean, sd)
-    return AngleEstimate(mean, sd, track.used, track.log_likelihood, filled)

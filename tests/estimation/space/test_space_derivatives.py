@@ -8,7 +8,7 @@ from spatial_cases import mixed_chain, positions
 
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation.space.frame_poses import degrees_of_freedom, group_columns, make_chain_model, make_track
-from mocap_id.estimation.space.skin_errors import compute_joint_rates, compute_rate_jacobians, compute_segment_rates
+from mocap_id.estimation.space.skin_errors import compute_rate_jacobians, compute_rates
 from mocap_id.estimation.space.space_kernels import ChainModel, Pose, locate_markers
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
@@ -68,7 +68,7 @@ def test_rates_are_derivatives_along_a_movement() -> None:
     u = 1 + np.arange(7) * dt
     track.rate[:, 0], track.rate[:, 1] = u[:, None] * speed, speed  # constant axes: the rates are parallel
     turns = chain.place(track.origin, track.turn[:, 0], track.turn[:, 1:])[1]
-    rates = compute_segment_rates(chain, track, turns, compute_joint_rates(chain, model, track))
+    rates = compute_rates(chain, model, track, turns)
     steps = so3.log(turns[1:] @ np.swapaxes(turns[:-1], -1, -2)) / dt
     np.testing.assert_allclose(rates.omega[2], (steps[1] + steps[2]) / 2, atol=1e-4)
     np.testing.assert_allclose(rates.alpha[2], (steps[2] - steps[1]) / dt, atol=5e-3)
@@ -85,13 +85,12 @@ def test_jacobians_of_the_rates() -> None:
         new.rate[0, 0] += by[d : 2 * d]
         new.rate[0, 1] += by[2 * d :]
         turns = chain.place(new.origin, new.turn[:, 0], new.turn[:, 1:])[1]
-        found = compute_segment_rates(chain, new, turns, compute_joint_rates(chain, model, new))
+        found = compute_rates(chain, model, new, turns)
         return turns[0], found.omega[0], found.alpha[0]
 
     middle = at(np.zeros(3 * d))
-    joints = compute_joint_rates(chain, model, pose)
-    rates = compute_segment_rates(chain, pose, middle[0][None], joints)
-    spin, omega, alpha = (each[0] for each in compute_rate_jacobians(chain, model, middle[0][None], joints, rates))
+    rates = compute_rates(chain, model, pose, middle[0][None])
+    spin, omega, alpha = (each[0] for each in compute_rate_jacobians(chain, model, middle[0][None], rates))
     for c in range(3 * d):
         by = STEP * np.eye(3 * d)[c]
         up, down = at(by), at(-by)

@@ -56,12 +56,8 @@ def group_columns(model: ChainModel) -> list[slice]:
 def make_track(model: ChainModel, frames: int) -> Pose:
     """Return poses for ``frames`` frames, at rest, with identity rotations and all coordinates zero."""
     n, d = len(model.freedom), degrees_of_freedom(model)
-    return Pose(
-        np.zeros((frames, 3)),
-        np.tile(np.eye(3), (frames, n + 1, 1, 1)),
-        np.zeros((frames, n, 2)),
-        np.zeros((frames, 3, d)),
-    )
+    turns = np.tile(np.eye(3), (frames, n + 1, 1, 1))
+    return Pose(np.zeros((frames, 3)), turns, np.zeros((frames, n, 2)), np.zeros((frames, 3, d)))
 
 
 def select_frames(track: Pose, frames: slice | IntArray) -> Pose:
@@ -105,7 +101,7 @@ def find_visible_clusters(chain: SpatialChain, points: FloatArray) -> BoolArray:
     return found
 
 
-def estimate_start_poses(
+def _estimate_start_poses(
     chain: SpatialChain, model: ChainModel, points: FloatArray, frames: IntArray
 ) -> tuple[Pose, BoolArray]:
     """Return the poses of F frames, estimated in ``frames`` (T,) from the marker cluster of each segment.
@@ -118,9 +114,19 @@ def estimate_start_poses(
     known = find_visible_clusters(chain, some)
     turns = np.tile(np.eye(3), (*known.shape, 1, 1))
     for k in range(known.shape[1]):
-        turns[:, k], middle, centre = _fit_rotations(
-            chain.local[_own_markers(chain, k)], some[:, _own_markers(chain, k)], known[:, k]
-        )
+        # the rotations that fit the chain's markers to the measured ones; the identity where not known
+        own = _own_markers(chain, k)
+        local, seen = chain.local[own], some[:, own]
+        there = np.asarray(np.isfinite(seen).all(axis=2))[..., None]
+        count = np.maximum(there.sum(axis=1), 1)
+        middle = np.where(there, seen, 0.0).sum(axis=1) / count
+        centre = (there * local).sum(axis=1) / count
+        arms = np.where(there, seen - middle[:, None], 0.0)
+        product = np.einsum("fmi,fmj->fij", arms, there * (local - centre[:, None]))
+        product[~known[:, k]] = np.eye(3)
+        u, _, v = np.linalg.svd(product)
+        u[..., 2] *= np.linalg.det(u @ v)[:, None]
+        turns[:, k] = u @ v
         if k == 0:
             track.origin[frames] = middle - np.einsum("fij,fj->fi", turns[:, 0], centre)
     track.turn[frames, 0], started[frames, 0] = turns[:, 0], known[:, 0]
@@ -133,8 +139,10 @@ def estimate_start_poses(
             towards = offset @ b if joint.kind == "two-axis" else None
             if towards is None or np.linalg.norm(np.cross(a, towards)) < 0.1:
                 angle[:, 0] = _nearest_angle(between @ offset.T, a)
-            else:
-                angle[:, 0] = _angle_between(np.broadcast_to(towards, (len(frames), 3)), between @ b, a)
+            else:  # the angle about the first axis between the two directions of the second axis
+                start, end = np.broadcast_to(towards, (len(frames), 3)), between @ b
+                across = np.cross(start, end) @ a
+                angle[:, 0] = np.arctan2(across, (start * end).sum(axis=1) - (start @ a) * (end @ a))
             if joint.kind == "two-axis":
                 left = np.swapaxes(joint.rotation(angle * [1.0, 0.0]), 1, 2) @ between
                 angle[:, 1] = _nearest_angle(left, b)
@@ -148,60 +156,15 @@ def _own_markers(chain: SpatialChain, k: int) -> IntArray:
     return np.flatnonzero((chain.segment == k) & ~chain.on_glide)
 
 
-def _fit_rotations(local: FloatArray, seen: FloatArray, known: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the rotations (T, 3, 3) that fit ``local`` (m, 3) to ``seen`` (T, m, 3), and centroids of both (T, 3), m.
-
-    The centroid of ``seen`` is first. Frames that are not ``known`` (T,) have the identity.
-    """
-    there = np.asarray(np.isfinite(seen).all(axis=2))[..., None]
-    count = np.maximum(there.sum(axis=1), 1)
-    middle = np.where(there, seen, 0.0).sum(axis=1) / count
-    centre = (there * local).sum(axis=1) / count
-    arms = np.where(there, seen - middle[:, None], 0.0)
-    product = np.einsum("fmi,fmj->fij", arms, there * (local - centre[:, None]))
-    product[~known] = np.eye(3)
-    u, _, v = np.linalg.svd(product)
-    u[..., 2] *= np.linalg.det(u @ v)[:, None]
-    return u @ v, middle, centre
-
-
 def _nearest_angle(rotation: FloatArray, axis: FloatArray) -> FloatArray:
     """Return the angle (T,), rad, of the rotation about ``axis`` that is nearest to each rotation (T, 3, 3)."""
-    across = np.stack(
-        [
-            rotation[:, 2, 1] - rotation[:, 1, 2],
-            rotation[:, 0, 2] - rotation[:, 2, 0],
-            rotation[:, 1, 0] - rotation[:, 0, 1],
-        ],
-        axis=1,
-    )
-    along = np.einsum("i,fij,j->f", axis, rotation, axis)
-    return np.asarray(np.arctan2(across @ axis, np.trace(rotation, axis1=1, axis2=2) - along))
-
-
-def _angle_between(start: FloatArray, end: FloatArray, axis: FloatArray) -> FloatArray:
-    """Return the angle (T,), rad, about ``axis`` from the directions ``start`` to the directions ``end`` (T, 3)."""
-    across = np.cross(start, end) @ axis
-    return np.asarray(np.arctan2(across, (start * end).sum(axis=1) - (start @ axis) * (end @ axis)))
+    r = rotation
+    across = np.stack([r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]], axis=1)
+    along = np.einsum("i,fij,j->f", axis, r, axis)
+    return np.asarray(np.arctan2(across @ axis, np.trace(r, axis1=1, axis2=2) - along))
 
 
 _SLOW = 0.15  # s, length of a moving average; three of them pass less than half of the amplitude above 2 Hz
-
-
-def estimate_slips(residual: FloatArray, used: BoolArray, rate: float) -> FloatArray:
-    """Return the expected displacement (F, M, 3) of every marker where it is not used, m; zero elsewhere.
-
-    ``residual`` (F, M, 3) is in the segment's axes, m. ``used`` (F, M) is true where a marker is used.
-    """
-    slips = np.zeros(residual.shape)
-    for m in np.flatnonzero(~used.all(axis=0) & used.any(axis=0)).tolist():
-        own, there = residual[:, m], used[:, m]
-        gaps = find_gaps(there, SKIN_MEMORY * rate)
-        pairs = np.flatnonzero(there[1:] & there[:-1])
-        pairs = pairs[:: max(1, len(pairs) // PAIRS)]
-        lasting, noise = split_variance(own[pairs], own[pairs + 1]) if pairs.size else (0.0, 1.0)
-        slips[gaps.missing, m] = gaps.bridge(*(_shrink_mean(own, there, at, lasting, noise) for at in gaps.beside))
-    return slips
 
 
 def remove_fast_part(series: FloatArray, rate: float, seconds: float = _SLOW) -> FloatArray:
@@ -214,17 +177,6 @@ def remove_fast_part(series: FloatArray, rate: float, seconds: float = _SLOW) ->
         total = np.concatenate([np.zeros((1, *slow.shape[1:])), np.cumsum(slow, axis=0)])
         slow = (total[high] - total[low]) / count
     return slow
-
-
-def _shrink_mean(own: FloatArray, there: BoolArray, at: IntArray, lasting: float, noise: float) -> FloatArray:
-    """Return the mean residual (G, 3) over the b frames ``at`` (G, b), reduced towards zero according to its noise.
-
-    ``own`` (F, 3) are the residuals of a marker, used in the frames ``there`` (F,). The mean is NaN if none is used.
-    """
-    seen = (at >= 0) & there[at]
-    count = seen.sum(axis=1, keepdims=True)
-    total = np.where(seen[..., None], own[at], 0.0).sum(axis=1)
-    return np.where(count > 0, lasting * total / np.maximum(count * lasting + noise, np.finfo(np.float64).tiny), np.nan)
 
 
 OBSERVED_SD = 0.1  # largest standard deviation of an angle, rad, that a frame's own markers determine
@@ -306,7 +258,27 @@ def find_frame_poses(
     new[:-1] |= (ready[:-1] & ~ready[1:]).any(axis=1)  # the search also runs backwards
     new[best] = True
     found = _search(chain, model, points, sd=sd, limit=gate * _LARGEST * sd, order=order, starts=new)
-    _search_lost_again(chain, model, points, found, sd=sd, limit=gate * _LARGEST * sd)
+    visible: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
+    # The search follows the frame before. After markers that were wrong, it can stay at a wrong pose for ever. It is
+    # repeated from the clusters where over half of a segment's visible markers are not used.
+    rejected = find_rejected_segments(model.segment, ready.shape[1], visible, found.used)
+    lost = np.flatnonzero((rejected & ready).any(axis=1))
+    if lost.size:
+        near, some = select_frames(found.track, lost), np.ascontiguousarray(points[lost])
+        start, started = _estimate_start_poses(chain, model, some, np.arange(len(lost)))
+        near.origin[started[:, 0]] = start.origin[started[:, 0]]
+        near.turn[started] = start.turn[started]
+        near.angle[started[:, 1:]] = start.angle[started[:, 1:]]
+        again = _search(chain, model, some, sd=sd, limit=gate * _LARGEST * sd, near=near)
+        own = model.segment[:, None] == np.arange(ready.shape[1])
+        before, after = found.used[lost].astype(np.int64) @ own, again.used.astype(np.int64) @ own
+        fits = ~find_rejected_segments(model.segment, ready.shape[1], visible[lost], again.used)
+        fits &= after >= LEAST_MARKERS
+        better = (rejected[lost] & fits).any(axis=1) & (after.sum(axis=1) > before.sum(axis=1))
+        for name in ("variance", "observed", "used", "residual", "leverage"):
+            getattr(found, name)[lost[better]] = getattr(again, name)[better]
+        for old, newer in zip(found.track, again.track, strict=True):
+            old[lost[better]] = newer[better]
     limit = gate * widen_sds(found, sd)
     for _ in range(_FILLS):
         with np.errstate(invalid="ignore"):
@@ -314,12 +286,25 @@ def find_frame_poses(
         partly = np.flatnonzero(~found.used.all(axis=1))
         if not partly.size:
             break
-        slips = estimate_slips(_express_in_segments(chain, found), found.used, rate)
+        # the expected displacement of each marker where it is not used, from its residuals beside its gaps
+        own, slips = _express_in_segments(chain, found), np.zeros(points.shape)
+        for m in np.flatnonzero(~found.used.all(axis=0) & found.used.any(axis=0)).tolist():
+            residual, there = own[:, m], found.used[:, m]
+            gaps, pairs = find_gaps(there, SKIN_MEMORY * rate), np.flatnonzero(there[1:] & there[:-1])
+            pairs = pairs[:: max(1, len(pairs) // PAIRS)]
+            lasting, noise = split_variance(residual[pairs], residual[pairs + 1]) if pairs.size else (0.0, 1.0)
+            means = []  # (G, 3) before and after the gaps, reduced towards zero according to their noise
+            for at in gaps.beside:
+                seen = (at >= 0) & there[at]
+                count = seen.sum(axis=1, keepdims=True)
+                total = np.where(seen[..., None], residual[at], 0.0).sum(axis=1)
+                weight = np.maximum(count * lasting + noise, np.finfo(np.float64).tiny)
+                means.append(np.where(count > 0, lasting * total / weight, np.nan))
+            slips[gaps.missing, m] = gaps.bridge(*means)
         kept = np.where(found.used[partly, :, None], points[partly], np.nan)
         near = Pose(*(each[partly] for each in found.track))
-        displacements = (
-            slips[partly] * found.observed[partly][:, model.segment, None]
-        )  # others would spin without any limit
+        # a segment that the markers do not determine would spin without any limit
+        displacements = slips[partly] * found.observed[partly][:, model.segment, None]
         again = _search(chain, model, kept, sd=sd, slips=displacements, near=near)
         for old, newer in zip(found.track, again.track, strict=True):
             old[partly] = newer
@@ -327,39 +312,8 @@ def find_frame_poses(
             getattr(found, name)[partly] = getattr(again, name)
         found.residual[partly] = points[partly] - predict_positions(model, again.track)
         found = replace(found, slips=slips)
-    visible: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
     rejected = find_rejected_segments(model.segment, found.observed.shape[1], visible, found.used)
     return replace(found, observed=found.observed & ~rejected)
-
-
-def _search_lost_again(
-    chain: SpatialChain, model: ChainModel, points: FloatArray, found: FramePoses, *, sd: FloatArray, limit: FloatArray
-) -> None:
-    """Search again, from the clusters, where over half of a segment's visible markers are not used; change ``found``.
-
-    The search follows the frame before. After markers that were wrong, it can stay at a wrong pose for ever.
-    """
-    visible: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
-    rejected = find_rejected_segments(model.segment, found.observed.shape[1], visible, found.used)
-    lost = np.flatnonzero((rejected & find_visible_clusters(chain, points)).any(axis=1))
-    if not lost.size:
-        return
-    near, some = select_frames(found.track, lost), np.ascontiguousarray(points[lost])
-    start, started = estimate_start_poses(chain, model, some, np.arange(len(lost)))
-    near.origin[started[:, 0]] = start.origin[started[:, 0]]
-    near.turn[started] = start.turn[started]
-    near.angle[started[:, 1:]] = start.angle[started[:, 1:]]
-    again = _search(chain, model, some, sd=sd, limit=limit, near=near)
-    own = model.segment[:, None] == np.arange(rejected.shape[1])
-    before, after = found.used[lost].astype(np.int64) @ own, again.used.astype(np.int64) @ own
-    fits = ~find_rejected_segments(model.segment, rejected.shape[1], visible[lost], again.used) & (
-        after >= LEAST_MARKERS
-    )
-    better = (rejected[lost] & fits).any(axis=1) & (after.sum(axis=1) > before.sum(axis=1))
-    for name in ("variance", "observed", "used", "residual", "leverage"):
-        getattr(found, name)[lost[better]] = getattr(again, name)[better]
-    for old, newer in zip(found.track, again.track, strict=True):
-        old[lost[better]] = newer[better]
 
 
 def widen_sds(found: FramePoses, sd: FloatArray) -> FloatArray:
@@ -428,7 +382,7 @@ def _search(
     frames, count = points.shape[:2]
     d = degrees_of_freedom(model)
     if near is None:
-        start, started = estimate_start_poses(
+        start, started = _estimate_start_poses(
             chain, model, points, np.flatnonzero(np.ones(frames) if starts is None else starts)
         )
     else:

@@ -15,6 +15,7 @@ from mocap_id.arrays import BoolArray, FloatArray, chunks, find_runs
 from mocap_id.errors import NumericalError
 from mocap_id.estimation.filter_problem import ORDER
 from mocap_id.estimation.inertial import (
+    GRAVITY,
     MotionFromMarkers,
     PreparedSensor,
     SensorCalibration,
@@ -24,7 +25,6 @@ from mocap_id.estimation.inertial import (
     find_observed_segments,
     prepare_sensor,
 )
-from mocap_id.estimation.inertial.signals import GRAVITY
 from mocap_id.estimation.space.frame_poses import FramePoses, group_columns, make_chain_model
 from mocap_id.estimation.space.space_kernels import ChainModel, Sensors
 from mocap_id.estimation.space.space_smoothing import (
@@ -74,7 +74,7 @@ def fuse_in_space(
         return {s: prepare_sensor(sensors[s], kept[s], motions[s], time, seen[:, s], axial=axial[s]) for s in kept}
 
     alone = trial.smooth({}, {})
-    motions = compute_motions_from_markers(chain, alone, rate, find_observed_segments(frames.observed, rate))
+    motions = _compute_motions_from_markers(chain, alone, rate, find_observed_segments(frames.observed, rate))
     results = calibrate_all(sensors, motions, time)
     kept = {s: each.used for s, each in results.items() if each.used is not None}
     if not kept:
@@ -107,12 +107,30 @@ class _Smoothing:
 
     def smooth(self, found: Mapping[int, SensorCalibration], ready: Mapping[int, PreparedSensor]) -> SpatialStates:
         """Return the states from the markers, and from the sensors ``ready``, if any, with their calibrations."""
-        model, dt, noise = self.model, 1.0 / self.rate, self.noise
-        sensors, followed = None, None
+        chain, model, dt, noise = self.chain, self.model, 1.0 / self.rate, self.noise
+        groups, observed = group_columns(model), self.frames.observed
+        own, sensors, followed = list(ready), None, np.zeros(groups[-1].stop, dtype=np.bool_)
         if ready:
-            sensors, followed = _collect_signals(self.chain, found, ready), _find_followed(model, list(ready))
+            above = [chain.joints[s - 1] if s > 0 else None for s in own]
+            sensors = Sensors(
+                segment=np.array(own, dtype=np.int64),
+                place=np.array([found[s].place for s in own]),
+                lag=np.array([found[s].lag for s in own]),
+                long_axis=np.array([_UP if joint is None else joint.long_axis for joint in above]),
+                parent=np.array([0 if joint is None else joint.parent for joint in above], dtype=np.int64),
+                rest_axis=np.array([_UP if joint is None else joint.untwisted @ joint.long_axis for joint in above]),
+                gyro=np.ascontiguousarray(np.stack([ready[s].gyro for s in own], axis=1)),
+                force=np.ascontiguousarray(np.stack([ready[s].force for s in own], axis=1)),
+                variance=np.ascontiguousarray(np.stack([ready[s].variance for s in own], axis=1)),
+                spread=np.array([ready[s].spread for s in own]),
+                gravity=GRAVITY,
+            )
+            # the sensors measure the rates of joints with sensors on both segments; the base needs one, on the base
+            followed[groups[0]] = 0 in own
+            for k, parent in enumerate(model.parent.tolist()):
+                followed[groups[k + 1]] = k + 1 in own and parent in own
             errors = noise.errors.copy()
-            errors[1:, followed] = np.nan  # the sensors measure these rates
+            errors[1:, followed] = np.nan
             noise = replace(noise, snap=np.where(followed, _SNAP, 1.0) * noise.snap, errors=errors)
         gate = self.settings.gate
         track = filter_and_smooth(model, self.steady, dt, self.frames, noise, gate=gate, sensors=sensors)
@@ -120,19 +138,30 @@ class _Smoothing:
             given = np.isfinite(sensors.gyro[..., 0]).mean(axis=0)
             if np.any(track.sensed[:, :, 0].mean(axis=0) < _LEAST_USED * given):
                 raise NumericalError("most samples of a gyroscope contradict the markers and the other sensors")
-        lost = find_uncertain_segments(self.chain, model, track, self.settings)
+        lost = find_uncertain_segments(chain, model, track, self.settings)
         scale_to_movement(track, noise.errors)
-        if followed is not None:
+        if sensors is not None:
             scale = np.ones(ORDER * len(followed))
             scale[2 * len(followed) : 3 * len(followed)][followed] = _ACCELERATION_SHARE
             for part in chunks(len(track.covariance)):
                 track.covariance[part] *= scale[:, None] * scale
-            _add_lasting_errors(track.covariance, model, self.frames.observed, ready, dt)
+            # errors of the gyroscopes, integrated over gaps of markers
+            for k, group in enumerate(groups):
+                both = (k,) if k == 0 else (k, int(model.parent[k - 1]))
+                if any(s not in ready for s in both):
+                    continue
+                lasting = np.sum([np.nan_to_num(ready[s].lasting) for s in both], axis=0)
+                columns = np.arange(max(group.start, 3), group.stop)
+                for run in find_runs(~observed[:, k]):
+                    grown = np.cumsum(lasting[run]) * _LASTS * dt
+                    inside = run.start > 0 and run.stop < len(observed)
+                    bridged = grown * (1.0 - grown / grown[-1]) if inside else grown
+                    track.covariance[run, columns, columns] += bridged[:, None]
         # segments with a sensor, and with skin whose axial rotation has an estimated uncertainty
-        every, skin = np.arange(len(self.chain.joints) + 1), self.chain.skin
-        soft = self.chain.segment[skin != 0] if len(self.chain.skin_sd) else every[:0]
-        counted = np.isin(every, list(ready)) & np.isin(every, soft)
-        return collect_states(self.chain, model, self.frames, track, noise, lost, counted=counted)
+        every, skin = np.arange(len(chain.joints) + 1), chain.skin
+        soft = chain.segment[skin != 0] if len(chain.skin_sd) else every[:0]
+        counted = np.isin(every, own) & np.isin(every, soft)
+        return collect_states(chain, model, self.frames, track, noise, lost, counted=counted)
 
 
 def _unwrap(angle: FloatArray) -> FloatArray:
@@ -142,7 +171,7 @@ def _unwrap(angle: FloatArray) -> FloatArray:
     return unwrapped
 
 
-def compute_motions_from_markers(
+def _compute_motions_from_markers(
     chain: SpatialChain, states: SpatialStates, rate: float, known: BoolArray
 ) -> list[MotionFromMarkers]:
     """Return the motion of every segment, base first, in its own axes; NaN where ``known`` (F, n + 1) is false."""
@@ -162,60 +191,6 @@ def compute_motions_from_markers(
             each[~known[:, s]] = np.nan
         motions.append(MotionFromMarkers(own[0], own[1], own[2], axial, speed, along))
     return motions
-
-
-def _collect_signals(
-    chain: SpatialChain, found: Mapping[int, SensorCalibration], ready: Mapping[int, PreparedSensor]
-) -> Sensors:
-    own = list(ready)
-    above = [chain.joints[s - 1] if s > 0 else None for s in own]
-
-    def stack(name: str) -> FloatArray:
-        return np.ascontiguousarray(np.stack([getattr(ready[s], name) for s in own], axis=1))
-
-    return Sensors(
-        segment=np.array(own, dtype=np.int64),
-        place=np.array([found[s].place for s in own]),
-        lag=np.array([found[s].lag for s in own]),
-        long_axis=np.array([_UP if joint is None else joint.long_axis for joint in above]),
-        parent=np.array([0 if joint is None else joint.parent for joint in above], dtype=np.int64),
-        rest_axis=np.array([_UP if joint is None else joint.untwisted @ joint.long_axis for joint in above]),
-        gyro=stack("gyro"),
-        force=stack("force"),
-        variance=stack("variance"),
-        spread=np.array([ready[s].spread for s in own]),
-        gravity=GRAVITY,
-    )
-
-
-def _find_followed(model: ChainModel, own: Sequence[int]) -> BoolArray:
-    """Return which degrees of freedom (d,) are measured: those of the joints with sensors on both segments.
-
-    Those of the base need one sensor, on the base. ``own`` are the segments with sensors.
-    """
-    groups = group_columns(model)
-    followed = np.zeros(groups[-1].stop, dtype=np.bool_)
-    followed[groups[0]] = 0 in own
-    for k, parent in enumerate(model.parent.tolist()):
-        followed[groups[k + 1]] = k + 1 in own and parent in own
-    return followed
-
-
-def _add_lasting_errors(
-    covariance: FloatArray, model: ChainModel, observed: BoolArray, ready: Mapping[int, PreparedSensor], dt: float
-) -> None:
-    """Add the errors of gyroscopes, integrated over gaps of markers, to the covariance of the pose, in place."""
-    for k, own in enumerate(group_columns(model)):
-        both = (k,) if k == 0 else (k, int(model.parent[k - 1]))
-        if any(s not in ready for s in both):
-            continue
-        lasting = np.sum([np.nan_to_num(ready[s].lasting) for s in both], axis=0)
-        columns = np.arange(max(own.start, 3), own.stop)
-        for run in find_runs(~observed[:, k]):
-            grown = np.cumsum(lasting[run]) * _LASTS * dt
-            inside = run.start > 0 and run.stop < len(observed)
-            bridged = grown * (1.0 - grown / grown[-1]) if inside else grown
-            covariance[run, columns, columns] += bridged[:, None]
 
 
 def _measure_residual(states: SpatialStates, points: FloatArray) -> float:

@@ -16,7 +16,7 @@ from mocap_id.estimation.space.frame_poses import (
     predict_positions,
     select_frames,
 )
-from mocap_id.estimation.space.skin_errors import JointRates, SkinErrors, compute_joint_rates
+from mocap_id.estimation.space.skin_errors import SkinErrors, compute_rates
 from mocap_id.estimation.space.space_kernels import ChainModel, Pose, locate_markers
 from mocap_id.estimation.space.space_smoothing import (
     SpatialSettings,
@@ -69,7 +69,18 @@ def find_skeleton_poses(
         lean = -np.arcsin(hand[:, 2] / np.linalg.norm(hand, axis=1))
         track.angle[:, 2] = _hold_last(np.stack([np.arctan2(hand[:, 0], -hand[:, 1]), lean], axis=1))
         track.turn[:, 3] = chain.joints[2].rotation(track.angle[:, 2])
-    return _frame_poses(model, points, track, observed, sd), shown & observed[:, 1]
+    # variances of the pose due to the errors of the skeleton's joints
+    d, count = degrees_of_freedom(model), points.shape[1]
+    jacobian = np.zeros((frames, count, 3, d))
+    locate_markers(model, track, np.empty((frames, count, 3)), jacobian)
+    seen = np.asarray(np.isfinite(points).all(axis=2))
+    weight = np.sqrt(seen) / sd
+    rows = (jacobian * weight[..., None, None]).reshape(frames, -1, d)
+    normal = np.swapaxes(rows, 1, 2) @ rows + np.eye(d) / _WEAK**2
+    variance = np.diagonal(np.linalg.inv(normal), axis1=1, axis2=2).copy()
+    residual, none = points - predict_positions(model, track), np.zeros((frames, count))
+    poses = FramePoses(track, variance, observed, seen, residual, none, np.zeros(points.shape))
+    return poses, shown & observed[:, 1]
 
 
 def _find_arm_pose(
@@ -104,19 +115,6 @@ def _hold_last(values: FloatArray) -> FloatArray:
         return np.zeros_like(values)
     last = np.maximum.accumulate(np.where(known, np.arange(len(values)), -1))
     return np.asarray(values[np.where(last < 0, int(np.argmax(known)), last)])
-
-
-def _frame_poses(model: ChainModel, points: FloatArray, track: Pose, observed: BoolArray, sd: FloatArray) -> FramePoses:
-    d, (frames, count) = degrees_of_freedom(model), points.shape[:2]
-    jacobian = np.zeros((frames, count, 3, d))
-    locate_markers(model, track, np.empty((frames, count, 3)), jacobian)
-    seen = np.asarray(np.isfinite(points).all(axis=2))
-    weight = np.sqrt(seen) / sd
-    rows = (jacobian * weight[..., None, None]).reshape(frames, -1, d)
-    normal = np.swapaxes(rows, 1, 2) @ rows + np.eye(d) / _WEAK**2
-    variance = np.diagonal(np.linalg.inv(normal), axis1=1, axis2=2).copy()
-    residual = points - predict_positions(model, track)
-    return FramePoses(track, variance, observed, seen, residual, np.zeros((frames, count)), np.zeros(points.shape))
 
 
 _LIMITS = SpatialSettings(angle_sd_limit=1.0, origin_sd_limit=0.1)
@@ -233,7 +231,7 @@ def _estimate_lasting_errors(
     gain = np.einsum("fkl,fmil,m->fmki", np.linalg.inv(normal), jacobian, noise.sd**-2)
     covariance = np.zeros((len(postures), 2 * segments, d, d))
     covariance[:, 0] = np.einsum("fmki,fmli,m->fkl", gain, gain, noise.lasting**2)
-    rates: JointRates = compute_joint_rates(chain, model, pose)
+    rates = compute_rates(chain, model, pose, chain.place(pose.origin, pose.turn[:, 0], pose.turn[:, 1:])[1])
     motion = np.zeros((3, len(pose.origin), 2 * segments))
     motion[0, :, 0] = 1.0
     motion[1, :, 0] = np.sum(rates.velocity[:, :2] ** 2, axis=(1, 2))

@@ -7,11 +7,11 @@ velocity and acceleration are proportional to the velocity and acceleration of t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.estimation.space.frame_poses import degrees_of_freedom, group_columns, select_frames
 from mocap_id.estimation.space.space_kernels import ChainModel, Pose, locate_markers
 from mocap_id.geometry import so3
@@ -19,34 +19,42 @@ from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 
 
 @dataclass(frozen=True)
-class JointRates:
-    """Rates of n joints at F frames in the child's axes, and their derivatives by the joints' coordinates."""
+class Rates:
+    """Rates of n joints and n + 1 segments at F frames, and the joints' derivatives by their coordinates."""
 
-    velocity: FloatArray  # (F, n, 3) rad/s
+    velocity: FloatArray  # (F, n, 3) of the joints, in the child's axes, rad/s
     acceleration: FloatArray  # (F, n, 3) rad/s²
     jerk: FloatArray  # (F, n, 3) rad/s³
     maps: list[FloatArray]  # n arrays (F, 9, 3 c): derivatives of rotation, velocity, acceleration by c coordinates
+    omega: FloatArray  # (F, n + 1, 3) angular velocity of the segments, in the axes of the trial, rad/s
+    alpha: FloatArray  # (F, n + 1, 3) angular acceleration, rad/s²
 
-    def at(self, frames: slice | IntArray) -> JointRates:
+    def at(self, frames: slice | IntArray) -> Rates:
         """Return the rates in the chosen frames."""
-        maps = [each[frames] for each in self.maps]
-        return JointRates(self.velocity[frames], self.acceleration[frames], self.jerk[frames], maps)
+        maps, joints = [each[frames] for each in self.maps], (self.velocity, self.acceleration, self.jerk)
+        return Rates(*(each[frames] for each in joints), maps, self.omega[frames], self.alpha[frames])
 
 
-def compute_joint_rates(chain: SpatialChain, model: ChainModel, pose: Pose) -> JointRates:
-    """Return the rates of all joints in the axes of their child segments."""
+def compute_rates(chain: SpatialChain, model: ChainModel, pose: Pose, turns: FloatArray) -> Rates:
+    """Return the rates of all joints and segments; ``turns`` (F, n + 1, 3, 3) are the rotations of the segments."""
     frames, n = len(pose.origin), len(chain.joints)
-    rates = np.zeros((3, frames, n, 3))
-    maps = []
-    for k, (joint, own) in enumerate(zip(chain.joints, group_columns(model)[1:], strict=True)):
-        rate = pose.rate[:, :, own]
+    joint_rates, maps = np.zeros((3, frames, n, 3)), []
+    omega, alpha = np.empty(turns.shape[:3]), np.empty(turns.shape[:3])
+    omega[:, 0] = _rotate(turns[:, 0], pose.rate[:, 0, 3:6])
+    alpha[:, 0] = _rotate(turns[:, 0], pose.rate[:, 1, 3:6])
+    for k, (joint, columns) in enumerate(zip(chain.joints, group_columns(model)[1:], strict=True)):
+        rate = pose.rate[:, :, columns]
         if joint.kind == "ball":
-            rates[:, :, k] = np.swapaxes(rate, 0, 1)
+            joint_rates[:, :, k] = np.swapaxes(rate, 0, 1)
             maps.append(np.broadcast_to(np.eye(9), (frames, 9, 9)))
-            continue
-        rates[:, :, k], own_map = _compute_axis_rates(joint, pose.turn[:, k + 1], rate)
-        maps.append(own_map)
-    return JointRates(rates[0], rates[1], rates[2], maps)
+        else:
+            joint_rates[:, :, k], own_map = _compute_axis_rates(joint, pose.turn[:, k + 1], rate)
+            maps.append(own_map)
+        before, own = joint.parent, _rotate(turns[:, k + 1], joint_rates[0, :, k])
+        omega[:, k + 1] = omega[:, before] + own
+        grows = _rotate(turns[:, k + 1], joint_rates[1, :, k]) + np.cross(omega[:, before], own)
+        alpha[:, k + 1] = alpha[:, before] + grows
+    return Rates(joint_rates[0], joint_rates[1], joint_rates[2], maps, omega, alpha)
 
 
 def _compute_axis_rates(joint: SpatialJoint, rotation: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -74,33 +82,8 @@ def _compute_axis_rates(joint: SpatialJoint, rotation: FloatArray, rate: FloatAr
     return rates, parts.reshape(len(rotation), 9, 3 * c)
 
 
-@dataclass(frozen=True)
-class SegmentRates:
-    """Angular velocity and acceleration of n + 1 segments at F frames, in the axes of the trial."""
-
-    omega: FloatArray  # (F, n + 1, 3) rad/s
-    alpha: FloatArray  # (F, n + 1, 3) rad/s²
-
-    def at(self, frames: slice | IntArray) -> SegmentRates:
-        """Return the rates in the chosen frames."""
-        return SegmentRates(self.omega[frames], self.alpha[frames])
-
-
-def compute_segment_rates(chain: SpatialChain, pose: Pose, turns: FloatArray, joints: JointRates) -> SegmentRates:
-    """Return the rates of all segments; ``turns`` (F, n + 1, 3, 3) are their rotations."""
-    omega, alpha = np.empty(turns.shape[:3]), np.empty(turns.shape[:3])
-    omega[:, 0] = _rotate(turns[:, 0], pose.rate[:, 0, 3:6])
-    alpha[:, 0] = _rotate(turns[:, 0], pose.rate[:, 1, 3:6])
-    for k, joint in enumerate(chain.joints):
-        before, own = joint.parent, _rotate(turns[:, k + 1], joints.velocity[:, k])
-        omega[:, k + 1] = omega[:, before] + own
-        grows = _rotate(turns[:, k + 1], joints.acceleration[:, k]) + np.cross(omega[:, before], own)
-        alpha[:, k + 1] = alpha[:, before] + grows
-    return SegmentRates(omega, alpha)
-
-
 def compute_rate_jacobians(
-    chain: SpatialChain, model: ChainModel, turns: FloatArray, joints: JointRates, rates: SegmentRates
+    chain: SpatialChain, model: ChainModel, turns: FloatArray, rates: Rates
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the derivatives of rotation, omega and alpha by pose, velocity and acceleration, (F, n + 1, 3, 3 d) each.
 
@@ -121,17 +104,17 @@ def compute_rate_jacobians(
     for k, (joint, own) in enumerate(zip(chain.joints, groups[1:], strict=True)):
         before, c = joint.parent, joint.dimension
         part = np.zeros((3, len(turns), 3, 3, d))
-        mapped = turns[:, None, k + 1] @ joints.maps[k].reshape(-1, 3, 3, 3 * c)
+        mapped = turns[:, None, k + 1] @ rates.maps[k].reshape(-1, 3, 3, 3 * c)
         for order in range(3):
             part[order][..., own] = mapped[:, order].reshape(-1, 3, 3, c)
         spins, velocity, acceleration = (each.reshape(flat) for each in part)
         spun = spin[:, before].reshape(flat) + spins
-        own_rate = _rotate(turns[:, k + 1], joints.velocity[:, k])
+        own_rate = _rotate(turns[:, k + 1], rates.velocity[:, k])
         own_change = velocity - so3.hat(own_rate) @ spun
         omega[:, k + 1] = omega[:, before] + own_change.reshape(shape[0], *shape[2:])
         change = (
             acceleration
-            - so3.hat(_rotate(turns[:, k + 1], joints.acceleration[:, k])) @ spun
+            - so3.hat(_rotate(turns[:, k + 1], rates.acceleration[:, k])) @ spun
             - so3.hat(own_rate) @ omega[:, before].reshape(flat)
             + so3.hat(rates.omega[:, before]) @ own_change
         )
@@ -185,7 +168,7 @@ def estimate_skin_errors(
     chain: SpatialChain,
     model: ChainModel,
     pose: Pose,
-    joints: JointRates,
+    rates: Rates,
     *,
     lasting: FloatArray,
     weight: FloatArray,
@@ -197,113 +180,39 @@ def estimate_skin_errors(
     weight of each marker, 1/m². ``known`` (K,) are the frames with complete states, from which postures are chosen.
     """
     postures = np.unique(known[np.linspace(0, len(known) - 1, _POSTURES).round().astype(np.int64)])
-    d, count = degrees_of_freedom(model), len(model.segment)
+    d, count, n = degrees_of_freedom(model), len(model.segment), len(chain.joints)
     jacobian, positions = np.zeros((len(postures), count, 3, d)), np.empty((len(postures), count, 3))
     some = select_frames(pose, postures)
     locate_markers(model, some, positions, jacobian)
     normal = np.einsum("fmik,fmil,m->fkl", jacobian, jacobian, weight)
     normal += _DAMPING * weight.mean() * np.eye(d)
     gain = np.einsum("fkl,fmil,m->fmki", np.linalg.inv(normal), jacobian, weight)
-    segments = len(chain.joints) + 1
-    covariance = np.zeros((len(postures), 2 * segments, d, d))
-    axes = _find_long_axes(chain)
+    covariance = np.zeros((len(postures), 2 * (n + 1), d, d))
+    axes = np.zeros(
+        (n, 3)
+    )  # unit vectors from each joint to the next joint, or to the mean marker, in the child's frame
     origins, turns = chain.place(some.origin, some.turn[:, 0], some.turn[:, 1:])
-    for s in range(segments):
+    for s in range(n + 1):
         mine = np.flatnonzero(model.segment == s)
         covariance[:, s] = _ALIKE * np.einsum("fmki,fmli,m->fkl", gain[:, mine], gain[:, mine], lasting[mine])
         if s > 0:
+            ahead, own = [joint.centre for joint in chain.joints if joint.parent == s], chain.local[chain.segment == s]
+            towards = ahead[0] if ahead else own.mean(axis=0) if len(own) else np.zeros(3)
+            axes[s - 1] = towards / max(float(np.linalg.norm(towards)), 1e-9)
             around = np.cross((turns[:, s] @ axes[s - 1])[:, None], positions[:, mine] - origins[:, s, None])
             around /= np.maximum(np.linalg.norm(around, axis=2, keepdims=True), 1e-9)
             moved = np.einsum("fmki,fmi,m->fk", gain[:, mine], around, np.sqrt(lasting[mine]))
-            covariance[:, segments + s] = _AXIAL_SHARE**2 * moved[:, :, None] * moved[:, None, :]
-    return SkinErrors(covariance, postures, _measure_motion(chain, pose, joints, known, axes))
-
-
-def drop_axial_rates(skin: SkinErrors, counted: BoolArray) -> SkinErrors:
-    """Return the errors without those of velocity and acceleration by axial rotation of the skin where ``counted``."""
-    motion = skin.motion.copy()
-    motion[1:, :, len(counted) :][:, :, counted] = 0.0
-    return replace(skin, motion=motion)
-
-
-def compute_cluster_variances(chain: SpatialChain) -> FloatArray:
-    """Return the variance (n + 1,) per axis, m², of the slide of each segment's marker cluster on its bone.
-
-    It is half of the variances of the slides of the joints beside the segment.
-    """
-    found = np.zeros(len(chain.joints) + 1)
-    for k, joint in enumerate(chain.joints, start=1):
-        found[[joint.parent, k]] += joint.slide_sd**2 / 2
-    return found
-
-
-def _find_long_axes(chain: SpatialChain) -> FloatArray:
-    """Return the unit vector (n, 3) from each joint to the next joint, or to the mean marker, in the child's frame."""
-    found = np.zeros((len(chain.joints), 3))
-    for s in range(1, len(found) + 1):
-        ahead = [joint.centre for joint in chain.joints if joint.parent == s]
-        own = chain.local[chain.segment == s]
-        towards = ahead[0] if ahead else own.mean(axis=0) if len(own) else np.zeros(3)
-        found[s - 1] = towards / max(float(np.linalg.norm(towards)), 1e-9)
-    return found
-
-
-def _measure_motion(
-    chain: SpatialChain, pose: Pose, joints: JointRates, known: IntArray, axes: FloatArray
-) -> FloatArray:
-    """Return ``motion`` of :class:`SkinErrors`: of the joints beside each segment, then about its long axis.
-
-    Its mean over the frames ``known`` (K,) is one. It is zero for joints that hardly move.
-    """
-    frames, n = joints.velocity.shape[:2]
-    squares = np.zeros((3, frames, 2 * (n + 1)))
+            covariance[:, n + 1 + s] = _AXIAL_SHARE**2 * moved[:, :, None] * moved[:, None, :]
+    # squared motion of the joints beside each segment, then about its long axis; zero for joints that hardly move
+    squares = np.zeros((3, len(pose.origin), 2 * (n + 1)))
     for k, joint in enumerate(chain.joints):
         u, _, v = np.linalg.svd(pose.turn[known, k + 1].mean(axis=0))
         middle = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
         bent = so3.log(middle.T @ pose.turn[:, k + 1])
-        moves = (bent, joints.velocity[:, k], joints.acceleration[:, k])
+        moves = (bent, rates.velocity[:, k], rates.acceleration[:, k])
         for s in (k + 1, joint.parent):
             squares[:, :, s] += [np.sum(each**2, axis=1) for each in moves]
         squares[:, :, n + 2 + k] = [(each @ axes[k]) ** 2 for each in moves]
     usual = squares[0, known].mean(axis=0)
-    return np.asarray(np.where(usual > _LEAST_MOTION**2, squares / np.maximum(usual, _LEAST_MOTION**2), 0.0))
-
-
-def compute_segment_variances(
-    skin: SkinErrors, spin: FloatArray, origin: FloatArray, rates: SegmentRates
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return the variances per axis of origin, rotation, omega and alpha due to skin, (F, n + 1) each.
-
-    ``spin`` and ``origin`` (T, n + 1, 3, d) are the derivatives of the segments' rotations and origins by the pose, at
-    the postures.
-    """
-    rotational, translational = (
-        skin.at_frames(np.einsum("tgik,tskl,tgil->tsg", each, skin.pose, each) / 3) for each in (spin, origin)
-    )
-    still, rate, grows = (np.einsum("fs,fsg->fg", motion, rotational) for motion in skin.motion)
-    shifted = np.einsum("fs,fsg->fg", skin.motion[0], translational)
-    return shifted, still, rate, grows + np.sum(rates.omega**2, axis=2) * rate
-
-
-def compute_joint_variances(
-    skin: SkinErrors, model: ChainModel, joints: JointRates, k: int
-) -> tuple[FloatArray, FloatArray]:
-    """Return the covariance (F, 9, 9) of joint k, and the variances (F, 3, c) of its coordinates, due to skin.
-
-    The covariance is for rotation error, velocity and acceleration in the child's axes. The variances are for the c
-    coordinates, their velocities and accelerations.
-    """
-    own = group_columns(model)[k + 1]
-    c = own.stop - own.start
-    block = skin.pose[:, :, own, own]
-    map_here = joints.maps[k][skin.postures, :3, :c]
-    turned = skin.at_frames(np.einsum("tik,tskl,tjl->tsij", map_here, block, map_here))
-    still, rate, grows = (np.einsum("fs,fsij->fij", motion, turned) for motion in skin.motion)
-    carried = np.tile(np.eye(9), (len(still), 1, 1))
-    velocity, acceleration = so3.hat(joints.velocity[:, k]), so3.hat(joints.acceleration[:, k])
-    carried[:, 3:6, :3], carried[:, 6:, :3], carried[:, 6:, 3:6] = velocity, acceleration, velocity
-    parts = np.zeros((len(still), 9, 9))
-    parts[:, :3, :3], parts[:, 3:6, 3:6], parts[:, 6:, 6:] = still, rate, grows
-    alone = skin.at_frames(np.diagonal(block, axis1=2, axis2=3))
-    coordinates = np.stack([np.einsum("fs,fsc->fc", motion, alone) for motion in skin.motion], axis=1)
-    return carried @ parts @ np.swapaxes(carried, 1, 2), coordinates
+    motion = np.where(usual > _LEAST_MOTION**2, squares / np.maximum(usual, _LEAST_MOTION**2), 0.0)
+    return SkinErrors(covariance, postures, motion)

@@ -26,16 +26,10 @@ from mocap_id.estimation.space.frame_poses import (
     widen_sds,
 )
 from mocap_id.estimation.space.skin_errors import (
-    JointRates,
-    SegmentRates,
+    Rates,
     SkinErrors,
-    compute_cluster_variances,
-    compute_joint_rates,
-    compute_joint_variances,
     compute_rate_jacobians,
-    compute_segment_rates,
-    compute_segment_variances,
-    drop_axial_rates,
+    compute_rates,
     estimate_skin_errors,
 )
 from mocap_id.estimation.space.space_kernels import (
@@ -48,6 +42,7 @@ from mocap_id.estimation.space.space_kernels import (
     run_smoother_in_space,
 )
 from mocap_id.estimation.space.spatial_noise import SpatialNoise, estimate_camera_noise, estimate_snaps
+from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 
 _LEAST_GATE = 2e-4  # m; nearly exact markers follow the movement when its snap exceeds the usual snap
@@ -83,26 +78,12 @@ def filter_and_smooth(
 ) -> SpatialTrack:
     """Run the filter forwards and the smoother backwards, and return the smoothed states.
 
-    Raise NumericalError if a covariance is not positive definite.
+    ``points`` (F, M, 3) are the markers without lasting displacements, m; NaN where they are not used. ``dt`` is the
+    time step, s. The filter starts from ``frames`` at the beginning and after gaps. ``gate`` is the limit of an
+    innovation in standard deviations, and ``gate_sd`` (M,) the standard deviation of a coordinate in the gate, m, by
+    default from the residuals of ``frames``. The variances of a sample are divided by its ``weight`` (F, M).
 
-    Parameters
-    ----------
-    points : (F, M, 3) array
-        Markers without lasting displacements, m; NaN where they are not used.
-    dt : float
-        Time step, s.
-    frames : FramePoses
-        Poses of single frames, from which the filter starts at the beginning and after gaps.
-    noise : SpatialNoise
-        Noise of markers and movement; ``marker_sd`` and ``errors`` are not used.
-    gate : float
-        Limit of an innovation, in standard deviations.
-    gate_sd : (M,) array, optional
-        Standard deviation of a coordinate of each marker in the gate, m; by default from residuals of ``frames``.
-    weight : (F, M) array, optional
-        Weight of each sample; its variances are divided by the weight. Default: 1.
-    sensors : Sensors, optional
-        Inertial sensors.
+    Raise NumericalError if a covariance is not positive definite.
     """
     sensors = _NO_SENSORS if sensors is None else sensors
     count, d, camera = len(points), degrees_of_freedom(model), noise.camera_sd
@@ -134,7 +115,7 @@ def filter_and_smooth(
         measured[:, s] |= np.isfinite(sensors.gyro[:, j, 0])
     for k, parent in enumerate(model.parent.tolist()):
         followed[:, k + 1] |= measured[:, k + 1] & measured[:, parent]
-    restarted = np.zeros((count, len(model.freedom) + 1), dtype=np.bool_)
+    restarted = np.zeros(observed.shape, dtype=np.bool_)
     outputs = (track.pose, track.covariance, track.used, track.sensed, restarted)
     failed = run_filter_in_space(model, constants, points, frames.track, observed, followed, sensors, *outputs)
     if failed >= 0:
@@ -288,27 +269,34 @@ def collect_states(  # noqa: PLR0917
     """
     pose = track.pose
     origins, rotations = chain.place(pose.origin, pose.turn[:, 0], pose.turn[:, 1:])
-    joints = compute_joint_rates(chain, model, pose)
-    rates = compute_segment_rates(chain, pose, rotations, joints)
-    known = np.flatnonzero(~lost.any(axis=1))
-    skin = lasting or estimate_skin_errors(
-        chain,
-        model,
-        pose,
-        joints,
-        lasting=noise.marker_sd**2 - noise.camera_sd**2 + compute_cluster_variances(chain)[model.segment],
-        weight=1.0 / noise.marker_sd**2,
-        known=known if known.size else np.arange(len(lost)),
-    )
-    skin = skin if counted is None else drop_axial_rates(skin, counted)
-    segment_sds = _estimate_segment_sds(chain, model, track, rotations, joints, rates, skin)
-    joint_covariance, coordinates, sd_coordinates = _estimate_joint_covariances(chain, model, track, joints, skin)
+    rates = compute_rates(chain, model, pose, rotations)
+    skin, known = lasting, np.flatnonzero(~lost.any(axis=1))
+    if skin is None:
+        # a segment's marker cluster slides on its bone by half of the variances of the slides of the joints beside it
+        slides = np.zeros(len(chain.joints) + 1)
+        for k, joint in enumerate(chain.joints, start=1):
+            slides[[joint.parent, k]] += joint.slide_sd**2 / 2
+        skin = estimate_skin_errors(
+            chain,
+            model,
+            pose,
+            rates,
+            lasting=noise.marker_sd**2 - noise.camera_sd**2 + slides[model.segment],
+            weight=1.0 / noise.marker_sd**2,
+            known=known if known.size else np.arange(len(lost)),
+        )
+    if counted is not None:
+        motion = skin.motion.copy()
+        motion[1:, :, len(counted) :][:, :, counted] = 0.0
+        skin = replace(skin, motion=motion)
+    segment_sds = _estimate_segment_sds(chain, model, track, rotations, rates, skin)
+    joint_covariance, coordinates, sd_coordinates = _estimate_joint_covariances(chain, model, track, rates, skin)
     predicted = predict_positions(model, pose)
     moved = lost[:, 1:]
     segment_parts = (origins, rotations, rates.omega, rates.alpha, *segment_sds)
     for each in segment_parts:
         each[lost] = np.nan
-    joint_parts = (pose.turn[:, 1:].copy(), joints.velocity, joints.acceleration, joints.jerk, joint_covariance)
+    joint_parts = (pose.turn[:, 1:].copy(), rates.velocity, rates.acceleration, rates.jerk, joint_covariance)
     for each in (*joint_parts, coordinates, sd_coordinates):
         each[moved] = np.nan
     predicted[lost[:, model.segment]] = np.nan
@@ -332,27 +320,28 @@ def find_uncertain_segments(
 
 
 def _estimate_segment_sds(  # noqa: PLR0917
-    chain: SpatialChain,
-    model: ChainModel,
-    track: SpatialTrack,
-    rotations: FloatArray,
-    joints: JointRates,
-    rates: SegmentRates,
-    skin: SkinErrors,
+    chain: SpatialChain, model: ChainModel, track: SpatialTrack, rotations: FloatArray, rates: Rates, skin: SkinErrors
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return the standard deviations per axis of origin, rotation, omega and alpha, (F, n + 1) each."""
     d = degrees_of_freedom(model)
     variance = np.empty((4, *rotations.shape[:2]))
     for part in chunks(len(rotations), 256):
-        rotational = compute_rate_jacobians(chain, model, rotations[part], joints.at(part), rates.at(part))
+        rotational = compute_rate_jacobians(chain, model, rotations[part], rates.at(part))
         translational = _origin_jacobian(model, select_frames(track.pose, part))
         covariance = np.ascontiguousarray(track.covariance[part, : 3 * d, : 3 * d])
         variance[0, part] = _propagate(translational, covariance[:, :d, :d])
         for order, each in enumerate(rotational):
             variance[order + 1, part] = _propagate(each, covariance)
+    # skin, from the derivatives (T, n + 1, 3, d) of the segments' rotations and origins by the pose at the postures
     at = skin.postures
-    spin = compute_rate_jacobians(chain, model, rotations[at], joints.at(at), rates.at(at))[0][..., :d]
-    lasting = compute_segment_variances(skin, spin, _origin_jacobian(model, select_frames(track.pose, at)), rates)
+    spin = compute_rate_jacobians(chain, model, rotations[at], rates.at(at))[0][..., :d]
+    turned, shifted = (
+        skin.at_frames(np.einsum("tgik,tskl,tgil->tsg", each, skin.pose, each) / 3)
+        for each in (spin, _origin_jacobian(model, select_frames(track.pose, at)))
+    )
+    still, rate, grows = (np.einsum("fs,fsg->fg", motion, turned) for motion in skin.motion)
+    grows = grows + np.sum(rates.omega**2, axis=2) * rate
+    lasting = (np.einsum("fs,fsg->fg", skin.motion[0], shifted), still, rate, grows)
     origin, rotation, omega, alpha = np.sqrt(variance + np.stack(lasting))
     return origin, rotation, omega, alpha
 
@@ -377,25 +366,34 @@ def _origin_jacobian(model: ChainModel, pose: Pose) -> FloatArray:
 
 
 def _estimate_joint_covariances(
-    chain: SpatialChain, model: ChainModel, track: SpatialTrack, joints: JointRates, skin: SkinErrors
+    chain: SpatialChain, model: ChainModel, track: SpatialTrack, rates: Rates, skin: SkinErrors
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the fields ``joint_covariance``, ``coordinates`` and ``sd_coordinates`` of :class:`SpatialStates`."""
-    frames, n = joints.velocity.shape[:2]
+    frames, n = rates.velocity.shape[:2]
     d = degrees_of_freedom(model)
     covariance = np.empty((frames, n, 9, 9))
     values, sds = np.full((frames, n, 3, 2), np.nan), np.full((frames, n, 3, 2), np.nan)
     for k, own in enumerate(group_columns(model)[1:]):
+        c = own.stop - own.start
         columns = np.concatenate([np.arange(order * d + own.start, order * d + own.stop) for order in range(ORDER - 1)])
-        white = track.covariance[:, columns[:, None], columns]
-        mapped = joints.maps[k]
-        lasting, alone = compute_joint_variances(skin, model, joints, k)
+        white, mapped = track.covariance[:, columns[:, None], columns], rates.maps[k]
+        # skin: covariance of rotation error, velocity and acceleration in the child's axes
+        block, here = skin.pose[:, :, own, own], mapped[skin.postures, :3, :c]
+        turned = skin.at_frames(np.einsum("tik,tskl,tjl->tsij", here, block, here))
+        still, rate, grows = (np.einsum("fs,fsij->fij", motion, turned) for motion in skin.motion)
+        carried, parts = np.tile(np.eye(9), (frames, 1, 1)), np.zeros((frames, 9, 9))
+        velocity, acceleration = so3.hat(rates.velocity[:, k]), so3.hat(rates.acceleration[:, k])
+        carried[:, 3:6, :3], carried[:, 6:, :3], carried[:, 6:, 3:6] = velocity, acceleration, velocity
+        parts[:, :3, :3], parts[:, 3:6, 3:6], parts[:, 6:, 6:] = still, rate, grows
+        lasting = carried @ parts @ np.swapaxes(carried, 1, 2)
         covariance[:, k] = mapped @ white @ np.swapaxes(mapped, 1, 2) + lasting
         if chain.joints[k].kind == "ball":
             continue
-        c = own.stop - own.start
         values[:, k, 0, :c] = track.pose.angle[:, k, :c]
         values[:, k, 1:, :c] = track.pose.rate[:, :2, own]
         values[:, k, 0, :c] -= 2 * math.pi * np.round(values[0, k, 0, :c] / (2 * math.pi))
         variance = np.diagonal(white, axis1=1, axis2=2).reshape(frames, 3, c)
-        sds[:, k, :, :c] = np.sqrt(np.maximum(variance, 0.0) + alone)
+        alone = skin.at_frames(np.diagonal(block, axis1=2, axis2=3))
+        slid = np.stack([np.einsum("fs,fsc->fc", motion, alone) for motion in skin.motion], axis=1)
+        sds[:, k, :, :c] = np.sqrt(np.maximum(variance, 0.0) + slid)
     return covariance, values, sds

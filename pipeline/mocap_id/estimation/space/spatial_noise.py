@@ -89,9 +89,15 @@ def estimate_snaps(
     series, variance = sum_steps(model, frames.track), frames.variance
     snaps, gaps = np.empty(series.shape[1]), np.empty(series.shape[1])
     errors = np.full((ORDER - 1, series.shape[1]), np.nan)
-    for group, columns in _list_groups(model):
+    # the groups of degrees of freedom with one snap: position and rotation of the base, each ball joint, and each
+    # coordinate of other joints
+    groups = [(0, slice(0, 3)), (0, slice(3, 6))]
+    for k, at in enumerate(model.first[1:].tolist()):
+        widths = [3] if model.ball[k] else [1] * int(model.freedom[k])
+        groups += [(k + 1, slice(at + c, at + c + width)) for c, width in enumerate(widths)]
+    for group, columns in groups:
         seen = frames.observed[:, group]
-        starts, size = _find_windows(seen & _find_moving(series[:, columns], seen, dt), seen, dt)
+        starts, size = _find_windows(series[:, columns], seen, dt)
         if not starts.size:
             snaps[columns], gaps[columns] = SNAP_BOUNDS[1], SNAP_BOUNDS[1]
             continue
@@ -119,8 +125,15 @@ def estimate_snaps(
         snaps[columns], lasting = snap, 0.0
         for c, (power, noise, white) in zip(numbers, spectra, strict=True):
             corner = (snap**2 / white) ** (1 / (2 * ORDER))
-            errors[:, c] = _estimate_errors(power, noise, angular, corner, dt)
             passed = 1 / (1 + (angular / corner) ** (2 * ORDER))
+            # mean squared errors of the series and two derivatives after smoothing
+            near = (angular > 0) & (angular < _REACH * corner)  # beyond, the noise exceeds the movement by far
+            averages = passed**2 * noise
+            lost = np.where(near, (1 - passed) ** 2 * (power - noise), 0.0)
+            for order in range(ORDER - 1):
+                by = np.zeros(len(angular))
+                by[1:] = angular[1:] ** (2.0 * order - 4.0) / dt**4
+                errors[order, c] = np.sum(by * averages) + max(float(np.sum(by * lost)), 0.0)
             lasting = max(lasting, float(np.sum(passed**2 * power * angular**4)) / dt**4)
         gaps[columns] = max(snap, _GAP_SHARE * math.sqrt(lasting / dt))
     # The ratio between the two coordinates of a two-axis joint is limited. Without the limit, the snap of a limb's
@@ -153,60 +166,22 @@ def _model_fall(power: FloatArray, noise: FloatArray) -> FloatArray:
     return np.concatenate([power[:first], noise[first:] * best])
 
 
-def _estimate_errors(power: FloatArray, noise: FloatArray, angular: FloatArray, corner: float, dt: float) -> FloatArray:
-    """Return mean squared errors (3,) of a series and two derivatives after smoothing with a corner, rad/s."""
-    passed = 1 / (1 + (angular / corner) ** (2 * ORDER))
-    near = (angular > 0) & (angular < _REACH * corner)  # beyond, the noise exceeds the movement by far
-    averages = passed**2 * noise
-    lost = np.where(near, (1 - passed) ** 2 * (power - noise), 0.0)
-    found = np.empty(ORDER - 1)
-    for order in range(ORDER - 1):
-        by = np.zeros(len(angular))
-        by[1:] = angular[1:] ** (2.0 * order - 4.0) / dt**4
-        found[order] = np.sum(by * averages) + max(float(np.sum(by * lost)), 0.0)
-    return found
-
-
-def _list_groups(model: ChainModel) -> list[tuple[int, slice]]:
-    """Return the groups of degrees of freedom with one snap: each is the number of the joint, 0 = base, and a slice.
-
-    The groups are position and rotation of the base, each ball joint, and each coordinate of other joints.
-    """
-    groups = [(0, slice(0, 3)), (0, slice(3, 6))]
-    for k, at in enumerate(model.first[1:].tolist()):
-        if model.ball[k]:
-            groups.append((k + 1, slice(at, at + 3)))
-        else:
-            groups += [(k + 1, slice(at + c, at + c + 1)) for c in range(int(model.freedom[k]))]
-    return groups
-
-
-def _find_moving(series: FloatArray, seen: BoolArray, dt: float) -> BoolArray:
-    """Return whether (F,) a sample is in motion or near motion; in a short trial all samples are.
-
-    ``series`` (F, c) is one group, and ``seen`` (F,) are the frames from which its rms speed is taken.
-    """
-    half = max(round(_AROUND / dt / 2), 1)
-    if len(series) < 8 * half:
-        return np.ones(len(series), dtype=np.bool_)
-    speed = np.zeros(len(series))
-    speed[half:-half] = np.linalg.norm(series[2 * half :] - series[: -2 * half], axis=1)
-    known = speed[seen]
-    if not known.size:
-        return np.ones(len(series), dtype=np.bool_)
-    fast = speed > _STILL * np.sqrt(np.mean(known**2))
-    around = np.convolve(fast, np.ones(4 * half + 1), mode="same") > 0
-    return np.asarray(around, dtype=np.bool_)
-
-
-def _find_windows(moving: BoolArray, seen: BoolArray, dt: float) -> tuple[IntArray, int]:
+def _find_windows(series: FloatArray, seen: BoolArray, dt: float) -> tuple[IntArray, int]:
     """Return the first frames of the windows with motion and without gaps, and the length of a window in frames.
 
-    If no window is suitable, the middle window is returned; none if the trial is too short or nothing is observed.
+    ``series`` (F, c) is one group of degrees of freedom, and ``seen`` (F,) are its observed frames. If no window is
+    suitable, the middle window is returned; none if the trial is too short or nothing is observed.
     """
     size = min(round(_WINDOW / dt), len(seen) - 2)
     if size < _LEAST or not seen.any():
         return np.empty(0, dtype=np.int64), size
+    # samples in motion or near motion; in a short trial all samples
+    moving, half = seen, max(round(_AROUND / dt / 2), 1)
+    if len(series) >= 8 * half:
+        speed = np.zeros(len(series))
+        speed[half:-half] = np.linalg.norm(series[2 * half :] - series[: -2 * half], axis=1)
+        fast = speed > _STILL * np.sqrt(np.mean(speed[seen] ** 2))
+        moving = seen & (np.convolve(fast, np.ones(4 * half + 1), mode="same") > 0)
     starts = np.arange(0, len(seen) - 1 - size, max(size // 2, 1))
     good = [moving[k : k + size + 2].mean() > _MOSTLY and seen[k : k + size + 2].all() for k in starts]
     kept = starts[np.array(good, dtype=np.bool_)]

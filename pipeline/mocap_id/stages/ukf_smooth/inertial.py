@@ -11,9 +11,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, NumericalError, RecordingError, Refused
 from mocap_id.estimation import States
-from mocap_id.estimation.inertial import Clock, SensorResult, SensorSignals
-from mocap_id.estimation.inertial.calibration import OBSERVABLE_SD
-from mocap_id.estimation.inertial.signals import GRAVITY
+from mocap_id.estimation.inertial import GRAVITY, OBSERVABLE_SD, Clock, SensorResult, SensorSignals
 from mocap_id.estimation.inertial_tracking import (
     FORCE_BIAS,
     SWITCHED_ON,

@@ -13,7 +13,6 @@ from mocap_id.dynamics.measured_motion import BodyPoses, Stretch, fill_gaps, mea
 from mocap_id.estimation import FRAMEWISE, FilterSettings, States, smooth
 from mocap_id.estimation.inverse_kinematics import MarkerChain
 from mocap_id.estimation.lasting_errors import (
-    ChainResiduals,
     LastingErrors,
     ResidualSpectrum,
     add_lasting_errors,
@@ -111,7 +110,7 @@ def ukf_smooth(context: Context) -> Outputs:
     # skin motion, measured poses, and standard deviations that contain both
     camera = estimate_camera_sd(observed, states, settings.marker_sd_floor)
     skin = estimate_skin(states, observed, camera) if tree.facts.get("estimator") == "bundle" else None
-    spectrum = compute_residual_spectrum(ChainResiduals(states, observed, view.rate))
+    spectrum = compute_residual_spectrum(states, observed, view.rate)
     poses, shift, thigh = measure_poses(
         view, chain, skeleton, observed=observed, angles=states.mean[:, :, 0], camera=camera
     )
@@ -306,7 +305,7 @@ def estimate_lasting_errors(
     angles, rate = interpolate_gaps(states.mean[..., 0]), spectrum.rate
     frames, variance = angle_errors(skin, angles, rate)
     variance *= compute_variance_growth(states, used_markers, angles, frames, rate=rate, camera=camera)[..., None]
-    coloured = estimate_coloured_variance(ChainResiduals(states, used_markers, rate), angles, frames, camera)
+    coloured = estimate_coloured_variance(states, used_markers, angles, frames, rate=rate, camera=camera)
     variance = np.maximum(variance, coloured) + spectrum.oscillating_variance(frames)
     moved = np.zeros_like(variance)
     if bend is not None:

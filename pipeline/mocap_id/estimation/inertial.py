@@ -1,4 +1,6 @@
-"""Calibration of inertial sensors on moving segments: clock, mounting, biases, and their signals at the frames.
+"""Inertial sensors beside markers: clock, mounting, biases and noise of each sensor, from the motion of its segment.
+
+The motion is estimated from the markers alone, in the plane or in space (docs/concepts/inertial-sensors.md).
 
 A sensor at the position r has the mounting M, a rotation from sensor to segment. The skin under it lags: it does not
 follow the fraction s of the segment's axial rotation τ about the long axis l. With E = exp(s τ l), the sensor measures
@@ -16,18 +18,110 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
+from scipy.interpolate import CubicSpline
 
-from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.estimation.inertial.signals import GRAVITY, MotionFromMarkers, SensorSignals
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry import so3
+from mocap_id.verdict import Reason
+
+GRAVITY = 9.81  # gravity, m/s²; in the trial's axes, it acts along -y
+
+_GAP = 2.5  # times the usual time between samples; a longer time is a gap
+_AVERAGED = 1.5  # samples in a frame; if there are more, they are averaged
+_PINNED = 3  # number of successive samples at the largest value of a channel from which they are saturated
+
+
+@dataclass(frozen=True)
+class MotionFromMarkers:
+    """Motion of a segment at F frames, in its own axes; NaN where unknown."""
+
+    omega: FloatArray  # (F, 3) angular velocity, rad/s
+    alpha: FloatArray  # (F, 3) angular acceleration, rad/s²
+    force: FloatArray  # (F, 3) acceleration of the origin minus gravity, m/s²
+    axial: FloatArray  # (F,) axial rotation relative to the parent, rad; zero for the base
+    axial_rate: FloatArray  # (F,) its rate, rad/s
+    long_axis: FloatArray  # (3,) unit vector of the axial rotation
+
+    @property
+    def known(self) -> BoolArray:
+        """Whether (F,) the motion is known in a frame."""
+        return np.asarray(np.isfinite(self.omega[:, 0] + self.alpha[:, 0] + self.force[:, 0] + self.axial_rate))
+
+    def select(self, frames: IntArray) -> MotionFromMarkers:
+        """Return the motion in the chosen frames."""
+        names = ("omega", "alpha", "force", "axial", "axial_rate")
+        return replace(self, **{name: getattr(self, name)[frames] for name in names})
+
+
+@dataclass(frozen=True)
+class SensorSignals:
+    """K samples of a sensor on its own clock."""
+
+    time: FloatArray  # (K,) increasing times, s
+    gyro: FloatArray  # (K, 3) angular velocity in the sensor's axes, rad/s
+    acc: FloatArray  # (K, 3) specific force in the sensor's axes, m/s²
+    reasons: tuple[Reason, ...] = ()  # about samples that the reader left out
+
+    @cached_property
+    def rate(self) -> float:
+        """Samples per second."""
+        return float(1.0 / np.median(np.diff(self.time)))
+
+    @cached_property
+    def saturated(self) -> BoolArray:
+        """Whether each sample (K,) is in a run of samples in which a channel stays at its largest or smallest value."""
+        both = np.concatenate([self.gyro, self.acc], axis=1)
+        found = np.zeros(len(both), dtype=np.bool_)
+        for values in (both, -both):
+            top = (values == values.max(axis=0)) & (values.max(axis=0) > 4 * np.std(values, axis=0))
+            successive = np.stack([top[k : len(top) - _PINNED + 1 + k] for k in range(_PINNED)])
+            run = np.asarray(np.any(np.all(successive, axis=0), axis=1))
+            for k in range(_PINNED):
+                found[k : len(run) + k] |= run
+        return found
+
+    @cached_property
+    def noise(self) -> FloatArray:
+        """Standard deviations (2,) of the white noise of one sample: gyroscope, rad/s, and accelerometer, m/s²."""
+        found = []
+        for values in (self.gyro, self.acc):
+            bends = np.abs(np.diff(values, 3, axis=0))
+            step = np.unique(np.abs(np.diff(values[:, 0])))
+            least = float(step[step > 0].min(initial=np.inf)) / np.sqrt(12) if len(step) > 1 else 0.0
+            quiet = np.quantile(bends, 0.5, axis=0) / (0.6745 * np.sqrt(20.0))
+            found.append(max(float(np.sqrt(np.mean(quiet**2))), least if np.isfinite(least) else 0.0, 1e-9))
+        return np.array(found)
+
+    @cached_property
+    def _splines(self) -> CubicSpline:
+        return CubicSpline(self.time, np.concatenate([self.gyro, self.acc], axis=1))
+
+    def at(self, time: FloatArray, frame: float, order: int = 0) -> tuple[FloatArray, FloatArray]:
+        """Return gyroscope (F, 3) and accelerometer (F, 3) at times (F,) of the sensor's clock, s.
+
+        ``order`` is the order of the derivative that is returned. If a frame, which takes ``frame`` seconds, contains
+        several samples, they are averaged. The result is NaN in gaps, at saturated samples, and beyond the ends.
+        """
+        if self.rate * frame > _AVERAGED:
+            total = self._splines.antiderivative()
+            both = (total(time + frame / 2, order) - total(time - frame / 2, order)) / frame
+        else:
+            both = self._splines(time, order)
+        after = np.searchsorted(self.time, time).clip(1, len(self.time) - 1)
+        covered = self.time[after] - self.time[after - 1] < _GAP / self.rate
+        covered &= (time >= self.time[0]) & (time <= self.time[-1])
+        covered &= ~self.saturated[after] & ~self.saturated[after - 1]
+        both[~covered] = np.nan
+        return both[:, :3], both[:, 3:]
+
 
 OBSERVABLE_SD = 2e-3  # largest standard deviation, s, of a clock that the motion determines
 
 _LEAST_OVERLAP = 0.5  # of the shorter record
-_BORROWED_SD = 0.1  # s, least standard deviation of a clock taken from other sensors
 
 
 @dataclass(frozen=True)
@@ -73,18 +167,6 @@ def find_clock(signals: SensorSignals, motion: MotionFromMarkers, time: FloatArr
     correlation = np.where(enough & (power > 0), shifted(first, second) / np.sqrt(np.maximum(power, 1e-30)), -1.0)
     best = int(np.argmax(correlation))
     return float(time[0] - stamps[0] + (best + 1 - len(second)) * step), float(correlation[best])
-
-
-def borrow_clock(others: Sequence[Clock]) -> Clock:
-    """Return the median offset of the other sensors' clocks, for a sensor whose motion does not determine its clock.
-
-    Without other sensors, the offset is zero and its standard deviation infinite.
-    """
-    if not others:
-        return Clock(0.0, sd=np.inf)
-    offsets = np.array([each.offset for each in others])
-    spread = float(np.std(offsets, ddof=1)) if len(offsets) > 1 else 0.0
-    return Clock(float(np.median(offsets)), 0.0, max(spread, _BORROWED_SD), False)
 
 
 _ROUNDS, _SETTLED = 12, 0.05  # iterations of the search, and the change, in standard deviations, at which it ends
@@ -143,7 +225,7 @@ def calibrate_sensor(
     zero.
     """
     frame = float(time[1] - time[0])
-    thin = _thin_frames(len(time), frame)
+    thin = max(1, -(-len(time) // _MOST), min(int(1.0 / (_ENOUGH * frame)), len(time) // _FEW))  # every thin-th frame
     some = np.arange(0, len(time), thin)
     seen = motion.known[some]
     some = some[seen & np.isfinite(signals.at(clock.stamps(time[some]), frame)[0][:, 0])]
@@ -151,8 +233,23 @@ def calibrate_sensor(
         return None
     given = motion.select(some)
     follows = follows and bool(np.std(given.axial) > 0)
-    prior, found = _prior(clock, follows), start or _guess_mounting(signals, given, time[some], clock, frame)
-    middle = float(time[len(time) // 2])
+    prior = np.concatenate([np.full(size, _PRIOR[name]) for name, size in _SIZES])
+    prior[_AT["shift"]] = min(clock.sd, 0.5) if np.isfinite(clock.sd) else _PRIOR["shift"]
+    if not follows:
+        prior[_AT["lag"]] = 1e-9
+    found = start
+    if found is None:  # the mounting that fits both signals best, the gyroscope's bias, other errors zero
+        gyro, acc = signals.at(clock.stamps(time[some]), frame)
+        there = np.isfinite(gyro[:, 0])
+        bias = np.median(gyro[there], axis=0)
+        product = (given.omega[there] - given.omega[there].mean(axis=0)).T @ (gyro[there] - bias) / _GYRO_SD**2
+        product += given.force[there].T @ acc[there] / _FORCE_SD**2
+        u, _, v = np.linalg.svd(product)
+        mount = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
+        zero, none = np.zeros(3), np.zeros(2)
+        found = SensorCalibration(clock, mount, zero, 0.0, zero, bias, zero, zero, {}, none, none, 0.0)
+    middle = float(time[len(time) // 2])  # the time at which the clock is shifted
+    at_middle = float(clock.stamps(np.array(middle)))
     for _ in range(_ROUNDS):
         rows, off, kept = _residuals(signals, given, time[some], frame, found, middle)
         residual, correlated = _measure_residuals(off, kept)
@@ -160,9 +257,23 @@ def calibrate_sensor(
         by = np.repeat(kept / weight, 3, axis=1).reshape(-1)
         rows, off = rows.reshape(-1, rows.shape[2]) * by[:, None], off.reshape(-1) * by
         normal = rows.T @ rows + np.diag(1.0 / prior**2)
-        pull = rows.T @ off - _differ_from_prior(found, clock, middle, _USUAL_LAG * follows) / prior**2
-        step = np.linalg.solve(normal, pull)
-        found = _add_step(found, step, middle)
+        # the parameters minus their prior values; zero for the mounting, which has no prior value
+        stamp, away = float(found.clock.stamps(np.array(middle))), np.zeros(_COUNT)
+        for name in _VECTORS:
+            away[_AT[name]] = getattr(found, name)
+        away[_AT["lag"]] = found.lag - _USUAL_LAG * follows
+        away[_AT["drift"]] = found.clock.drift - clock.drift
+        away[_AT["shift"]] = at_middle - stamp
+        step = np.linalg.solve(normal, rows.T @ off - away / prior**2)
+        stamp -= float(step[_AT["shift"]][0])
+        drift = found.clock.drift + float(step[_AT["drift"]][0])
+        found = replace(
+            found,
+            clock=replace(found.clock, offset=middle - stamp * (1 + drift), drift=drift),
+            mount=found.mount @ so3.exp(step[_AT["turn"]]),
+            lag=found.lag + float(step[_AT["lag"]][0]),
+            **{name: getattr(found, name) + step[_AT[name]] for name in _VECTORS},
+        )
         if np.max(np.abs(step) * np.sqrt(np.diagonal(normal))) < _SETTLED:
             break
     sd = np.sqrt(np.diagonal(np.linalg.inv(normal)))
@@ -172,34 +283,6 @@ def calibrate_sensor(
     rate = float(np.sqrt(np.mean(np.sum(given.omega**2, axis=1))))
     settled = replace(found.clock, sd=clock_sd, observable=clock_sd <= OBSERVABLE_SD)
     return replace(found, clock=settled, sd=spread, residual=residual, correlated=correlated * thin, segment_rate=rate)
-
-
-def _thin_frames(frames: int, frame: float) -> int:
-    """Return k if every k-th frame is used; ``frames`` is the number of frames, ``frame`` the time between them, s."""
-    return max(1, -(-frames // _MOST), min(int(1.0 / (_ENOUGH * frame)), frames // _FEW))
-
-
-def _prior(clock: Clock, follows: bool) -> FloatArray:
-    sd = np.concatenate([np.full(size, _PRIOR[name]) for name, size in _SIZES])
-    sd[_AT["shift"]] = min(clock.sd, 0.5) if np.isfinite(clock.sd) else _PRIOR["shift"]
-    if not follows:
-        sd[_AT["lag"]] = 1e-9
-    return sd
-
-
-def _guess_mounting(
-    signals: SensorSignals, motion: MotionFromMarkers, time: FloatArray, clock: Clock, frame: float
-) -> SensorCalibration:
-    """Return start values: the mounting that fits both signals best, the gyroscope's bias, other errors zero."""
-    gyro, acc = signals.at(clock.stamps(time), frame)
-    there = np.isfinite(gyro[:, 0])
-    bias = np.median(gyro[there], axis=0)
-    product = (motion.omega[there] - motion.omega[there].mean(axis=0)).T @ (gyro[there] - bias) / _GYRO_SD**2
-    product += motion.force[there].T @ acc[there] / _FORCE_SD**2
-    u, _, v = np.linalg.svd(product)
-    mount = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
-    zero, none = np.zeros(3), np.zeros(2)
-    return SensorCalibration(clock, mount, zero, 0.0, zero, bias, zero, zero, {}, none, none, 0.0)
 
 
 def _residuals(  # noqa: PLR0917
@@ -257,31 +340,6 @@ def _measure_residuals(off: FloatArray, kept: FloatArray) -> tuple[FloatArray, F
         last = int(ends[0]) if len(ends) else len(lags)
         correlated[k] = 1.0 + 2.0 * float(np.sum(lags[1:last])) / max(float(lags[0]), 1e-30)
     return np.maximum(rms, 1e-9), correlated
-
-
-def _differ_from_prior(found: SensorCalibration, clock: Clock, middle: float, lag: float) -> FloatArray:
-    """Return the parameters (p,) minus their prior values; zero for the mounting, which has no prior value."""
-    out = np.zeros(_COUNT)
-    for name in _VECTORS:
-        out[_AT[name]] = getattr(found, name)
-    out[_AT["lag"]] = found.lag - lag
-    out[_AT["drift"]] = found.clock.drift - clock.drift
-    out[_AT["shift"]] = float(clock.stamps(np.array(middle)) - found.clock.stamps(np.array(middle)))
-    return out
-
-
-def _add_step(found: SensorCalibration, step: FloatArray, middle: float) -> SensorCalibration:
-    """Return the parameters changed by ``step`` (p,); ``middle`` is the time, s, at which the clock is shifted."""
-    stamp = float(found.clock.stamps(np.array(middle))) - float(step[_AT["shift"]][0])
-    drift = found.clock.drift + float(step[_AT["drift"]][0])
-    offset = middle - stamp * (1 + drift)
-    return replace(
-        found,
-        clock=replace(found.clock, offset=offset, drift=drift),
-        mount=found.mount @ so3.exp(step[_AT["turn"]]),
-        lag=found.lag + float(step[_AT["lag"]][0]),
-        **{name: getattr(found, name) + step[_AT[name]] for name in _VECTORS},
-    )
 
 
 SHARES = (0.5, 1.0)
@@ -348,7 +406,7 @@ def prepare_sensor(  # noqa: PLR0917
     return PreparedSensor(gyro, force, variance, lasting + unknown * speed, found.residual**2)
 
 
-def explain_disagreement(found: SensorCalibration) -> str | None:
+def _explain_disagreement(found: SensorCalibration) -> str | None:
     """Return a text that says how a sensor contradicts the motion of its segment; None if it agrees."""
     off = float(found.residual[0]) * np.sqrt(3.0)
     limit = _MOST_OFF * max(found.segment_rate, _LEAST_RATE)
@@ -366,6 +424,7 @@ def explain_disagreement(found: SensorCalibration) -> str | None:
     return None
 
 
+_BORROWED_SD = 0.1  # s, least standard deviation of a clock taken from other sensors
 _CLEAR = 0.5  # least correlation of the rotation speeds that determines a clock
 _MARGIN = 0.2  # s before and after a gap in which the motion is also partly bridged
 
@@ -397,34 +456,31 @@ def calibrate_all(
     clocks: list[Clock] = []
     results = {}
     for s in sorted(sensors, key=lambda s: -coarse[s][1]):
-        offset, correlation = coarse[s]
-        clock = Clock(offset) if correlation > _CLEAR else borrow_clock(clocks)
-        found = calibrate_sensor(sensors[s], motions[s], time, clock, follows=s > 0)
-        saturated = float(np.mean(sensors[s].saturated))
+        signals, (offset, correlation) = sensors[s], coarse[s]
+        clock = Clock(offset)
+        if not correlation > _CLEAR:  # the median of the other clocks; without others, zero with infinite deviation
+            offsets = np.array([each.offset for each in clocks])
+            spread = float(np.std(offsets, ddof=1)) if len(offsets) > 1 else 0.0
+            clock = Clock(float(np.median(offsets)), 0.0, max(spread, _BORROWED_SD)) if clocks else Clock(0.0)
+        found = calibrate_sensor(signals, motions[s], time, clock, follows=s > 0)
+        saturated = float(np.mean(signals.saturated))
         if found is None:
             results[s] = SensorResult(None, saturated, "too few samples in the time of the recording")
             continue
-        why = explain_disagreement(found)
-        better = _find_better_segment(sensors[s], motions, time, s, found) if why else None
-        results[s] = SensorResult(found, saturated, why, better)
-        if why is None and found.clock.observable:
+        why, better = _explain_disagreement(found), None
+        if why is not None:  # another segment, whose motion the sensor fits much better
+            least = 0.5 * float(found.residual[0])
+            for k, motion in enumerate(motions):
+                if k == s:
+                    continue
+                offset, correlation = find_clock(signals, motion, time)
+                other = calibrate_sensor(signals, motion, time, Clock(offset)) if correlation > _CLEAR else None
+                if other is not None and _explain_disagreement(other) is None and other.residual[0] < least:
+                    better, least = k, float(other.residual[0])
+        elif found.clock.observable:
             clocks.append(found.clock)
+        results[s] = SensorResult(found, saturated, why, better)
     return {s: results[s] for s in sensors}
-
-
-def _find_better_segment(
-    signals: SensorSignals, motions: Sequence[MotionFromMarkers], time: FloatArray, own: int, found: SensorCalibration
-) -> int | None:
-    """Return the segment whose motion the sensor fits much better than that of its segment; None if there is none."""
-    best, least = None, 0.5 * float(found.residual[0])
-    for s, motion in enumerate(motions):
-        if s == own:
-            continue
-        offset, correlation = find_clock(signals, motion, time)
-        other = calibrate_sensor(signals, motion, time, Clock(offset)) if correlation > _CLEAR else None
-        if other is not None and explain_disagreement(other) is None and other.residual[0] < least:
-            best, least = s, float(other.residual[0])
-    return best
 
 
 def find_observed_segments(observed: BoolArray, rate: float) -> BoolArray:
