@@ -122,12 +122,8 @@ class SpatialPrediction:
 
 def predict_in_space(trial: SpatialTrial, result: SpatialIdentification) -> SpatialPrediction:
     """Predict wrench and joint torques at every sample."""
-    recorded, base, own, back = (
-        trial.recorded,
-        result.base,
-        result.residual_covariance,
-        shift_wrench(trial.recorded.reference),
-    )
+    recorded, base, own = trial.recorded, result.base, result.residual_covariance
+    back = shift_wrench(recorded.reference)  # from the plate's centre to the trial's origin
     bias = np.zeros(6)
     bias[list(trial.constants)] = result.plate_bias
     measured = trial.measured(result.fit.offset) - bias

@@ -56,8 +56,8 @@ def propagate_errors(
         constant = np.zeros_like(measured)
         constant[:, component] = size
         effects.append((name, constant, None, 0.0))
-    for axis in np.eye(3):
-        effects.append(("position", np.hstack([none, sd.position * np.cross(axis, force)]), None, 0.0))
+    shifts = (np.hstack([none, sd.position * np.cross(axis, force)]) for axis in np.eye(3))
+    effects += [("position", shift, None, 0.0) for shift in shifts]
     up = np.array([0.0, sd.yaw, 0.0])
     effects.append(("yaw", np.hstack([np.cross(up, force), np.cross(up, moment)]), None, 0.0))
 
