@@ -85,7 +85,7 @@ def test_equal_sides_are_symmetrical_about_the_middle(cylinder: Cylinder, pressu
     even = replace(cylinder, area_extension=cylinder.area_flexion, dead_extension=cylinder.dead_flexion)
     low, high = even.limits
     middle, off = 0.5 * (low + high), share * (high - low)
-    setting = even.with_pressures_at(middle, pressure, pressure)
+    setting = Setting(*(pressure / even.compression(np.array(middle))))
     one, other = even.torque(np.array([middle - off, middle + off]), setting)
     assert one == pytest.approx(-other, abs=1e-6 * pressure * even.area_flexion * even.pulley_radius)
     assert even.rest_angle(setting) == pytest.approx(middle, abs=1e-9)

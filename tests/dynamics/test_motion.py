@@ -28,7 +28,7 @@ def free_bodies(time: np.ndarray, seed: int, count: int = 3) -> PlanarMotion:
     pose, rate, bend = (each.reshape(len(time), count, 3) for each in (value, speed, rise))
     nowhere = np.full((len(time), 1, 2), np.nan)
     beyond = np.ones((1, count), dtype=bool)
-    return PlanarMotion(pose[..., 2], rate[..., 2], bend[..., 2], pose[..., :2], bend[..., :2], nowhere, beyond)
+    return PlanarMotion(rate[..., 2], bend[..., 2], pose[..., :2], bend[..., :2], nowhere, beyond, pose[..., 2])
 
 
 def clouds(seed: int, count: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

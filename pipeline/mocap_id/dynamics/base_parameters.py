@@ -38,11 +38,6 @@ class BaseSet:
         return full
 
 
-def keep_all_parameters(count: int) -> BaseSet:
-    """Return the set that keeps all ``count`` full parameters, for a fit in which a prior determines them."""
-    return BaseSet(np.arange(count), np.eye(count))
-
-
 def triangularise(rows: FloatArray) -> FloatArray:
     """Return R (min(r, p), p) of the QR decomposition of rows (r, p), which is all that least squares needs."""
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
@@ -79,15 +74,10 @@ def regroup_columns(regressor: FloatArray) -> BaseSet:
 
 
 def determines_rows(rows: FloatArray, base: BaseSet) -> bool:
-    """Return whether the base parameters determine what some rows predict.
+    """Return whether base parameters determine what rows (r, p) of a full regressor predict; NaN is missing.
 
-    Parameters
-    ----------
-    rows : (r, p) array
-        Rows of a full regressor, such as one joint's torque; NaN where missing.
-    base : BaseSet
-        Base parameters of other rows. If a row is outside the span of those rows, its prediction also depends on
-        parameters that are not determined.
+    If a row is outside the span of the rows that gave the base set, its prediction also depends on parameters that are
+    not determined.
     """
     known = rows[np.isfinite(rows).all(axis=1)]
     known = known[:: max(1, len(known) // _ENOUGH)]
@@ -96,13 +86,7 @@ def determines_rows(rows: FloatArray, base: BaseSet) -> bool:
 
 
 def structural_base(centres: FloatArray, components: tuple[int, ...] = (0, 1, 2)) -> BaseSet:
-    """Return the base set of a planar chain in which every joint moves; no trial can determine more parameters.
-
-    Parameters
-    ----------
-    components : tuple of int
-        Components of (Fx, Fy, tauz) that are fitted.
-    """
+    """Return the base set of a planar chain in which every joint moves; no trial can determine more parameters."""
     states = np.random.default_rng(0).normal(size=(3, 50, len(centres)))
     regressor = planar_regressor(centres, *states)[:, list(components), :]
     return regroup_columns(regressor.reshape(-1, regressor.shape[-1]))
@@ -124,34 +108,25 @@ def base_names(base: BaseSet, centres: FloatArray) -> tuple[str, ...]:
     Let a mass m_j be regrouped into a parameter of segment k, and let p_{k+1} be the joint at the end of segment k. The
     coefficient is written as 1, p_{k+1,x}, p_{k+1,y} or |p_{k+1}|² if it has this value, otherwise as a number.
     """
-    symbols = name_parameters(len(centres) + 1)
-    return tuple(
-        _format_name(row, int(column), base, centres, symbols)
-        for row, column in zip(base.regrouping, base.kept, strict=True)
-    )
-
-
-def _format_name(row: FloatArray, column: int, base: BaseSet, centres: FloatArray, symbols: tuple[str, ...]) -> str:
-    """Return the name of one base parameter from its row of the regrouping and its kept column."""
-    segment, kind = divmod(column, len(PLANAR_PARAMETERS))
-    terms: dict[str, list[str]] = {}
-    for other in np.setdiff1d(np.arange(len(row)), base.kept):
-        beyond, other_kind = divmod(int(other), len(PLANAR_PARAMETERS))
-        structural = other_kind == 0 and beyond > segment and segment < len(centres)
-        value, symbol = 0.0, ""
-        if structural:  # value and symbol of the factor of the mass in this kind of parameter
-            (x, y), joint = centres[segment].tolist(), segment + 2
-            value = (1.0, x, y, x * x + y * y)[kind]
-            symbol = ("", f"p{joint}x*", f"p{joint}y*", f"(p{joint}x^2+p{joint}y^2)*")[kind]
-        if structural and np.isclose(row[other], value, rtol=1e-6, atol=1e-9):
-            terms.setdefault(symbol, []).append(symbols[other])
-        elif row[other] != 0.0:
-            terms.setdefault(f"{row[other]:.4g}*", []).append(symbols[other])
-    return "+".join([symbols[column], *(_format_term(symbol, masses) for symbol, masses in terms.items())])
-
-
-def _format_term(symbol: str, masses: list[str]) -> str:
-    """Return a sum of masses with their common coefficient."""
-    if not symbol or len(masses) == 1:
-        return symbol + "+".join(masses)
-    return f"{symbol}({'+'.join(masses)})"
+    symbols, names = name_parameters(len(centres) + 1), []
+    for row, column in zip(base.regrouping, base.kept.tolist(), strict=True):
+        segment, kind = divmod(column, len(PLANAR_PARAMETERS))
+        terms: dict[str, list[str]] = {}  # regrouped parameters by their common coefficient
+        for other in np.setdiff1d(np.arange(len(row)), base.kept).tolist():
+            beyond, other_kind = divmod(other, len(PLANAR_PARAMETERS))
+            structural = other_kind == 0 and beyond > segment and segment < len(centres)
+            value, symbol = 0.0, ""
+            if structural:  # value and symbol of the factor of the mass in this kind of parameter
+                (x, y), joint = centres[segment].tolist(), segment + 2
+                value = (1.0, x, y, x * x + y * y)[kind]
+                symbol = ("", f"p{joint}x*", f"p{joint}y*", f"(p{joint}x^2+p{joint}y^2)*")[kind]
+            if structural and np.isclose(row[other], value, rtol=1e-6, atol=1e-9):
+                terms.setdefault(symbol, []).append(symbols[other])
+            elif row[other] != 0.0:
+                terms.setdefault(f"{row[other]:.4g}*", []).append(symbols[other])
+        name = symbols[column]
+        for symbol, masses in terms.items():
+            total = "+".join(masses)
+            name += f"+{symbol}({total})" if symbol and len(masses) > 1 else f"+{symbol}{total}"
+        names.append(name)
+    return tuple(names)

@@ -29,6 +29,7 @@ _ROUNDS = 2  # number of rounds; the weights follow from the residuals of the pr
 _LEAST_SAMPLES = 50
 _COMMON = 1e-6  # relative distance below which the ground's base parameters determine a parameter of the sensor
 _GAIN_SD = 0.005  # relative error of a sensor's scale
+_FORCE_NOISE, _MOMENT_NOISE = 0.1, 0.002  # N, N·m: standard deviations of a sample of each force, and of the moment
 _SEED = 1  # seed of the noise of a predicted sensor
 
 
@@ -43,25 +44,12 @@ class SensorFit:
     covariance: FloatArray  # (d, d) their covariance
 
 
-@dataclass(frozen=True)
-class WrenchNoise:
-    """Standard deviations of a wrench sensor's samples at the frames of the cameras."""
-
-    force: float = 0.1  # standard deviation of each component of the force, N
-    moment: float = 0.002  # standard deviation of the moment about the joint, N·m
-
-
 def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench) -> SensorFit | None:
     """Fit the base parameters of the part of the body beyond a joint; return None if there are too few samples.
 
-    Parameters
-    ----------
-    prepared : PreparedTrial
-        The trial, prepared with the motion of the chain instead of measured poses.
-    gate : (T,) bool array
-        True for samples without an unmeasured contact.
-    sensor : ExternalWrench
-        Measured wrench through the joint, on the segment beyond it, about the plane's origin.
+    The trial is prepared with the motion of the chain, not with measured poses. ``gate`` (T,) marks the samples without
+    an unmeasured contact. ``sensor`` is the wrench through the joint, on the segment beyond it, about the plane's
+    origin.
     """
     size, first = prepared.regressor.shape[-1], len(PLANAR_PARAMETERS) * sensor.segment
     to_joint = _move_to_joint(prepared, sensor.segment)
@@ -83,9 +71,7 @@ def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench)
         weights = 1.0 / np.maximum((target - design @ values).std(axis=0), 1e-9)
     weighted, residual = design * weights[:, None], (target - design @ values) * weights
     blocks = number_blocks(prepared.recorded.time[samples], prepared.settings.block)
-    by_scale = [
-        _solve(design, each[samples], fitted_with) for each in filtered
-    ]  # each sensor has a separate error of scale
+    by_scale = [_solve(design, each[samples], fitted_with) for each in filtered]  # each has its own error of scale
     covariance = estimate_covariance(weighted, residual, blocks)
     covariance += sum(np.outer(each, each) for each in by_scale) * _GAIN_SD**2
     whole = np.zeros((len(base.kept), size))
@@ -106,10 +92,10 @@ def _list_wrenches_beyond(prepared: PreparedTrial, segment: int) -> list[FloatAr
 
 
 def _move_to_joint(prepared: PreparedTrial, segment: int) -> FloatArray:
-    """Return the matrices (T, 3, 3) that transform wrenches about the plane's origin to wrenches about a joint.
+    """Return matrices (T, 3, 3) from wrenches about the origin to wrenches about the joint before a segment.
 
-    It is the joint before ``segment``. The noise of the force does not affect the moment about the joint. It affects
-    the moment about the origin, in proportion to the joint's height.
+    The noise of the force does not affect the moment about the joint, but it affects the moment about the origin, in
+    proportion to the joint's height.
     """
     recorded, before = prepared.recorded, np.array([segment - 1])
     place = marker_positions(recorded.q, recorded.centres, before, recorded.centres[before])[:, 0]
@@ -129,14 +115,28 @@ def combine_with_sensors(
 ) -> Identification:
     """Return the identification from the ground's wrench and the built-in sensors together.
 
-    ``alone`` is the result from the ground's wrench; it is returned if no sensor has enough samples. The other
-    arguments are those of :func:`mocap_id.dynamics.identification.identify`.
+    ``alone`` is the result from the ground's wrench; it is returned if no sensor has enough samples.
     """
     fits = (fit_sensor(prepared, gate, each) for each in prepared.recorded.built_in)
     sensors, regrouping = [each for each in fits if each is not None], prepared.base.regrouping
     if not sensors:
         return alone
-    own = alone.covariance + sum(_add_for_agreement(alone, regrouping, one) for one in sensors)
+    # The residuals of a plate do not contain its constant error, but this error changes the first moments of a light
+    # segment. The covariance of the ground's result grows until this result agrees with each sensor.
+    added: FloatArray | int = 0
+    for sensor in sensors:
+        to_sensor = sensor.rows @ np.linalg.pinv(regrouping)
+        size = np.abs(sensor.rows).max(axis=1)
+        common = np.abs(to_sensor @ regrouping - sensor.rows).max(axis=1) < _COMMON * size
+        if not common.any():
+            continue
+        to_sensor = to_sensor[common]
+        away, seen = to_sensor @ alone.base - sensor.values[common], to_sensor @ alone.covariance @ to_sensor.T
+        spread = seen + sensor.covariance[np.ix_(common, common)]
+        factor = max(1.0, float(away @ np.linalg.solve(spread, away)) / len(away))
+        back = np.linalg.pinv(to_sensor)
+        added = added + (factor - 1.0) * back @ seen @ back.T
+    own = alone.covariance + added
     base, covariance = _combine([SensorFit("ground", regrouping, alone.base, own), *sensors])
     half = _factorise(covariance)
     problem = CompressedProblem.of(
@@ -167,56 +167,26 @@ def _combine(parts: Sequence[SensorFit]) -> tuple[FloatArray, FloatArray]:
 
 
 def predict_with_sensor(
-    alone: Identification, prepared: PreparedTrial, gate: BoolArray, segment: int, noise: WrenchNoise
+    alone: Identification, prepared: PreparedTrial, gate: BoolArray, segment: int
 ) -> FloatArray | None:
     """Predict the covariance (b, b) of the base parameters if a sensor were also built into a joint of the chain.
 
-    The sensor's wrench is computed from the identified body, with noise and with the effect of wrong accelerations.
-    Errors that residuals do not contain, such as that of a plate's zero, cannot be predicted, so the real improvement
-    is larger. The result is None if there are too few samples.
-
-    Parameters
-    ----------
-    alone : Identification
-        Result from the ground's wrench.
-    prepared, gate
-        As for :func:`fit_sensor`.
-    segment : int
-        The segment beyond the joint with the sensor.
-    noise : WrenchNoise
-        Noise of the sensor.
+    It is the joint before ``segment``. The sensor's wrench is computed from the identified body, with noise and with
+    the effect of wrong accelerations. Errors that residuals do not contain, such as that of a plate's zero, cannot be
+    predicted, so the real improvement is larger. The result is None if there are too few samples.
     """
     recorded, rng = prepared.recorded, np.random.default_rng(_SEED)
     ddq = prepared.lowpass(rng.standard_normal(recorded.ddq.shape))
     moved = recorded.ddq + ddq * recorded.ddq_sd / np.nanstd(ddq, axis=0)
     rows = planar_regressor(recorded.centres, recorded.q, recorded.dq, moved, prepared.settings.gravity)
     first = len(PLANAR_PARAMETERS) * segment
-    errors = rng.standard_normal((len(rows), 3)) * [noise.force, noise.force, noise.moment]
+    errors = rng.standard_normal((len(rows), 3)) * [_FORCE_NOISE, _FORCE_NOISE, _MOMENT_NOISE]
     about_origin = np.linalg.solve(_move_to_joint(prepared, segment), errors[..., None])[..., 0]
     wrench = rows[:, :, first:] @ alone.full[first:] + about_origin - sum(_list_wrenches_beyond(prepared, segment))
     predicted = fit_sensor(prepared, gate, ExternalWrench("predicted", segment, wrench, by_plates=False))
     if predicted is None:
         return None
     return _combine([SensorFit("ground", prepared.base.regrouping, alone.base, alone.covariance), predicted])[1]
-
-
-def _add_for_agreement(alone: Identification, regrouping: FloatArray, sensor: SensorFit) -> FloatArray:
-    """Return the covariance (b, b) to add to that of the ground's result so that this result agrees with a sensor.
-
-    The residuals of a plate do not contain its constant error, but this error changes the first moments of a light
-    segment.
-    """
-    to_sensor = sensor.rows @ np.linalg.pinv(regrouping)
-    size = np.abs(sensor.rows).max(axis=1)
-    common = np.abs(to_sensor @ regrouping - sensor.rows).max(axis=1) < _COMMON * size
-    to_sensor = to_sensor[common]
-    if not common.any():
-        return np.zeros_like(alone.covariance)
-    away, seen = to_sensor @ alone.base - sensor.values[common], to_sensor @ alone.covariance @ to_sensor.T
-    spread = seen + sensor.covariance[np.ix_(common, common)]
-    factor = max(1.0, float(away @ np.linalg.solve(spread, away)) / len(away))
-    back = np.linalg.pinv(to_sensor)
-    return np.asarray((factor - 1.0) * back @ seen @ back.T)
 
 
 def _factorise(covariance: FloatArray) -> FloatArray:

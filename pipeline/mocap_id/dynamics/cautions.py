@@ -11,6 +11,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.base_parameters import base_names
 from mocap_id.dynamics.cone_solver import PROVEN
+from mocap_id.dynamics.consistency import ConsistentSolution
 from mocap_id.dynamics.fit import DEPENDENT, Fit, estimate_drift
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.instrument_errors import PlanarCalibration
@@ -63,7 +64,7 @@ def measure_excitation(prepared: PreparedTrial, result: Identification, weak: fl
 def classify_parameters(
     names: tuple[str, ...], result: Fit, base_sd: FloatArray, size: FloatArray, weak: float = WEAK
 ) -> Excitation:
-    """Classify the base parameters of a fit; ``base_sd`` and ``size`` (b,) are standard deviations and sizes, SI."""
+    """Classify the base parameters of a fit; ``base_sd`` and ``size`` (b,) are in SI units."""
     relative = base_sd / np.maximum(size, 1e-300)
     # norm (b,) of the independent part of each base column, and this norm divided by the column's norm
     rows = result.design.reshape(-1, result.design.shape[-1])
@@ -87,8 +88,8 @@ def measure_sizes(prepared: PreparedTrial, result: Identification) -> FloatArray
     """Return the size of each base parameter (b,), SI, with which its standard deviation is compared.
 
     The size of a first moment is the norm of (mx, my), because mx alone may be zero. The base segment has no my, and
-    its mx is the body's mass times the centre of pressure in the upright posture. The size of this mx is at least the
-    mass times 5 cm. The size of any other parameter is its absolute value.
+    its mx is the body's mass times the centre of pressure in the upright posture; its size is at least the mass times 5
+    cm. The size of any other parameter is its absolute value.
     """
     kept = prepared.base.kept
     segment, kind = kept // 4, kept % 4
@@ -121,17 +122,11 @@ _OFFSET_SEEN, _OFFSET_LEAST = 3.0, 5e-4  # significant clock offset: in standard
 def find_cautions_in_space(
     trial: AnyTrial, result: AnyIdentification, excited: Excitation, recommendation: str
 ) -> tuple[Reason, ...]:
-    """Return the cautions about a trial in space: clock, solver, consistency and weak parameters.
+    """Return the cautions about clock, solver, consistency and weak parameters of a trial in the plane or in space.
 
     ``recommendation`` contains sentences on movements that would determine the weak parameters better.
     """
-    reasons = (
-        *_check_clock(trial, result),
-        _check_solver(result),
-        _check_consistency(result),
-        _check_parameters(excited, recommendation),
-    )
-    return tuple(reason for reason in reasons if reason is not None)
+    return (*_check_clock(trial, result), *_check_solution(result), *_check_parameters(excited, recommendation))
 
 
 def find_cautions(
@@ -144,37 +139,15 @@ def find_cautions(
     standing: float | None,
     calibration: PlanarCalibration | None = None,
 ) -> tuple[Reason, ...]:
-    """Return the cautions about a trial in the plane.
+    """Return the cautions about a trial in the plane: those of :func:`find_cautions_in_space`, and about the mass.
 
-    Parameters
-    ----------
-    recommendation : str
-        Sentences on movements that would determine the weak parameters better.
-    given : float or None
-        Mass of the person from the configuration, kg; None if not given.
-    standing : float or None
-        Mass that the plates measure while the person stands, kg; None if it was not measured.
-    calibration : PlanarCalibration, optional
-        Errors of plate and scale, which give the allowed difference of these masses; by default those of the stage.
+    ``given`` is the mass of the person from the configuration, kg, and ``standing`` the mass that the plates measure
+    while the person stands, kg; None if not given or not measured. ``calibration`` are the errors of plate and scale,
+    which give the allowed difference of these masses; by default those of the stage.
     """
-    solution, cone = result.solution, None
-    if solution.consistency != solution.requested:
-        cone = Reason(
-            "cone-unproven",
-            f"`identify-dim: {{consistency: {solution.requested}}}` was set, but Clarabel's solution does not pass the "
-            f"optimality check; the solution on the grid (`{solution.consistency}`) is used instead, which "
-            + ("passes the check" if solution.answer.optimality.proven else "does not pass the check either"),
-        )
-    reasons = (
-        *_check_clock(prepared, result),
-        cone,
-        _check_solver(result),
-        _check_consistency(result),
-        _check_parameters(excited, recommendation),
-        _check_load(prepared, result, standing),
-        _check_mass(prepared, result, given, standing, calibration or PlanarCalibration()),
-    )
-    return tuple(reason for reason in reasons if reason is not None)
+    limits = calibration or PlanarCalibration()
+    of_mass = _check_mass(get_identified_mass(prepared, result), standing, given, limits)
+    return (*find_cautions_in_space(prepared, result, excited, recommendation), *of_mass)
 
 
 def get_identified_mass(prepared: PreparedTrial, result: Identification) -> float | None:
@@ -182,7 +155,7 @@ def get_identified_mass(prepared: PreparedTrial, result: Identification) -> floa
     return float(result.full[::4].sum()) if 1 in prepared.settings.components else None
 
 
-def _check_clock(prepared: AnyTrial, result: AnyIdentification) -> Iterator[Reason | None]:
+def _check_clock(prepared: AnyTrial, result: AnyIdentification) -> Iterator[Reason]:
     """Yield reasons about a clock offset that is unknown, large or left in the data, and about a drift."""
     clock, fit, limit = prepared.recorded.clock, result.fit, prepared.settings.offset_limit
     if clock.doubt is not None:
@@ -208,9 +181,33 @@ def _check_clock(prepared: AnyTrial, result: AnyIdentification) -> Iterator[Reas
             limit=limit,
         )
         return
-    yield _check_drift(prepared, result)
+    # one offset is corrected for the whole trial, so it should not change
+    drift, sd = estimate_drift(prepared, fit)
+    time = prepared.recorded.time[fit.samples]
+    seconds = float(time[-1] - time[0])
+    change, most = drift * seconds, max(_DRIFT_SEEN * sd * seconds, _DRIFT_LEAST)
+    if abs(change) > most:
+        yield Reason(
+            "clock-drift",
+            f"the clock offset between cameras and plate changes by {1e3 * change:+.0f} ms during the trial "
+            f"({1e3 * drift:+.2f} ± {1e3 * sd:.2f} ms/s), expected at most {1e3 * most:.0f} ms. One offset is "
+            "corrected for the whole trial: the devices do not share a clock, or a frame rate is not exactly as the "
+            "file says",
+            value=change,
+            limit=most,
+        )
     if not prepared.settings.apply_offset:
-        yield _check_uncorrected_offset(result)
+        offset, seen = abs(fit.total_offset), max(_OFFSET_SEEN * result.offset_sd, _OFFSET_LEAST)
+        if not offset <= seen:
+            yield Reason(
+                "clock-offset-kept",
+                f"the clocks of cameras and plate are {1e3 * fit.total_offset:.2f} ms apart (standard deviation "
+                f"{1e3 * result.offset_sd:.2f} ms), but `identify-dim: {{apply_clock_offset: false}}` prevents the "
+                "correction. In a person's movement, one millisecond changes a parameter by up to a third: remove the "
+                "setting, or synchronise the clocks",
+                value=offset,
+                limit=seen,
+            )
         return
     if abs(fit.total_offset) <= OFFSET_LARGE:
         return
@@ -228,81 +225,50 @@ def _check_clock(prepared: AnyTrial, result: AnyIdentification) -> Iterator[Reas
     )
 
 
-def _check_drift(prepared: AnyTrial, result: AnyIdentification) -> Reason | None:
-    """Return a caution if the clock offset changes during the trial; one offset is corrected for the whole trial."""
-    drift, sd = estimate_drift(prepared, result.fit)
-    time = prepared.recorded.time[result.fit.samples]
-    change, limit = drift * float(time[-1] - time[0]), max(_DRIFT_SEEN * sd * float(time[-1] - time[0]), _DRIFT_LEAST)
-    if not abs(change) > limit:
-        return None
-    return Reason(
-        "clock-drift",
-        f"the clock offset between cameras and plate changes by {1e3 * change:+.0f} ms during the trial "
-        f"({1e3 * drift:+.2f} ± {1e3 * sd:.2f} ms/s), expected at most {1e3 * limit:.0f} ms. One offset is corrected "
-        "for the whole trial: the devices do not share a clock, or a frame rate is not exactly as the file says",
-        value=change,
-        limit=limit,
-    )
-
-
-def _check_uncorrected_offset(result: AnyIdentification) -> Reason | None:
-    """Return a caution if the settings leave a significant clock offset uncorrected."""
-    offset, limit = abs(result.fit.total_offset), max(_OFFSET_SEEN * result.offset_sd, _OFFSET_LEAST)
-    if offset <= limit:
-        return None
-    return Reason(
-        "clock-offset-kept",
-        f"the clocks of cameras and plate are {1e3 * result.fit.total_offset:.2f} ms apart (standard deviation "
-        f"{1e3 * result.offset_sd:.2f} ms), but `identify-dim: {{apply_clock_offset: false}}` prevents the correction. "
-        "In a person's movement, one millisecond changes a parameter by up to a third: remove the setting, or "
-        "synchronise the clocks",
-        value=offset,
-        limit=limit,
-    )
-
-
-def _check_solver(result: AnyIdentification) -> Reason | None:
-    answer = result.solution.answer
+def _check_solution(result: AnyIdentification) -> Iterator[Reason]:
+    """Yield reasons about the solver, and about a wrench that possible bodies fit badly."""
+    solution, answer = result.solution, result.solution.answer
+    if isinstance(solution, ConsistentSolution) and solution.consistency != solution.requested:
+        yield Reason(
+            "cone-unproven",
+            f"`identify-dim: {{consistency: {solution.requested}}}` was set, but Clarabel's solution does not pass the "
+            f"optimality check; the solution on the grid (`{solution.consistency}`) is used instead, which "
+            + ("passes the check" if answer.optimality.proven else "does not pass the check either"),
+        )
     if not answer.optimality.proven:
-        return Reason(
+        yield Reason(
             "solver-unproven",
             f"no solver's solution passes the optimality check; the solution of {answer.solver} ({answer.status}) is "
             f"used, although its cost may exceed the least cost by a fraction of {answer.optimality.excess:.1e}",
             value=answer.optimality.excess,
             limit=PROVEN,
         )
-    if answer.solver != "osqp":
-        return None
-    return Reason(
-        "solver-fallback",
-        "the solution of non-negative least squares does not pass the optimality check; the solution of OSQP passes "
-        "the check and is used",
-        level="ok",
-    )
+    elif answer.solver == "osqp":
+        yield Reason(
+            "solver-fallback",
+            "the solution of non-negative least squares does not pass the optimality check; the solution of OSQP "
+            "passes the check and is used",
+            level="ok",
+        )
+    price = solution.price
+    if not price <= _BOUNDED:
+        worse = f"{100 * price:.0f} % worse" if price < 1 else f"{1 + price:.3g} times worse"
+        yield Reason(
+            "parameters-bounded",
+            f"physically possible parameters fit the wrench {worse} than unconstrained parameters: check "
+            "joints, markers and plate, and whether a part of the mass is far from the markers",
+            value=price,
+            limit=_BOUNDED,
+        )
 
 
-def _check_consistency(result: AnyIdentification) -> Reason | None:
-    price = result.solution.price
-    if price <= _BOUNDED:
-        return None
-    worse = f"{100 * price:.0f} % worse" if price < 1 else f"{1 + price:.3g} times worse"
-    return Reason(
-        "parameters-bounded",
-        f"physically possible parameters fit the wrench {worse} than unconstrained parameters: check "
-        "joints, markers and plate, and whether a part of the mass is far from the markers",
-        value=price,
-        limit=_BOUNDED,
-    )
-
-
-def _check_parameters(excited: Excitation, recommendation: str) -> Reason | None:
-    doubtful = excited.doubtful
-    if not doubtful:
-        return None
+def _check_parameters(excited: Excitation, recommendation: str) -> Iterator[Reason]:
+    if not (doubtful := excited.doubtful):
+        return
     unknown = [excited.names[i] for i in doubtful if excited.verdict[i] == "not identifiable"]
     listed = ", ".join(f"{excited.names[i]} ({100 * excited.relative_sd[i]:.0f} %)" for i in doubtful)
     none = f"; not identifiable (above {100 * NOT_IDENTIFIABLE:.0f} %): {', '.join(unknown)}" if unknown else ""
-    return Reason(
+    yield Reason(
         "parameters-weak",
         f"these base parameters have a standard deviation above {100 * excited.weak:.0f} % of their size: "
         f"{listed}{none}. " + recommendation,
@@ -310,38 +276,29 @@ def _check_parameters(excited: Excitation, recommendation: str) -> Reason | None
     )
 
 
-def _check_load(prepared: PreparedTrial, result: Identification, standing: float | None) -> Reason | None:
-    """Return a caution if movement and standing give different masses, because something else carries weight."""
-    total = get_identified_mass(prepared, result)
-    if total is None or standing is None or abs(total / standing - 1) <= _MASS_APART:
-        return None
-    unknown = ". Until then, the joint torques are unknown (NaN)" if total < standing else ""
-    return Reason(
-        "load-shared",
-        f"the movement gives a mass of {total:.1f} kg, but the plates measure {standing:.1f} kg while the person "
-        "stands: in some of the fitted samples, something other than the plates carries a part of the body. If a "
-        "chair is used, set `protocol: sit-to-stand`, which leaves its contact out; otherwise look for a hand on a "
-        f"support, or exclude the contact with `window:`{unknown}",
-        value=total,
-        limit=standing,
-    )
-
-
 def _check_mass(
-    prepared: PreparedTrial,
-    result: Identification,
-    given: float | None,
-    standing: float | None,
-    calibration: PlanarCalibration,
-) -> Reason | None:
-    measured = standing if standing is not None else get_identified_mass(prepared, result)
-    if given is None or measured is None or abs(measured / given - 1) <= calibration.mass_limit(measured):
-        return None
-    return Reason(
-        "mass-contradiction",
-        f"the plates measure {measured:.1f} kg, but `subject: {{mass: …}}` is {given:g} kg: check the mass, the "
-        "calibration of the plates, and whether anything else stands on them or carries a part of the body (a chair "
-        "needs `protocol: sit-to-stand`)",
-        value=measured,
-        limit=given,
-    )
+    total: float | None, standing: float | None, given: float | None, calibration: PlanarCalibration
+) -> Iterator[Reason]:
+    """Yield reasons if the masses from the movement, from standing and from the configuration differ."""
+    # if movement and standing give different masses, something else carries weight
+    if total is not None and standing is not None and not abs(total / standing - 1) <= _MASS_APART:
+        unknown = ". Until then, the joint torques are unknown (NaN)" if total < standing else ""
+        yield Reason(
+            "load-shared",
+            f"the movement gives a mass of {total:.1f} kg, but the plates measure {standing:.1f} kg while the person "
+            "stands: in some of the fitted samples, something other than the plates carries a part of the body. If a "
+            "chair is used, set `protocol: sit-to-stand`, which leaves its contact out; otherwise look for a hand on a "
+            f"support, or exclude the contact with `window:`{unknown}",
+            value=total,
+            limit=standing,
+        )
+    measured = total if standing is None else standing
+    if given is not None and measured is not None and not abs(measured / given - 1) <= calibration.mass_limit(measured):
+        yield Reason(
+            "mass-contradiction",
+            f"the plates measure {measured:.1f} kg, but `subject: {{mass: …}}` is {given:g} kg: check the mass, the "
+            "calibration of the plates, and whether anything else stands on them or carries a part of the body (a "
+            "chair needs `protocol: sit-to-stand`)",
+            value=measured,
+            limit=given,
+        )

@@ -80,16 +80,8 @@ def check_optimality(
 ) -> Optimality:
     """Check the optimality conditions of min ‖R [mapping · body; others] - d‖² over bodies in a cone.
 
-    The bound ``excess`` of the result is valid for bodies of up to twice the mass.
-
-    Parameters
-    ----------
-    problem : CompressedProblem
-        Problem of b + k columns: the parameters to which the bodies map, then k free parameters.
-    body : (v,) array
-        The solution to check.
-    others : (k,) array
-        Values of the free parameters; by default there are none.
+    The problem has b + k columns: the parameters to which the ``body`` (v,) maps, then k free parameters with the
+    values ``others`` (k,). The bound ``excess`` of the result is valid for bodies of up to twice the mass.
     """
     if not (np.isfinite(body).all() and np.isfinite(others).all()):
         return Optimality(np.inf, np.inf, np.inf, np.inf)
@@ -143,7 +135,6 @@ class ConeBodies:
 
     @property
     def links(self) -> int:
-        """Number of links, base included."""
         return int(self.mapping.shape[1] // 4)
 
     @property
@@ -154,7 +145,7 @@ class ConeBodies:
     def sides(self) -> tuple[FloatArray, tuple[tuple[ConeKind, int], ...]]:
         """Return rows (r, 4(n + 1)) whose products with a body must be in cones, and the kind and size of each cone.
 
-        The size of a round or a flat cone is its number of rows. Round (second-order) cones are first.
+        The size of a round (second-order) or a flat cone is its number of rows. Round cones are first.
         """
         round_, flat = self.round_sides(), self.flat_sides()
         cones: list[tuple[ConeKind, int]] = [("round", 4) for _ in round_]
@@ -167,15 +158,14 @@ class ConeBodies:
     def round_sides(self) -> FloatArray:
         """Return four rows, (l, 4, 4(n + 1)), for each of the l links that the cone limits.
 
-        Their products with a body, (m + J, m - J, 2 mx / L, 2 my / L), kg, must be in a second-order cone. J is
-        Izz / L², with any length L.
+        Their products with a body, (m + J, m - J, 2 mx / L, 2 my / L), kg, must be in a second-order cone; J = Izz /
+        L².
         """
         limited = [link for link in range(self.links) if self.is_limited(link)]
         rows = np.zeros((len(limited), 4, 4 * self.links))
         for row, link in zip(rows, limited, strict=True):
-            row[:, 4 * link : 4 * link + 4] = (
-                np.array([[1, 0, 0, 1], [1, 0, 0, -1], [0, 2, 0, 0], [0, 0, 2, 0]]) / UNITS
-            )
+            own = np.array([[1, 0, 0, 1], [1, 0, 0, -1], [0, 2, 0, 0], [0, 0, 2, 0]])
+            row[:, 4 * link : 4 * link + 4] = own / UNITS
         return rows
 
     def flat_sides(self) -> FloatArray:
@@ -198,7 +188,6 @@ class ConeBodies:
         return float(np.max([0.0, *short])) / max(self.mass(body), 1e-300)
 
     def mass(self, body: FloatArray) -> float:
-        """Return the total mass, kg."""
         return float(np.abs(body[::4]).sum())
 
     def find_cheapest(self, prices: FloatArray) -> FloatArray:
@@ -262,12 +251,24 @@ def _solve_with_corrections(
     problem: CompressedProblem, bodies: ConicBodies, regularization: float | None
 ) -> SolverAnswer:
     """Return Clarabel's solution after several corrections; corrections that do not decrease the cost are discarded."""
-    mapped, body = problem.factor @ bodies.mapping, np.zeros(bodies.mapping.shape[1])
+    mapped, body, units = problem.factor @ bodies.mapping, np.zeros(bodies.mapping.shape[1]), bodies.units
+    rows, (sides, cones), base = mapped * units, bodies.sides(), len(problem.target)
+    size = float(np.linalg.norm(rows, axis=0).max())
     answer, iterations = None, 0
     for _ in range(_ROUNDS):
         target = problem.target - mapped @ body
-        step, status, used = find_step(mapped, target, bodies, body, regularization=regularization)
-        iterations += used
+        length, step, status = float(np.linalg.norm(target)), np.zeros_like(body), "nothing to fit"
+        if not min(size, length) < _TINY:  # the variables are the step and its effect y = mapped · step, scaled
+            solution, status, used = solve_cones(
+                quadratic=sparse.csc_matrix(np.diag(np.repeat([0.0, 1.0], [len(body), base]))),
+                linear=np.concatenate([np.zeros(len(body)), -target / length]),
+                matrix=np.block([[rows / size, -np.eye(base)], [-sides * units, np.zeros((len(sides), base))]]),
+                bound=np.concatenate([np.zeros(base), sides @ body * (size / length)]),
+                cones=(("zero", base), *cones),
+                regularization=regularization,
+            )
+            step = solution[: len(body)] * units * (length / size)
+            iterations += used
         body = bodies.settle(body + step)
         cost, optimality = problem.cost(bodies.mapping @ body), check_optimality(problem, bodies, body)
         worse = answer is not None and answer.optimality.proven and not optimality.proven
@@ -278,48 +279,6 @@ def _solve_with_corrections(
             break
     assert answer is not None
     return answer
-
-
-def find_step(
-    mapped: FloatArray,
-    target: FloatArray,
-    bodies: ConicBodies,
-    body: FloatArray,
-    *,
-    regularization: float | None = None,
-) -> tuple[FloatArray, str, int]:
-    """Return the step (v,) that minimises ‖mapped · step - target‖² with body + step in the cone.
-
-    Also return Clarabel's status text and the number of iterations. The step is NaN if Clarabel fails.
-
-    Parameters
-    ----------
-    mapped : (b, v) array
-        Matrix from a step to the change of the fitted values.
-    target : (b,) array
-        Residual before the step.
-    bodies : ConicBodies
-        The cone.
-    body : (v,) array
-        Body before the step, in the cone.
-    regularization : float, optional
-        As for :func:`solve_cones`.
-    """
-    units = bodies.units
-    size, length = float(np.linalg.norm(mapped * units, axis=0).max()), float(np.linalg.norm(target))
-    if min(size, length) < _TINY:
-        return np.zeros_like(body), "nothing to fit", 0
-    sides, cones = bodies.sides()
-    rows, base = mapped * units / size, len(target)
-    solution, status, iterations = solve_cones(
-        quadratic=sparse.csc_matrix(np.diag(np.repeat([0.0, 1.0], [len(body), base]))),
-        linear=np.concatenate([np.zeros(len(body)), -target / length]),
-        matrix=np.block([[rows, -np.eye(base)], [-sides * units, np.zeros((len(sides), base))]]),
-        bound=np.concatenate([np.zeros(base), sides @ body * (size / length)]),
-        cones=(("zero", base), *cones),
-        regularization=regularization,
-    )
-    return solution[: len(body)] * units * (length / size), status, iterations
 
 
 def find_closest_links(bodies: ConeBodies, body: FloatArray, aim: FloatArray, scale: FloatArray) -> FloatArray:

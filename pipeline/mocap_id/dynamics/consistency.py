@@ -75,21 +75,10 @@ def build_grid(
         counts = points if high[1] - low[1] >= high[0] - low[0] else points[::-1]
         x, y = (np.linspace(low[i], high[i], counts[i]) for i in (0, 1))
         boxes.append(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2))
-    return PointGrid(
-        segment=np.repeat(np.arange(segments), [len(box) for box in boxes]),
-        position=np.concatenate(boxes),
-        segments=segments,
-    )
+    return PointGrid(np.repeat(np.arange(segments), [len(box) for box in boxes]), np.concatenate(boxes), segments)
 
 
-_ACCURACIES = (
-    1e-6,
-    1e-7,
-    1e-8,
-    1e-9,
-    1e-10,
-    1e-11,
-)  # OSQP's tolerance in each round, relative to the residual at its start
+_ACCURACIES = (1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)  # OSQP's tolerance in each round, relative to the residual
 _ITERATIONS = 20_000  # largest number of iterations in a round
 _ENOUGH = 1e-9  # possible relative decrease of the cost below which the rounds end
 _EQUAL, _EVEN = 1e5, 1e-3  # weights of the base parameters and of evenly spread masses, relative to the target
@@ -106,7 +95,6 @@ class GridBodies:
         return abs(float(body.min(initial=0.0))) / max(float(np.abs(body).max(initial=0.0)), 1e-300)
 
     def mass(self, body: FloatArray) -> float:
-        """Return the total of the point masses ``body`` (p,), kg."""
         return float(np.abs(body).sum())
 
     def find_cheapest(self, prices: FloatArray) -> FloatArray:
@@ -156,21 +144,9 @@ def run_osqp(
 ) -> tuple[FloatArray, str, int]:
     """Minimise ‖y - target‖² over ρ ≥ least and y = mapped · ρ with one run of OSQP, scaled to order one.
 
-    Return ρ (p,), OSQP's status text and the number of iterations. ρ meets its bounds within OSQP's tolerance, and is
-    zero if OSQP finds no solution.
-
-    Parameters
-    ----------
-    mapped : (b, p) array
-        Matrix R B from masses to the right-hand side.
-    target : (b,) array
-        Right-hand side.
-    least : (p,) array
-        Lower bounds of the masses, kg.
-    accuracy : float
-        OSQP's tolerances, relative to the target.
-    iterations : int
-        Largest number of iterations.
+    ``mapped`` (b, p) is R B from masses to the right-hand side ``target`` (b,), and ``least`` (p,) are the lower bounds
+    of the masses, kg. OSQP's tolerances are ``accuracy``, relative to the target. Return ρ (p,), OSQP's status text and
+    the number of iterations. ρ meets its bounds within OSQP's tolerance, and is zero if OSQP finds no solution.
     """
     import osqp  # noqa: PLC0415  rarely needed
 
@@ -202,37 +178,16 @@ def spread_masses(
 ) -> FloatArray:
     """Return the point masses (p,) with given base parameters whose full parameters are closest to a target.
 
-    The data determine only B ρ. A penalty within the fit would change B ρ. Here B ρ is constant, because its weight is
-    1e5 times that of the target. Without a target, the masses are spread evenly.
-
-    Parameters
-    ----------
-    moments : (b, p) array
-        Matrix B.
-    fitted : (p,) array
-        Point masses of the fit, ρ ≥ 0.
-    full_moments : (f, p) array
-        Matrix P.
-    target : (f,) array
-        Target for the full parameters; NaN for none.
-    scale : (f,) array
-        Standard deviation of each full parameter of the target.
-
-    Raises
-    ------
-    NumericalError
-        The active-set method did not converge.
+    The data determine only B ρ, with B = ``moments`` (b, p) and the fitted ρ ≥ 0 (p,). A penalty within the fit would
+    change B ρ. Here B ρ is constant, because its weight is 1e5 times that of the ``target`` (f,) of the full parameters
+    P ρ, with P = ``full_moments`` (f, p) and the standard deviations ``scale`` (f,). Without a target (NaN), the masses
+    are spread evenly. NumericalError is raised if the active-set method does not converge.
     """
     aimed, base = np.isfinite(target), moments @ fitted
     total = float(fitted.sum()) or 1.0
     size = np.maximum(np.abs(moments).max(axis=1), 1e-12)
-    rows = np.vstack(
-        [
-            _EQUAL * moments / size[:, None],
-            full_moments[aimed] / scale[aimed, None],
-            _EVEN * np.eye(moments.shape[1]) / total,
-        ]
-    )
+    even = _EVEN * np.eye(moments.shape[1]) / total
+    rows = np.vstack([_EQUAL * moments / size[:, None], full_moments[aimed] / scale[aimed, None], even])
     aims = np.concatenate([_EQUAL * base / size, target[aimed] / scale[aimed], np.zeros(moments.shape[1])])
     try:
         return np.asarray(nnls(rows, aims, maxiter=50 * rows.shape[1])[0], dtype=np.float64)
@@ -277,23 +232,10 @@ def fit_consistent(
 ) -> ConsistentSolution:
     """Minimise ‖R [M φ; c] - d‖² over possible bodies φ and free parameters c.
 
-    Parameters
-    ----------
-    problem : CompressedProblem
-        Problem of b + k columns.
-    regrouping : (b, 4(n + 1)) array
-        Matrix M of eq. 4.24, from full parameters to the first b parameters of the problem.
-    reference : (4(n + 1),) array
-        Full parameters to approach, as far as the problem does not determine them; NaN for none.
-    consistency : {"grid", "cone", "bounded-cone"}
-        The set of possible bodies.
-    relative_sd : float
-        Standard deviation of the reference, relative to each parameter's size.
-
-    Raises
-    ------
-    NumericalError
-        No solver's solution is close enough to the least cost.
+    The problem has b + k columns, and M is ``regrouping`` (b, 4(n + 1)) of eq. 4.24. ``reference`` (4(n + 1),) are full
+    parameters to approach, as far as the problem does not determine them, NaN for none; ``relative_sd`` is their
+    standard deviation, relative to each parameter's size. NumericalError is raised if no solver's solution is close
+    enough to the least cost.
     """
     small, full_moments = problem.eliminate_others(len(regrouping)), grid.moments()
     moments = regrouping @ full_moments
@@ -301,9 +243,8 @@ def fit_consistent(
     used: Consistency = "grid"
 
     def spread(answer: SolverAnswer) -> FloatArray:
-        return spread_masses(
-            moments, answer.body, full_moments, reference, compute_reference_sd(reference, relative_sd)
-        )
+        scale = compute_reference_sd(reference, relative_sd)
+        return spread_masses(moments, answer.body, full_moments, reference, scale)
 
     # the best body in the cone, if its optimality is proven
     answer, masses = None, np.full(full_moments.shape[1], np.nan)
@@ -339,8 +280,7 @@ def fit_quickly(
 ) -> FloatArray:
     """Return only the parameters (b + k,) of :func:`fit_consistent`, in a fraction of the time.
 
-    The arguments and errors are those of :func:`fit_consistent`, which is called if the solution is not proven to be
-    optimal.
+    :func:`fit_consistent` is called if the solution is not proven to be optimal.
     """
     small, bodies = problem.eliminate_others(len(regrouping)), _choose_bodies(regrouping, grid, consistency)
     answer = solve_nnls(small, bodies.mapping) if isinstance(bodies, GridBodies) else solve_links(small, bodies)
@@ -351,14 +291,13 @@ def fit_quickly(
 
 
 def _choose_bodies(regrouping: FloatArray, grid: PointGrid, consistency: Consistency) -> GridBodies | ConeBodies:
-    """Return the set of possible bodies."""
     if consistency == "grid":
         return GridBodies(regrouping @ grid.moments())
     return ConeBodies(regrouping, grid.boxes() if consistency == "bounded-cone" else None)
 
 
 def _fit_point_masses(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
-    """Return the solution of non-negative least squares if it is proven; otherwise, the better of this and OSQP's."""
+    """Return the proven solution of non-negative least squares, or else the better of this and OSQP's."""
     first = solve_nnls(problem, moments)
     if first.optimality.proven:
         return first

@@ -22,14 +22,8 @@ from mocap_id.arrays import BoolArray, FloatArray
 
 ISOTHERMAL, ADIABATIC = 1.0, 1.4
 """Exponents of air for slow and fast changes of volume."""
-
-
 _COULOMB_SPEED = 0.05  # rad/s: below this speed, Coulomb friction grows with the speed
-
-
 _GRID = 721  # number of angles between which the zero of the torque is searched
-
-
 _ROUNDING = 1e-12  # fraction of the largest torque
 
 
@@ -71,8 +65,9 @@ class Cylinder:
 
     >>> area = np.pi * 0.01**2
     >>> cylinder = Cylinder(0.03, area, area, 0.01, 0.01, 0.1, 1.0, 1.4)
-    >>> middle = cylinder.with_pressures_at(1.0 - 0.05 / 0.03, 446e3, 446e3)
-    >>> print(round(float(cylinder.stiffness(np.array(1.0 - 0.05 / 0.03), middle)), 1))
+    >>> middle = np.array(1.0 - 0.05 / 0.03)
+    >>> setting = Setting(*(446e3 / cylinder.compression(middle)))
+    >>> print(round(float(cylinder.stiffness(middle, setting)), 1))
     5.9
     """
 
@@ -118,7 +113,7 @@ class Cylinder:
         return np.asarray(ratio**self.exponent)
 
     def torque_by_pressure(self, angle: FloatArray, sealed: tuple[bool, bool] = (True, True)) -> FloatArray:
-        """Return the derivatives (..., 2) of the torque with respect to the sealed pressures, N·m/Pa, at angles, rad.
+        """Return the derivatives (..., 2) of the torque by the sealed pressures, N·m/Pa, at angles, rad.
 
         ``sealed`` states whether the flexion and extension chambers are sealed; the derivative is zero for an open one.
         """
@@ -126,7 +121,7 @@ class Cylinder:
         return np.asarray(self.pulley_radius * signed * self.compression(angle))
 
     def stiffness_by_pressure(self, angle: FloatArray, sealed: tuple[bool, bool] = (True, True)) -> FloatArray:
-        """Return the derivatives (..., 2) of the stiffness with respect to the sealed pressures, N·m/(rad Pa)."""
+        """Return the derivatives (..., 2) of the stiffness by the sealed pressures, N·m/(rad Pa), at angles, rad."""
         areas = np.array([self.area_flexion * sealed[0], self.area_extension * sealed[1]])
         each = areas**2 * self.compression(angle) / self.volumes(angle)
         return np.asarray(self.exponent * self.pulley_radius**2 * each)
@@ -167,11 +162,6 @@ class Cylinder:
             low, high = (middle, high) if float(self.torque(np.array(middle), setting)) >= 0 else (low, middle)
         return 0.5 * (low + high)
 
-    def with_pressures_at(self, angle: float, flexion: float, extension: float) -> Setting:
-        """Return the setting whose chambers have these absolute pressures, Pa, at an angle, rad."""
-        sealed = np.array([flexion, extension]) / self.compression(np.array(angle))
-        return Setting(float(sealed[0]), float(sealed[1]))
-
     def at_exponent(self, exponent: float) -> Cylinder:
         """Return the cylinder with this exponent of the gas."""
         return replace(self, exponent=exponent)
@@ -185,13 +175,13 @@ def compute_torque_and_sd(  # noqa: PLR0917
     velocity: FloatArray | None = None,
     angle_sd: FloatArray | float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the torque of a device on the joint and its standard deviation at angles, rad, (N,) each, N·m.
+    """Return the torque of a device on the joint and its standard deviation at angles (N,), rad; (N,) each, N·m.
 
     Both are NaN beyond the stroke. ``sds`` are standard deviations of fields of :class:`Cylinder`, by name; ``gauge``
-    is that of each sealed pressure, Pa. ``angle_sd`` is that of the angle, rad. Without a velocity, rad/s, the
-    torque excludes friction, but its standard deviation includes Coulomb friction. The errors of the description are
-    independent of each other and constant over the angles. The errors of neighbouring samples are therefore the same,
-    not independent.
+    is that of each sealed pressure, Pa. ``angle_sd`` is that of the angle, rad. Without a velocity, rad/s, the torque
+    excludes friction, but its standard deviation includes Coulomb friction. The errors of the description are
+    independent of each other and constant over the angles, so those of neighbouring samples are the same, not
+    independent.
     """
     angle = np.asarray(angle, dtype=np.float64)
 

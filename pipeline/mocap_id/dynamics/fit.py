@@ -29,9 +29,8 @@ def select_samples(prepared: AnyTrial, gate: BoolArray) -> BoolArray:
 def number_parts(time: FloatArray, spans: FloatArray) -> IntArray:
     """Return the number (T,), from 0, of the part of the trial to which each sample belongs.
 
-    A part is one repetition, or several neighbouring repetitions if there are more than five. ``spans`` (r, 2) are the
-    first and last time of every repetition, in order, s. A sample between two repetitions belongs to the nearer one. If
-    there are fewer than two repetitions, all samples belong to part 0.
+    A part is one repetition, or several neighbouring ones if there are more than five. ``spans`` (r, 2) are the first
+    and last time of every repetition, in order, s. A sample between two repetitions belongs to the nearer one.
     """
     between = (spans[:-1, 1] + spans[1:, 0]) / 2
     repetition = np.searchsorted(between, time)
@@ -42,18 +41,15 @@ def number_parts(time: FloatArray, spans: FloatArray) -> IntArray:
 def skip_long_rests(velocity: FloatArray) -> BoolArray:
     """Return a mask (T,) of the moving samples if the person rests most of the time, otherwise of all samples.
 
-    ``velocity`` (T, n) are the joint velocities, rad/s, which are small at rest. The errors of a constant posture are
-    the same in all its samples, and would outweigh the motion in every mean.
+    Of the joint velocities (T, n), rad/s, rests are the slow ones. The errors of a constant posture are the same in all
+    its samples, and would outweigh the motion in every mean.
     """
     moving = _find_motion(velocity)
     return moving if len(moving) and moving.mean() < 1 - _MOSTLY else np.ones(len(moving), dtype=np.bool_)
 
 
 def shorten_rests(velocity: FloatArray) -> BoolArray:
-    """Return a mask (T,) of the moving and about as many resting samples if rests are long, otherwise of all samples.
-
-    ``velocity`` (T, n) are the joint velocities, rad/s, which are small at rest.
-    """
+    """Return a mask (T,) of the moving and about as many resting samples if rests are long, else of all samples."""
     moving = _find_motion(velocity)
     if not len(moving) or moving.mean() >= 1 - _LONG:
         return np.ones(len(moving), dtype=np.bool_)
@@ -67,9 +63,8 @@ def _find_motion(velocity: FloatArray) -> BoolArray:
     speed = np.abs(velocity).max(axis=1, initial=0.0)
     if not len(speed):
         return np.zeros(0, dtype=np.bool_)
-    fast = max(
-        np.quantile(speed, 0.95), 0.5 * speed.max()
-    )  # if a person rests most of the time, the quantile is only sway
+    # if a person rests most of the time, the quantile is only sway
+    fast = max(np.quantile(speed, 0.95), 0.5 * speed.max())
     return np.asarray(speed >= _RESTING * fast)
 
 
@@ -91,20 +86,11 @@ def estimate_memory(
     target: FloatArray,
     prior: tuple[FloatArray, FloatArray],
 ) -> float:
-    """Return the length of recording that counts as one independent sample, s.
+    """Return the length of recording that counts as one independent sample, s, for a trial with a prior.
 
-    It is :data:`REFERENCE` if fewer than three parts can be left out.
-
-    Parameters
-    ----------
-    prepared : AnyTrial
-        Trial with a prior, whose repetitions are left out in turn.
-    samples : (R,) int array
-        Indices of the samples used in the fit.
-    rows, target : (R, c, b) and (R, c) arrays
-        Rows of the fit and the wrench, each component divided by the spread of its residual.
-    prior : ((p, b) array, (p,) array)
-        Rows and right-hand side of the prior, in standard deviations.
+    Its repetitions are left out in turn. ``rows`` (R, c, b) and ``target`` (R, c) are divided by the spread of each
+    component's residual, and ``prior`` has rows (p, b) and a right-hand side (p,), in standard deviations. If fewer
+    than three parts can be left out, the result is :data:`REFERENCE`.
     """
     if prepared.prior is None or len(prepared.prior.spans) < _LEAST_FOLDS:
         return REFERENCE
@@ -119,7 +105,7 @@ def estimate_memory(
 
 
 def choose_memory(errors: FloatArray) -> float:
-    """Return the longest of :data:`MEMORIES` whose error is within one standard error of the least error.
+    """Return the longest of :data:`MEMORIES` whose mean error is within one standard error of the least error.
 
     ``errors`` (K, M) is the mean squared error of each left-out part for each of these times.
     """
@@ -140,8 +126,8 @@ def score_memories(
 ) -> FloatArray:
     """Return the mean squared error (M,) of a fit in left-out samples, for each of :data:`MEMORIES`.
 
-    ``fitted`` and ``predicted`` (R,) mark the samples to fit and to predict, and ``apart`` is the time from one sample
-    to the next, s. The other arguments are those of :func:`estimate_memory`.
+    ``fitted`` and ``predicted`` (R,) mark the samples to fit and to predict, and ``apart`` is the time between samples,
+    s.
     """
     data = np.concatenate([rows[fitted], target[fitted, :, None]], axis=-1).reshape(-1, rows.shape[-1] + 1)
     known = np.column_stack(prior)
@@ -248,10 +234,10 @@ def describe_clock(prepared: AnyTrial, result: Fit) -> dict[str, float | None]:
 
 
 def determines_parameters(prepared: AnyTrial, gate: BoolArray) -> bool:
-    """Return whether the gated samples determine the base parameters.
+    """Return whether the gated samples last at least a second and determine the base parameters.
 
-    The samples must last at least a second. Without a prior, the columns of the regressor must also be independent. If
-    a joint rests in all samples, for example, they are dependent.
+    Without a prior, the columns of the regressor must be independent, which they are not if a joint rests in all
+    samples.
     """
     chosen = select_samples(prepared, gate)
     if chosen.sum() < LEAST_SECONDS * prepared.recorded.rate:
@@ -288,33 +274,64 @@ def fit(prepared: AnyTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
         """Return the fitted components of the filtered wrench at times on the plates' clock, s."""
         return prepared.filtered_measured(samples, stamped)[..., components]
 
+    def estimate_weights(target: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the next ``spread`` (c,), 1 / (standard deviation of the residual), and the weights to fit with.
+
+        Without a prior, both are the same. With a prior, they are multiplied by the square root of the fraction of the
+        samples that are independent: the first for :data:`REFERENCE`, the second for :func:`estimate_memory`.
+        """
+        weighted, aim = design * spread[:, None], target * spread
+        residual = (aim - weighted @ _compress(weighted, aim, prior).free_solution()) / spread
+        floor = _LEAST_SPREAD * np.sqrt(np.mean(target**2, axis=0))
+        inverse = np.asarray(1.0 / np.maximum(residual.std(axis=0), floor))
+        if prior is None:
+            return inverse, inverse
+        apart = prepared.lowpass.step / prepared.recorded.rate
+        usual = np.sqrt(min(1.0, apart / REFERENCE))
+        first = inverse * usual
+        inverse = first / usual
+        seconds = estimate_memory(
+            prepared, gate, samples, rows=design * inverse[:, None], target=target * inverse, prior=prior
+        )
+        return first, np.asarray(inverse * np.sqrt(min(1.0, apart / seconds)))
+
+    def estimate_covariance_of_all(target: FloatArray, offset: float) -> tuple[FloatArray, FloatArray]:
+        """Return weighted rows with the column of the offset, and the covariance from the residuals of ``target``."""
+        rate = prepared.filtered_wrench(time - offset, derivative=1)[:, components]
+        weighted = design * weights[:, None]
+        extended = np.concatenate([weighted, (rate * weights)[..., None]], axis=-1)
+        residual = target - weighted @ _compress(weighted, target, prior).free_solution()
+        blocks = number_blocks(time, settings.block)
+        more = None if prior is None else np.pad(prior[0], ((0, 0), (0, 1)))
+        wider = 1.0 if prepared.prior is None else prepared.prior.spread
+        return extended, estimate_covariance(extended, residual, blocks, more, wider)
+
     # weights and clock offset in turns
     weights = spread = np.ones(len(components))
     best_offset, known = 0.0, False
     if like is not None:
-        spread, weights, best_offset, known = like.weights, like.weights, like.best_offset, like.sharp
+        weights, best_offset, known = like.weights, like.best_offset, like.sharp
+        spread = weights
     else:
         for _ in range(_ROUNDS):
             best_offset, at_edge = profile_offset(
                 design, sample_wrench, time, weights, settings.offset_limit, prior=prior
             )
-            known, target = not at_edge, sample_wrench(time - best_offset)
-            spread, weights = _estimate_weights(prepared, gate, samples, design, target, prior=prior, weights=spread)
+            known = not at_edge
+            spread, weights = estimate_weights(sample_wrench(time - best_offset), spread)
 
     # the covariance shows whether the movement determines the offset; otherwise, everything is fitted without it
     offset = best_offset
     target = sample_wrench(time - offset) * weights
-    extended, covariance = _compute_covariance(prepared, samples, offset, design, target, prior=prior, weights=weights)
+    extended, covariance = estimate_covariance_of_all(target, offset)
     offset_sd = float(np.sqrt(covariance[-1, -1]))
     known = known and offset_sd < _SHARP
     applied = known and settings.apply_offset
     if not applied:
         offset, target = 0.0, sample_wrench(time)
-        spread, weights = _estimate_weights(prepared, gate, samples, design, target, prior=prior, weights=spread)
+        spread, weights = estimate_weights(target, spread)
         target = target * weights
-        extended, covariance = _compute_covariance(
-            prepared, samples, offset, design, target, prior=prior, weights=weights
-        )
+        extended, covariance = estimate_covariance_of_all(target, offset)
     condition, condition_scaled = compute_conditions(design[..., :base])
     return Fit(
         in_fit=in_fit,
@@ -344,62 +361,6 @@ def _compress(design: FloatArray, target: FloatArray, prior: Rows | None) -> Com
     if prior is not None:
         rows, aim = np.concatenate([rows, prior[0]]), np.concatenate([aim, prior[1]])
     return CompressedProblem.of(rows, aim)
-
-
-def _estimate_weights(
-    prepared: AnyTrial,
-    gate: BoolArray,
-    samples: IntArray,
-    design: FloatArray,
-    target: FloatArray,
-    *,
-    prior: Rows | None,
-    weights: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the next ``weights`` (c,), 1 / (standard deviation of the residual), and the weights to fit with.
-
-    Without a prior, both are the same. With a prior, they are multiplied by the square root of the fraction of the
-    samples that are independent: the first for :data:`REFERENCE`, the second for the time of :func:`estimate_memory`.
-    """
-    weighted, aim = design * weights[:, None], target * weights
-    residual = (aim - weighted @ _compress(weighted, aim, prior).free_solution()) / weights
-    floor = _LEAST_SPREAD * np.sqrt(np.mean(target**2, axis=0))
-    inverse = np.asarray(1.0 / np.maximum(residual.std(axis=0), floor))
-    if prior is None:
-        return inverse, inverse
-    apart = prepared.lowpass.step / prepared.recorded.rate
-    usual = np.sqrt(min(1.0, apart / REFERENCE))
-    first = inverse * usual
-    inverse = first / usual
-    seconds = estimate_memory(
-        prepared, gate, samples, rows=design * inverse[:, None], target=target * inverse, prior=prior
-    )
-    return first, np.asarray(inverse * np.sqrt(min(1.0, apart / seconds)))
-
-
-def _compute_covariance(
-    prepared: AnyTrial,
-    samples: IntArray,
-    offset: float,
-    design: FloatArray,
-    target: FloatArray,
-    *,
-    prior: Rows | None,
-    weights: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Return weighted rows with the column of the offset, and the covariance of the parameters from the residuals.
-
-    ``target`` (R, c) is the weighted wrench at this offset.
-    """
-    time = prepared.recorded.time[samples]
-    rate = prepared.filtered_wrench(time - offset, derivative=1)[:, list(prepared.settings.components)]
-    weighted = design * weights[:, None]
-    extended = np.concatenate([weighted, (rate * weights)[..., None]], axis=-1)
-    residual = target - weighted @ _compress(weighted, target, prior).free_solution()
-    blocks = number_blocks(time, prepared.settings.block)
-    more = None if prior is None else np.pad(prior[0], ((0, 0), (0, 1)))
-    spread = 1.0 if prepared.prior is None else prepared.prior.spread
-    return extended, estimate_covariance(extended, residual, blocks, more, spread)
 
 
 def compute_conditions(rows: FloatArray) -> tuple[float, float]:

@@ -96,28 +96,14 @@ def identify(
 ) -> Identification:
     """Identify the parameters on the gated samples (eq. 4.24-4.26).
 
-    Parameters
-    ----------
-    reference : (4(n + 1),) array
-        Full parameters to approach, as far as the wrench does not determine them; NaN for none.
-    consistency : {"grid", "cone", "bounded-cone"}
-        The set of possible bodies (:mod:`mocap_id.dynamics.consistency`).
-    reference_sd : float
-        Relative standard deviation of the reference's parameters.
-    reference_pulls : bool
-        Whether the reference is also a prior of the base parameters (eq. 4.13).
-    foot_sd : float, optional
-        Standard deviation of the foot's first moment divided by the body's mass, m. If it is given, the reference is a
-        prior of the foot alone.
-    plate_sd : float, optional
-        Standard deviation of the plate's position along the motion, m, which makes data and prior of the foot differ.
-        If it is given, the prior of the foot is used only for the torques, and only if data and prior differ by less
-        than three standard deviations.
-
-    Raises
-    ------
-    NumericalError
-        The constrained least squares did not converge.
+    ``reference`` (4(n + 1),) are full parameters to approach, as far as the wrench does not determine them, NaN for
+    none; ``reference_sd`` is their relative standard deviation. With ``reference_pulls``, they are also a prior of the
+    base parameters (eq. 4.13). ``foot_sd``, m, is the standard deviation of the foot's first moment divided by the
+    body's mass; if it is given, the reference is a prior of the foot alone. ``plate_sd``, m, is that of the plate's
+    position along the motion, which makes data and prior of the foot differ; if it is given, the prior of the foot is
+    used only for the torques, and only if data and prior differ by less than three standard deviations. ``consistency``
+    is the set of possible bodies (:mod:`mocap_id.dynamics.consistency`). NumericalError is raised if the constrained
+    least squares do not converge.
     """
     result = fit(prepared, gate)
     solve = partial(fit_consistent, grid=grid, reference=reference, consistency=consistency, relative_sd=reference_sd)
@@ -129,7 +115,20 @@ def identify(
     base, own = solution.parameters[: result.base], slice(result.base)
     response = propagate_to_parameters(prepared, result, base, error)
     kinematic = response @ response.T
-    covariance = result.covariance + kinematic + _propagate_plate_zero(prepared, result)
+    # Under gravity, m1 causes a constant Fy and mx1 a constant tauz, so a constant error of the plate changes only
+    # these parameters. With a prior, the fit distributes it over the bodies.
+    plate_zero = prepared.settings.plate_zero
+    if result.prior is not None:
+        zero_sd = np.array([plate_zero[c - 1] if c else 0.0 for c in prepared.settings.components])
+        constant = np.diag(zero_sd * result.weights)
+        moved = result.response(np.broadcast_to(constant, (len(result.design), *constant.shape)))
+        of_zero = np.asarray(moved @ moved.T)
+    else:
+        variance = np.zeros(result.design.shape[-1])
+        for column, sd_of in enumerate(plate_zero):
+            variance[: len(prepared.base.kept)][prepared.base.kept == column] = (sd_of / prepared.settings.gravity) ** 2
+        of_zero = np.diag(variance)
+    covariance = result.covariance + kinematic + of_zero
     sd = np.sqrt(np.diag(covariance))
     biased = len(solution.parameters) > result.base
     alone = Identification(
@@ -174,8 +173,8 @@ def _identify_with_reference(
 ) -> Identification:
     """Identify the parameters from the data and a prior of the full parameters.
 
-    ``of_plate`` (b, b) is the covariance of the parameters due to errors of the plate. It only reduces the weight of
-    the data relative to the prior. The covariance of the result does not contain it: it is added there later.
+    ``of_plate`` (b, b) is the covariance due to errors of the plate. It only reduces the weight of the data relative to
+    the prior: the covariance of the result does not contain it, because it is added there later.
     """
     problem = alone.fit.problem.eliminate_others(alone.fit.base)
     independent = np.linalg.inv(problem.factor.T @ problem.factor)
@@ -205,25 +204,6 @@ def _identify_with_reference(
     )
 
 
-def _propagate_plate_zero(prepared: PreparedTrial, result: Fit) -> FloatArray:
-    """Return the covariance (b + k + 1, b + k + 1) of the fitted values due to constant errors of Fy and tauz.
-
-    Under gravity, m1 causes a constant Fy and mx1 a constant tauz. A constant error of the plate therefore changes only
-    these parameters. With a prior, the fit distributes it over the bodies.
-    """
-    size, gravity = result.design.shape[-1], prepared.settings.gravity
-    if result.prior is not None:
-        components = prepared.settings.components
-        sd = np.array([prepared.settings.plate_zero[c - 1] if c else 0.0 for c in components])
-        constant = np.broadcast_to(np.diag(sd * result.weights), (len(result.design), len(sd), len(sd)))
-        moved = result.response(constant)
-        return np.asarray(moved @ moved.T)
-    variance = np.zeros(size)
-    for column, sd_of in enumerate(prepared.settings.plate_zero):
-        variance[: len(prepared.base.kept)][prepared.base.kept == column] = (sd_of / gravity) ** 2
-    return np.diag(variance)
-
-
 @dataclass(frozen=True)
 class LeftOutPrediction:
     """Predictions of repetitions by models that were fitted without their forces."""
@@ -250,17 +230,10 @@ def predict_left_out(
 ) -> LeftOutPrediction | None:
     """Predict every part of a trial with a model that was fitted to the other parts.
 
-    A part is not predicted if the other parts do not determine the parameters. The result is None if no part is
-    predicted, for example because there is only one.
-
-    Parameters
-    ----------
-    prepared, gate, result
-        The trial, the gate of the whole fit, and the whole fit, whose weights are used.
-    part : (T,) int array
-        Part of each sample, from :func:`mocap_id.dynamics.fit.number_parts`.
-    solve : callable
-        Function from a compressed problem of b + k columns to its consistent parameters (b + k,).
+    ``part`` (T,) is from :func:`mocap_id.dynamics.fit.number_parts`; ``result`` is the whole fit, whose weights are
+    used. ``solve`` returns the consistent parameters (b + k,) of a compressed problem. A part is not predicted if the
+    other parts do not determine the parameters. The result is None if no part is predicted, for example because there
+    is only one.
     """
     used = np.stack([select_samples(prepared, gate & (part != k)) for k in range(int(part.max()) + 1)])  # (K, T)
     # rows of the fit: columns of the design, then the target; a prior has the same weight in every fold

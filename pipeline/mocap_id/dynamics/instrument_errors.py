@@ -50,14 +50,10 @@ class PlanarCalibration:
     def estimate_gain_error(self, mass: float, mass_sd: float) -> float:
         """Return the rms error of the gain, given the mass that the plates measure.
 
-        The ratio of this mass to the mass from a scale estimates the gain, but is not used to correct the forces. The
-        difference between the masses therefore counts as an error of the gain. A large difference probably means that
-        this is one of the few plates with a wrong gain, because an unusual error of a good plate is less probable.
-
-        Parameters
-        ----------
-        mass, mass_sd : float
-            Identified mass and its standard deviation without the error of the gain, kg.
+        ``mass_sd`` is the standard deviation of this mass without the error of the gain, kg. The ratio of this mass to
+        the mass from a scale estimates the gain, but is not used to correct the forces. The difference between the
+        masses therefore counts as an error of the gain. A large difference probably means that this is one of the few
+        plates with a wrong gain, because an unusual error of a good plate is less probable.
         """
         if self.mass is None or self.gain == 0.0:
             return self.gain
@@ -121,11 +117,8 @@ def propagate_calibration(
 ) -> CalibrationEffect:
     """Return the changes of the base parameters due to errors of the instruments, each of one standard deviation.
 
-    Parameters
-    ----------
-    sd : mapping of str to float
-        Standard deviations of the errors: ``gain``, ``moments``, ``vertical gain``, ``inertia`` and ``lengths``
-        (relative), ``vertical force`` (N), ``position`` (m), ``tilt`` (rad). Errors that are not named are zero.
+    ``sd`` are the standard deviations: ``gain``, ``moments``, ``vertical gain``, ``inertia`` and ``lengths``
+    (relative), ``vertical force`` (N), ``position`` (m), ``tilt`` (rad). Errors that are not named are zero.
     """
     samples, components = result.samples, list(prepared.settings.components)
     gravity, kept = prepared.settings.gravity, prepared.base.kept
@@ -181,16 +174,9 @@ def correlate_errors(
 ) -> FloatArray:
     """Return the correlation (T, n, n) of the errors of the joint accelerations in every posture.
 
-    Parameters
-    ----------
-    q : (T, n) array
-        Joint angles, rad; NaN where missing. If one is missing, the correlation (n, n) of this sample is NaN.
-    segment : (M,) int array
-        Segment of each marker.
-    local : (M, 2) array
-        Markers in the frame of their segment, m.
-    snap : (n,) array
-        Standard deviation of each joint's process noise, in any common unit, because only the ratios have an effect.
+    ``segment`` (M,) and ``local`` (M, 2) are the segment of each marker and its position in the segment's frame, m.
+    ``snap`` (n,) are the standard deviations of the joints' process noise in any common unit, because only the ratios
+    have an effect. The correlation is NaN in samples with a missing angle.
     """
     correlation = np.full((*q.shape, q.shape[1]), np.nan)
     known = np.isfinite(q).all(axis=1)
@@ -200,14 +186,13 @@ def correlate_errors(
         np.bincount(segment, weights=each, minlength=len(centres) + 1).astype(np.float64)
         for each in (np.ones(len(local)), local[:, 0], local[:, 1], np.sum(local**2, axis=1))
     )
-    information = composite_inertia(q[known], centres, mass, np.column_stack([mx, my]), inertia).torque
+    information = composite_inertia(q[known], centres, mass, np.column_stack([mx, my]), inertia)[1]
     values, vectors = np.linalg.eigh(information * scale[:, None] * scale)
     values = np.maximum(values, _LEAST * values[:, -1:])
     covariance = (vectors * values[:, None, :] ** _EXPONENT) @ np.swapaxes(vectors, 1, 2)
     size = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    correlation[known] = covariance / (
-        size[:, :, None] * size[:, None, :]
-    )  # the outer factors Q^½ only scale the joints
+    # the outer factors Q^½ only scale the joints
+    correlation[known] = covariance / (size[:, :, None] * size[:, None, :])
     return correlation
 
 
@@ -279,10 +264,10 @@ def propagate_to_torques(
 ) -> FloatArray:
     """Return the variance (T, n) of the joint torques from all modes, (N·m)²; NaN where a state is missing.
 
-    In each mode, the errors of the states and of the parameters are correlated, and their effects largely cancel.
-    ``response`` (b, S) is the change of the base parameters with every mode.
+    In each mode, the errors of the states and of the parameters, ``response`` (b, S), are correlated and largely
+    cancel.
     """
-    recorded, kept = prepared.recorded, prepared.base.kept
+    recorded, kept, full = prepared.recorded, prepared.base.kept, prepared.base.expand(base)
     valid = np.flatnonzero(find_complete_rows(prepared.regressor))
     if error.centre.shape[-1] == 0 or not len(valid):
         variance = np.full(recorded.q.shape, np.nan)
@@ -291,9 +276,7 @@ def propagate_to_torques(
 
     def torques(states: FloatArray, centres: FloatArray) -> FloatArray:
         regressor = _build_regressor(prepared, states, centres)
-        return planar_torque_regressor(centres, states[:, : recorded.q.shape[1]], regressor) @ prepared.base.expand(
-            base
-        )
+        return planar_torque_regressor(centres, states[:, : recorded.q.shape[1]], regressor) @ full
 
     steps = valid[:: max(1, round(recorded.rate / _KINEMATIC_ERROR_RATE))]
     variance = np.empty((len(steps), recorded.q.shape[1]))
@@ -312,20 +295,17 @@ def _propagate_modes(
 ) -> FloatArray:
     """Return the changes (R, m, S) of the m values of a function with every mode, for sample indices (R,).
 
-    Arguments of the function are states (R, 3 n) and joint centres (n, 2), or (R, n, 2) for different centres in every
-    row.
+    The function is of states (R, 3 n) and joint centres (n, 2), or (R, n, 2) for different centres in every row.
     """
     recorded, centres = prepared.recorded, prepared.recorded.centres
     errors = error.states(recorded.q[samples], recorded.dq[samples], recorded.ddq[samples])
     states = np.concatenate([recorded.q[samples], recorded.dq[samples], recorded.ddq[samples]], axis=1)
     count = states.shape[1]
-    steps = (
-        _KINEMATIC_ERROR_STEP * np.eye(1 + count + centres.size, count + centres.size, k=-1)[:, None]
-    )  # the first row is zero
+    # steps of every state and coordinate in turn; the first row is zero
+    steps = _KINEMATIC_ERROR_STEP * np.eye(1 + count + centres.size, count + centres.size, k=-1)[:, None]
     moved = states + steps[..., :count]
-    places = np.broadcast_to(
-        centres + steps[..., count:].reshape(-1, 1, *centres.shape), (*moved.shape[:2], *centres.shape)
-    )
+    places = centres + steps[..., count:].reshape(-1, 1, *centres.shape)
+    places = np.broadcast_to(places, (*moved.shape[:2], *centres.shape))
     values = function(moved.reshape(-1, count), places.reshape(-1, *centres.shape)).reshape(*moved.shape[:2], -1)
     slopes = np.stack([*(values[1:] - values[0]) / _KINEMATIC_ERROR_STEP], axis=-1)
     of_centres = slopes[..., count:] @ error.centre.reshape(centres.size, errors.shape[-1])
@@ -362,16 +342,10 @@ class PoseEffect:
 
 
 def propagate_slides(local: FloatArray, variance: FloatArray, joints: tuple[int, ...]) -> SlidingBody:
-    """Return the error of a body's pose due to the slides of its markers.
+    """Return the error of a body's pose due to the slides of its markers, which are proportional to joint angles.
 
-    Parameters
-    ----------
-    local : (m, 2) array
-        Markers in the body's frame, m.
-    variance : (m,) array
-        Variance of each marker's slide, per coordinate, m².
-    joints : tuple of int
-        Joints, from 0, to whose angles the slides are proportional.
+    ``local`` (m, 2) are the markers in the body's frame, m, and ``variance`` (m,) are those of each slide per
+    coordinate, m².
     """
     arm = local - local.mean(axis=0)
     count, spread = len(local), float(np.sum(arm**2))
@@ -395,7 +369,7 @@ def propagate_pose_errors(prepared: PreparedTrial, result: Fit, full: FloatArray
 
     ``full`` (4K,) are the full parameters of the bodies.
     """
-    recorded, gravity = prepared.recorded, prepared.settings.gravity
+    recorded, gravity, components = prepared.recorded, prepared.settings.gravity, list(prepared.settings.components)
     step = max(1, int(recorded.rate / _POSE_ERROR_RATE))
     every = errors.poses
     thin = replace(every, time=every.time[::step], position=every.position[::step], angle=every.angle[::step])
@@ -432,15 +406,11 @@ def propagate_pose_errors(prepared: PreparedTrial, result: Fit, full: FloatArray
             effect = np.stack(wrench, axis=-1)
             known = np.isfinite(effect).all(axis=(1, 2))
             wrench_errors = _interpolate(recorded.time[result.samples], thin.time[known], effect[known] @ root)
-            rows.append(
-                -result.response(wrench_errors[:, list(prepared.settings.components)] * result.weights[:, None])
-            )
+            rows.append(-result.response(wrench_errors[:, components] * result.weights[:, None]))
             torques.append(np.stack(torque, axis=-1) @ root)
     parameters = np.concatenate(rows, axis=1)
-    errors_of_torque = (
-        np.concatenate(torques, axis=2)
-        + torque_regressor(motion, wrench_regressor(motion, gravity)) @ parameters[: len(full)]
-    )  # (t, n, S)
+    torque_rows = torque_regressor(motion, wrench_regressor(motion, gravity))
+    errors_of_torque = np.concatenate(torques, axis=2) + torque_rows @ parameters[: len(full)]  # (t, n, S)
     variance = np.sum(errors_of_torque**2, axis=2)
     placed = np.isfinite(motion.joint).any(axis=(0, 2))
     known = np.isfinite(variance[:, placed]).all(axis=1)
@@ -478,20 +448,10 @@ class ModelError:
 def estimate_model_error(residual: FloatArray, noise: FloatArray, samples: BoolArray, rate: float) -> ModelError | None:
     """Estimate the model's error in one component of the wrench; return None if no interval is long enough.
 
-    A constant and the variance that follows from the accelerations are fitted, with non-negative coefficients, to the
-    squared residual below 25 Hz. White noise with the density measured above this frequency is subtracted. Plate noise
-    that is not white counts as an error of the model, which is then overestimated.
-
-    Parameters
-    ----------
-    residual : (T,) array
-        Measured minus modelled component.
-    noise : (T,) array
-        Variance of the component that follows from the standard deviations of the states.
-    samples : (T,) bool array
-        True for samples in which only the ground touches the body.
-    rate : float
-        Samples per second.
+    A constant and the variance that follows from the accelerations, ``noise`` (T,), are fitted, with non-negative
+    coefficients, to the squared ``residual`` (T,) below 25 Hz, in the samples (T,) in which only the ground touches the
+    body. White noise with the density measured above this frequency is subtracted. Plate noise that is not white counts
+    as an error of the model, which is then overestimated.
     """
     lowpass = LowPass(min(_BAND, _SHARE * rate), rate)
     low = lowpass(np.where(samples, residual, np.nan))

@@ -62,10 +62,7 @@ class CompressedProblem:
 
 
 def number_blocks(time: FloatArray, length: float) -> IntArray:
-    """Return the number (R,), from 0, of the block of each time (R,), s; empty blocks get no number.
-
-    Blocks are ``length`` s long.
-    """
+    """Return the number (R,), from 0, of the block, ``length`` s long, of each time (R,), s; empty blocks get none."""
     _, block = np.unique(np.floor((time - time[0]) / length), return_inverse=True)
     return block.astype(np.int64)
 
@@ -79,25 +76,16 @@ def estimate_covariance(
 ) -> FloatArray:
     """Return the covariance (b, b) of least-squares parameters from residuals that are correlated within blocks.
 
-    It is the sandwich (XᵀX)⁻¹ (Σ_g X_gᵀ r_g r_gᵀ X_g) (XᵀX)⁻¹ over blocks g, to which a block bootstrap converges.
-    Residuals may be correlated and heteroscedastic within a block. Blocks count as independent, so they must be longer
-    than the correlation time of the residuals. The factor G/(G - 1) · (r - 1)/(r - b) corrects for few blocks, where G
-    is the number of blocks and r = R c.
+    ``design`` (R, c, b) and ``residual`` (R, c) are weighted; ``block`` (R,) is the block of each sample, 0 … G - 1.
 
-    Parameters
-    ----------
-    design : (R, c, b) array
-        Weighted regressor.
-    residual : (R, c) array
-        Weighted residuals.
-    block : (R,) int array
-        Block of each sample, 0 … G - 1.
-    prior : (p, b) array, optional
-        Rows P of a prior that is part of the fit, in standard deviations. The covariance is then (XᵀX + PᵀP)⁻¹ (Σ_g
-        X_gᵀ r_g r_gᵀ X_g + PᵀS²P) (XᵀX + PᵀP)⁻¹.
-    spread : (p,) array or float
-        Diagonal of S: standard deviations of the prior's errors, divided by those in P; below 1 for a prior that is
-        wider than its errors.
+    The covariance is the sandwich (XᵀX)⁻¹ (Σ_g X_gᵀ r_g r_gᵀ X_g) (XᵀX)⁻¹ over blocks g, to which a block bootstrap
+    converges. Residuals may be correlated and heteroscedastic within a block. Blocks count as independent, so they must
+    be longer than the correlation time of the residuals. The factor G/(G - 1) · (r - 1)/(r - b) corrects for few
+    blocks, where r = R c.
+
+    If a prior with the rows P (p, b), in standard deviations, is part of the fit, the covariance is (XᵀX + PᵀP)⁻¹ (Σ_g
+    X_gᵀ r_g r_gᵀ X_g + PᵀS²P) (XᵀX + PᵀP)⁻¹. The diagonal ``spread`` of S contains the standard deviations of the
+    prior's errors, divided by those in P; below 1 for a prior that is wider than its errors.
     """
     columns = design.shape[-1]
     rows = design.reshape(-1, columns)

@@ -65,15 +65,8 @@ class BodyPoses:
     def select(self, body: int) -> BodyPoses:
         """Return the poses of one body alone, without joints."""
         own = slice(body, body + 1)
-        return BodyPoses(
-            time=self.time,
-            position=self.position[:, own],
-            angle=self.angle[:, own],
-            centroid=self.centroid[own],
-            information=self.information[own],
-            body=np.zeros(1, dtype=np.int64),
-            centres=np.zeros((0, 2)),
-        )
+        series = self.time, self.position[:, own], self.angle[:, own], self.centroid[own], self.information[own]
+        return BodyPoses(*series, body=np.zeros(1, dtype=np.int64), centres=np.zeros((0, 2)))
 
     @property
     def origin(self) -> FloatArray:
@@ -93,13 +86,6 @@ class BodyPoses:
         )
         return np.asarray(after - before)
 
-    def camera_variance(self, joint: int) -> float:
-        """Return the variance of a joint's gap in one frame due to the noise of the cameras, m² per coordinate."""
-        if self.camera is None:
-            return 0.0
-        arms = [(body, point - self.centroid[body]) for body, point in self.sides(joint)]
-        return float(sum(self.camera[body, 0] + 0.5 * (arm @ arm) * self.camera[body, 1] for body, arm in arms))
-
 
 @dataclass(frozen=True)
 class JointGap:
@@ -118,10 +104,7 @@ class JointGap:
 
     @property
     def pinned(self) -> bool:
-        """Whether the joint counts as a pin: its gap is within the noise or unknown, or the forces show that it holds.
-
-        Forces are compared in :func:`mocap_id.stages.identify_dim.validation.pin_joints_that_hold`.
-        """
+        """Whether the gap is within the noise or unknown, or the forces show that the joint holds."""
         return self.holds or self.above_noise == 0.0
 
 
@@ -177,7 +160,12 @@ def measure_gaps(poses: BodyPoses, samples: BoolArray) -> dict[int, JointGap]:
         size = float(np.sqrt(np.sum(np.var(gap[use], axis=0)))) if use.any() else float("nan")
         rms = float(np.sqrt(np.mean(np.sum(acceleration[moving] ** 2, axis=1)))) if moving.any() else float("nan")
         independent = max(share * np.count_nonzero(moving), 1.0)  # most of a gap's noise is in one direction
-        noise = 2 * factor**2 * poses.camera_variance(joint) * (1 + _NOISE_SD * np.sqrt(2 / independent))
+        variance = 0.0  # of the gap in one frame due to the noise of the cameras, m² per coordinate
+        if poses.camera is not None:
+            arms = [(body, point - poses.centroid[body]) for body, point in poses.sides(joint)]
+            of_arms = (poses.camera[body, 0] + 0.5 * (arm @ arm) * poses.camera[body, 1] for body, arm in arms)
+            variance = float(sum(of_arms))
+        noise = 2 * factor**2 * variance * (1 + _NOISE_SD * np.sqrt(2 / independent))
         gaps[joint] = JointGap(size, rms, float(np.sqrt(noise)))
     return gaps
 
@@ -209,8 +197,8 @@ def measure_stretch(poses: BodyPoses, joint: int) -> Stretch:
 def _respond_to_noise(lowpass: LowPass) -> tuple[float, float]:
     """Return the response of the filtered second derivative to white noise.
 
-    The first value is its standard deviation, 1/s², for white noise of 1. The second is the number of its independent
-    values divided by the number of samples, because neighbouring filtered samples are correlated.
+    The first value is its standard deviation, 1/s², for white noise of 1; the second, the fraction of the samples that
+    are independent, because neighbouring filtered samples are correlated.
     """
     cycles = (np.arange(_FREQUENCIES) + 0.5) / (2 * _FREQUENCIES)
     turn = 2 * np.pi * cycles
@@ -244,8 +232,8 @@ def close_gaps(poses: BodyPoses, joints: Sequence[int]) -> BodyPoses:
 def differentiate_gaps(poses: BodyPoses, joints: Sequence[int], angle: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the Jacobian J (f, 2j, 3K) of j gaps, and J W⁻¹ (f, 2j, 3K) with the poses' information W.
 
-    The rows are x and y of each joint's gap; the columns are x, y and angle of each body. ``angle`` (f, K) contains the
-    angles of the bodies in f samples, rad; NaN where missing.
+    The rows are x and y of each joint's gap; the columns are x, y and angle of each body. ``angle`` (f, K) are angles,
+    rad.
     """
     size, bodies = angle.shape
     weak = 1.0 / np.concatenate([np.repeat(poses.information[:, :1], 2, axis=1), poses.information[:, 1:]], axis=1)
@@ -262,7 +250,7 @@ def differentiate_gaps(poses: BodyPoses, joints: Sequence[int], angle: FloatArra
 class PoseFilter:
     """Low-pass filter of poses that filters every coordinate only once with each cut-off.
 
-    It neither interpolates poses nor closes gaps: call :func:`fill_gaps` and :func:`close_gaps` before, if needed.
+    It neither interpolates poses (:func:`fill_gaps`) nor closes gaps (:func:`close_gaps`).
     """
 
     def __init__(self, poses: BodyPoses) -> None:
@@ -280,7 +268,14 @@ class PoseFilter:
         place = np.full(angle.shape[1], len(poses.body))  # bodies without a segment are beyond every joint
         place[poses.body[::-1]] = np.arange(len(poses.body))[::-1]
         beyond: BoolArray = place > np.arange(len(poses.centres))[:, None]
-        return PlanarMotion(angle, omega, alpha, origin, acceleration, locate_joints(poses, angle, origin), beyond)
+        # a joint is at the mean of its positions in the bodies before and after it, plus the correction of its position
+        joint = np.full((len(angle), len(poses.centres), 2), np.nan)
+        for j in poses.joints:
+            sides = [origin[:, body] + planar.rotate(angle[:, body], point) for body, point in poses.sides(j)]
+            joint[:, j] = (sides[0] + sides[1]) / 2
+            if poses.shift is not None:
+                joint[:, j] += planar.rotate(angle[:, int(poses.body[j])], poses.shift[j])
+        return PlanarMotion(omega, alpha, origin, acceleration, joint, beyond, angle)
 
     def _smooth(self, coordinate: int, cutoff: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return one filtered coordinate of all bodies (T, K), and its first and second time derivative."""
@@ -291,21 +286,6 @@ class PoseFilter:
             smooth = np.stack([lowpass(column) for column in columns], axis=1)
             self._filtered[key] = (smooth, *_differentiate(smooth, self._poses.rate))
         return self._filtered[key]
-
-
-def locate_joints(poses: BodyPoses, angle: FloatArray, origin: FloatArray) -> FloatArray:
-    """Return the joints' positions (T, n, 2), m; NaN where both sides of a joint are one body.
-
-    A position is the mean of the joint's positions in the bodies before and after it, plus ``poses.shift``. ``angle``
-    (T, K), rad, and ``origin`` (T, K, 2), m, are those of the bodies' frames.
-    """
-    joint = np.full((len(angle), len(poses.centres), 2), np.nan)
-    for j in poses.joints:
-        sides = [origin[:, body] + planar.rotate(angle[:, body], point) for body, point in poses.sides(j)]
-        joint[:, j] = (sides[0] + sides[1]) / 2
-        if poses.shift is not None:
-            joint[:, j] += planar.rotate(angle[:, int(poses.body[j])], poses.shift[j])
-    return joint
 
 
 def filter_motion(poses: BodyPoses, bands: tuple[float, float, float]) -> PlanarMotion:
@@ -340,12 +320,13 @@ class ChainMap:
         """Return physically possible full parameters (4(n + 1),) of the chain from those of the bodies (4K,).
 
         If the table's division of a body gives an impossible segment, the division is changed towards an even one as
-        far as necessary. The sum does not change. If no division is possible, the table's division is returned.
+        far as necessary; the sum does not change. If no division is possible, the table's division is returned.
         """
         likely, even = self.matrix @ full + self.constant, self.halves @ full
         for share in np.linspace(0.0, 1.0, _SHARES):
             chain = (1.0 - share) * likely + share * even
-            if _is_possible(chain):
+            mass, mx, my, inertia = chain.reshape(-1, 4).T  # m ≥ 0 and m·Izz ≥ mx² + my² in every possible segment
+            if np.all((mass >= 0) & (mass * inertia * (1 + _ROUNDING) >= mx**2 + my**2)):
                 return np.asarray(chain)
         return np.asarray(likely)
 
@@ -355,14 +336,9 @@ def map_to_chain(
 ) -> ChainMap:
     """Compute the map from the bodies to the segments of the chain.
 
-    Parameters
-    ----------
-    q : (T, n) array
-        Joint angles of the chain, rad.
-    samples : (T,) bool array
-        True for samples over which the mean position of the bodies is computed.
-    reference, reference_sd : (4(n + 1),) arrays
-        Full parameters of a reference table and their standard deviations; NaN if no table applies.
+    ``q`` (T, n) are the joint angles of the chain, rad, and ``samples`` (T,) those over which the mean position of the
+    bodies is computed. ``reference`` and ``reference_sd`` (4(n + 1),) are the full parameters of a table and their
+    standard deviations; NaN if no table applies.
     """
     count, bodies = len(poses.body), poses.angle.shape[1]
     matrix, constant, spread = np.zeros((4 * count, 4 * bodies)), np.zeros(4 * count), np.zeros((4 * count, 4 * count))
@@ -378,10 +354,16 @@ def map_to_chain(
             halves[rows, columns] = np.concatenate(
                 [np.linalg.inv(total[:, 4 * k : 4 * k + 4]) / len(own) for k in range(len(own))]
             )
-            gain, rest, left = _divide_sum(total, reference[rows], reference_sd[rows])
-            matrix[rows, columns] += gain
-            constant[rows] += rest
-            spread[np.ix_(rows, rows)] += left
+            # the sum is divided as in the table; without a table, it is all in the first segment
+            table = reference[rows]
+            if np.isfinite(table).all():
+                own_spread: FloatArray = np.diag(reference_sd[rows] ** 2)
+                gain = np.asarray(np.linalg.solve(total @ own_spread @ total.T, total @ own_spread).T)
+                matrix[rows, columns] += gain
+                constant[rows] += table - gain @ total @ table
+                spread[np.ix_(rows, rows)] += own_spread - gain @ total @ own_spread
+            else:
+                matrix[rows[:4], columns] += np.eye(4)
     last = int(poses.body[-1])
     for body in np.setdiff1d(np.arange(bodies), poses.body):
         angle, shift = measure_relative_pose(poses, int(body), last, samples)
@@ -412,20 +394,16 @@ def merge_segments(centres: FloatArray, q: FloatArray, samples: BoolArray, segme
 
 
 def propagate_to_base(chain_map: ChainMap, base: BaseSet, own: FloatArray) -> FloatArray:
-    """Return the covariance (b, b) of the chain's base parameters, without errors of the joint centres.
-
-    ``own`` (4K, 4K) is the covariance of the full parameters of the bodies.
-    """
+    """Return the covariance (b, b) of the chain's base parameters from ``own`` (4K, 4K), that of the bodies."""
     known = chain_map.matrix @ own @ chain_map.matrix.T + chain_map.open
     return np.asarray(base.regrouping @ known @ base.regrouping.T)
 
 
 def propagate_centres(base: BaseSet, centres: FloatArray, q: FloatArray, chain: FloatArray) -> FloatArray:
-    """Return the derivative (b, n, 2) of the base parameters with respect to each joint centre, per metre.
+    """Return the derivative (b, n, 2) of the base parameters by each joint centre in the frame before it, per metre.
 
-    The centres are in the frames of the segments before the joints. A displaced joint changes the regrouping of the
-    masses beyond it and the origin for the parameters of the next segment. ``q`` (n,) are the mean joint angles, rad,
-    and ``chain`` (4(n + 1),) the full parameters of the chain.
+    A displaced joint changes the regrouping of the masses beyond it and the origin for the parameters of the next
+    segment. ``q`` (n,) are the mean joint angles, rad, and ``chain`` (4(n + 1),) the full parameters of the chain.
     """
     out: FloatArray = np.zeros((len(base.kept), *centres.shape))
     undisturbed = structural_base(centres)
@@ -445,20 +423,3 @@ def propagate_centres(base: BaseSet, centres: FloatArray, q: FloatArray, chain: 
                 moved += (structural_base(centres + shift).regrouping - undisturbed.regrouping) @ chain
             out[:, joint, axis] = moved / _STEP
     return out
-
-
-def _is_possible(full: FloatArray) -> bool:
-    """Return whether every segment is physically possible: m ≥ 0 and m·Izz ≥ mx² + my²."""
-    mass, mx, my, inertia = full.reshape(-1, 4).T
-    return bool(np.all((mass >= 0) & (mass * inertia * (1 + _ROUNDING) >= mx**2 + my**2)))
-
-
-def _divide_sum(total: FloatArray, reference: FloatArray, sd: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Divide a sum between s segments as in a table; return gain (4s, 4), constant (4s,) and covariance (4s, 4s)."""
-    if not np.isfinite(reference).all():
-        gain = np.zeros((total.shape[1], 4))
-        gain[:4] = np.eye(4)
-        return gain, np.zeros(total.shape[1]), np.zeros((total.shape[1], total.shape[1]))
-    spread: FloatArray = np.diag(sd**2)
-    gain = np.asarray(np.linalg.solve(total @ spread @ total.T, total @ spread).T)
-    return gain, reference - gain @ total @ reference, spread - gain @ total @ spread

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import FloatArray, IntArray
 
 LEAST_MARKERS = 2
 """Least number of common markers with which a body is registered."""
@@ -77,8 +77,14 @@ def register_bodies(there: BodyFrames, here: BodyFrames) -> Registration:
         before, after = there.local[[old[name] for name in both]], here.local[[new[name] for name in both]]
         markers[k] = len(before)
         if k == 0:
-            shift[k], used = _estimate_feet(before, after, here.centres[0] - there.centres[0])
-            residual[k] = _compute_rms(after[used] - before[used] - shift[k])
+            # Markers of the base are on the feet or on the plate, where they do not move. A marker counts as on the
+            # feet if its displacement is closer to that of the ankle than to zero. If none is, all markers are used.
+            # The displacement of the feet affects only the mass of the foot.
+            ankle, displaced = here.centres[0] - there.centres[0], after - before
+            on_feet = np.linalg.norm(displaced - ankle, axis=1) <= np.linalg.norm(displaced, axis=1)
+            used = displaced[on_feet if on_feet.any() else ~on_feet]
+            shift[k] = np.median(used, axis=0) if both else ankle
+            residual[k] = _compute_rms(used - shift[k])
             continue
         if len(before) < LEAST_MARKERS:
             angle[k], shift[k] = np.nan, np.nan
@@ -106,21 +112,6 @@ def transfer_covariance(covariance: FloatArray, registration: Registration) -> F
     """Return the covariance (4K, 4K) of the transferred parameters, without errors of the registration."""
     move = np.column_stack([transfer_parameters(unit, registration) for unit in np.eye(len(covariance))])
     return np.asarray(move @ covariance @ move.T)
-
-
-def _estimate_feet(before: FloatArray, after: FloatArray, ankle: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return the displacement of the feet (2,), m, and a mask (k,) of the markers from which it is estimated.
-
-    Markers of the base are on the feet or on the plate; markers on the plate do not move. A marker counts as on the
-    feet if its displacement is closer to that of the ankle (2,) than to zero. If no marker is on the feet, all markers
-    are used; without markers, the displacement of the ankle is returned. The result affects only the mass of the foot.
-    """
-    if not len(before):
-        return ankle, np.zeros(0, dtype=bool)
-    moved = after - before
-    on_feet = np.linalg.norm(moved - ankle, axis=1) <= np.linalg.norm(moved, axis=1)
-    used = on_feet if on_feet.any() else ~on_feet
-    return np.median(moved[used], axis=0), used
 
 
 def _register(before: FloatArray, after: FloatArray) -> tuple[float, FloatArray, float]:

@@ -21,7 +21,6 @@ from mocap_id.dynamics.regressor import (
     PLANAR_PARAMETERS,
     WRENCH_COMPONENTS,
     composite_inertia,
-    stack_wrenches,
     sum_external,
     torque_regressor,
 )
@@ -78,10 +77,9 @@ class PredictionNoise:
 def predict(prepared: PreparedTrial, result: Identification, noise: PredictionNoise, threshold: float) -> Prediction:
     """Predict wrench, centre of pressure and joint torques at every sample.
 
-    ``noise`` is the result of :func:`estimate_chain_noise` or :func:`estimate_residual_noise`. The centre of pressure
-    is NaN where the vertical force is at most ``threshold``, N. If Fy and tauz were fitted, the base parameters
-    determine all predicted quantities. Otherwise, quantities that they do not determine are NaN and listed in
-    ``undetermined``.
+    The centre of pressure is NaN where the vertical force is at most ``threshold``, N. If Fy and tauz were fitted, the
+    base parameters determine all predicted quantities. Otherwise, those that they do not determine are NaN and listed
+    in ``undetermined``.
     """
     base, own = result.base, result.residual_covariance
     full_torque = torque_regressor(prepared.motion, prepared.regressor)
@@ -92,7 +90,9 @@ def predict(prepared: PreparedTrial, result: Identification, noise: PredictionNo
     torque_rows = np.where(torque_determined[:, None], full_torque[:, :, prepared.base.kept], np.nan)
     # the external wrenches reduce the ground's wrench (T, 3) and the torques (T, n)
     recorded = prepared.recorded
-    wrenches, segment = stack_wrenches(recorded.external, prepared.external(result.fit.offset), len(recorded.time))
+    segment = np.array([each.segment for each in recorded.external], dtype=np.int64)
+    external = prepared.external(result.fit.offset)
+    wrenches = np.stack(external, axis=-1) if external else np.zeros((len(recorded.time), 3, 0))
     joints = np.arange(1, recorded.q.shape[1] + 1)
     elsewhere, relieved = sum_external(prepared.motion.jacobian, joints, wrenches, segment)
     wrench, torque = rows @ base - elsewhere, torque_rows @ base - relieved
@@ -122,26 +122,20 @@ def estimate_chain_noise(
 ) -> PredictionNoise:
     """Return the errors of the wrench and torques of a pinned chain, due to accelerations and geometry.
 
-    The standard deviations of the accelerations determine how the noise varies over time, and ``correlation`` how it
-    is correlated between the joints. The plate determines the magnitude of the noise
+    The standard deviations of the accelerations determine how the noise varies over time, and ``correlation`` (T, n, n)
+    how it is correlated between the joints. The plate determines the magnitude of the noise
     (:mod:`mocap_id.dynamics.instrument_errors`) and the part of the wrench's error that is independent of the
     accelerations. The noise of the torques is scaled like that of tauz, because torques are moments. Errors of the
-    geometry are added only to the torques: for the wrench, the fitted parameters compensate these errors.
-
-    Parameters
-    ----------
-    correlation : (T, n, n) array
-        Correlation of the errors of the joint accelerations.
-    centre_sd : (n,) array, optional
-        Standard deviation of the centres of joints that may not be perfect pins, m.
+    geometry are added only to the torques: for the wrench, the fitted parameters compensate these errors. ``centre_sd``
+    (n,), m, are the standard deviations of the centres of joints that may not be perfect pins.
     """
     recorded, base = prepared.recorded, result.base
     needed = np.where(_find_determined(prepared.regressor, prepared)[:, None], prepared.rows, np.nan) @ base
     noise = correlation * recorded.ddq_sd[:, :, None] * recorded.ddq_sd[:, None, :]
     # derivatives with respect to the accelerations, for the body whose regrouped parameters are zero
     mass, mx, my, inertia = prepared.base.expand(base).reshape(-1, len(PLANAR_PARAMETERS)).T
-    gains = composite_inertia(recorded.q, recorded.centres, mass, np.column_stack([mx, my]), inertia)
-    wrench_gain, torque_gain = gains.wrench, gains.torque
+    first = np.column_stack([mx, my])
+    wrench_gain, torque_gain = composite_inertia(recorded.q, recorded.centres, mass, first, inertia)
     # the model's error in each component; if it cannot be estimated, it follows from the states alone
     residual, of_states = prepared.measured(result.fit.offset) - needed, _propagate_covariance(wrench_gain, noise)
     found = [estimate_model_error(residual[:, k], of_states[:, k], result.fit.in_fit, recorded.rate) for k in range(3)]
@@ -171,18 +165,11 @@ def estimate_residual_noise(
 ) -> PredictionNoise:
     """Return the errors of the wrench and torques of a model on measured poses, estimated from residuals.
 
-    Parameters
-    ----------
-    residual : (T, 3) array
-        Measured minus modelled wrench, without the low-pass of the fit. It is that of left-out repetitions if there are
-        any. NaN in all other samples. The variance of the plate's white noise is subtracted here.
-    centre_sd : (n,) array
-        Standard deviation of each joint's centre, m. Its effect on the torque is proportional to the force through the
-        joint.
-    of_poses : (T, n) array
-        Variance of the torques from errors of the poses that recur with the movement, (N·m)².
-    parameters : float
-        Fraction of the squared residual that the fit has absorbed; 0 for left-out repetitions.
+    ``residual`` (T, 3) is the measured minus the modelled wrench without the low-pass of the fit, if possible of
+    left-out repetitions; NaN in all other samples. The variance of the plate's white noise is subtracted here.
+    ``parameters`` is the fraction of the squared residual that the fit has absorbed. ``centre_sd`` (n,), m, are the
+    standard deviations of the joint centres, whose effect on the torque is proportional to the force through the joint.
+    ``of_poses`` (T, n) is the variance of the torques from errors of the poses that recur with the movement, (N·m)².
     """
     recorded, size = prepared.recorded, len(prepared.regressor)
     alone = 0 not in recorded.measures  # no sensor measures Fx
@@ -215,9 +202,8 @@ def _propagate_centres(prepared: PreparedTrial, full: FloatArray, centre_sd: Flo
 
 def _find_determined(regressor: FloatArray, prepared: PreparedTrial) -> BoolArray:
     """Return a mask (k,) of the rows of a full regressor (T, k, p) that the base parameters determine."""
-    return np.array(
-        [determines_rows(regressor[:, k], prepared.base) for k in range(regressor.shape[1])], dtype=np.bool_
-    )
+    rows = (regressor[:, k] for k in range(regressor.shape[1]))
+    return np.array([determines_rows(each, prepared.base) for each in rows], dtype=np.bool_)
 
 
 def _propagate_covariance(gain: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -248,8 +234,8 @@ class WrenchAgreement:
 def centre_of_pressure(wrench: FloatArray, threshold: float) -> FloatArray:
     """Return the x coordinate (...), m, at which the line of the ground's force crosses the plane y = 0.
 
-    ``wrench`` (..., 3) is (Fx, Fy, tauz) about the origin of the plane frame, N and N·m. The result is NaN where Fy is
-    at most ``threshold``, N.
+    ``wrench`` (..., 3) is (Fx, Fy, tauz) about the origin, N and N·m. The result is NaN where Fy is at most
+    ``threshold``, N.
     """
     vertical = wrench[..., 1]
     loaded = vertical > threshold
@@ -257,20 +243,14 @@ def centre_of_pressure(wrench: FloatArray, threshold: float) -> FloatArray:
 
 
 def centre_of_pressure_rows(rows: FloatArray, wrench: FloatArray, threshold: float) -> FloatArray:
-    """Return the derivative (..., b) of the centre of pressure with respect to the parameters of a linear wrench model.
-
-    ``rows`` (..., 3, b) is the regressor of the wrench; the other arguments are as for :func:`centre_of_pressure`.
-    """
+    """Return the derivative (..., b) of the centre of pressure by the parameters of a wrench with rows (..., 3, b)."""
     cop = centre_of_pressure(wrench, threshold)
     vertical = np.where(np.isfinite(cop), wrench[..., 1], np.nan)
     return (rows[..., 2, :] - cop[..., None] * rows[..., 1, :]) / vertical[..., None]
 
 
 def compare_wrenches(wrench: FloatArray, measured: FloatArray, samples: BoolArray, threshold: float) -> WrenchAgreement:
-    """Compare a model's wrench (T, 3) with the measured wrench (T, 3) over the samples marked in ``samples`` (T,).
-
-    Missing values are NaN. ``threshold`` and the components are as for :func:`centre_of_pressure`.
-    """
+    """Compare a model's wrench (T, 3) with the measured one (T, 3) over marked samples; NaN is missing."""
     components = {name: agreement(wrench[:, k], measured[:, k], samples) for k, name in enumerate(WRENCH_COMPONENTS)}
     cop = agreement(centre_of_pressure(wrench, threshold), centre_of_pressure(measured, threshold), samples)
     return WrenchAgreement(components, None if cop is None else float(np.hypot(cop.bias, cop.sd)))

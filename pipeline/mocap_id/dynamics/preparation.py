@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias
@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_complete_rows, find_runs
-from mocap_id.dynamics.base_parameters import BaseSet, keep_all_parameters, regroup_columns
+from mocap_id.dynamics.base_parameters import BaseSet, regroup_columns
 from mocap_id.dynamics.priors import BodyPrior
 from mocap_id.dynamics.regressor import SEAT, ExternalWrench, PlanarMotion, move_chain, wrench_regressor
 
@@ -28,12 +28,11 @@ _COLUMNS = 8  # number of columns filtered at a time, to limit the memory
 
 @dataclass(frozen=True)
 class LowPass:
-    """Butterworth filter of order 2, run forwards and backwards.
+    """Butterworth filter of order 2, run forwards and backwards, which does not shift the phase.
 
-    It does not shift the phase. Its gain at the frequency f is 1 / (1 + (tan(πf/rate) / tan(π·cutoff/rate))⁴), which
-    multiplies the Fourier transform of each interval without gaps. The straight line through the ends of the interval
-    is subtracted first and added again at the end. The remainder is extended beyond both ends by its reflection with
-    the opposite sign.
+    Its gain at the frequency f is 1 / (1 + (tan(πf/rate) / tan(π·cutoff/rate))⁴), which multiplies the Fourier
+    transform of each interval without gaps. The straight line through the ends of the interval is subtracted first and
+    added again at the end. The remainder is extended beyond both ends by its reflection with the opposite sign.
     """
 
     cutoff: float  # cut-off frequency of a single pass, Hz
@@ -60,41 +59,41 @@ class LowPass:
         return np.asarray(1.0 / (1.0 + tangent**4))
 
     def __call__(self, signal: FloatArray) -> FloatArray:
-        """Filter each interval without gaps of a signal (T, ...) along the first axis.
+        """Return a signal (T, ...), filtered along the first axis in each interval without gaps.
 
-        A sample with any NaN counts as missing. The result (T, ...) is NaN in missing samples, and in intervals of at
-        most twice the filter's reach.
+        A sample with any NaN counts as missing. The result is NaN in missing samples, and in intervals of at most twice
+        the filter's reach.
         """
         flat = signal.reshape(len(signal), -1)
         moving = np.flatnonzero(np.any(flat != 0.0, axis=0))  # columns of zeros stay zeros
         out = np.zeros_like(flat)
         out[:] = np.nan
+        beyond = 2 * self.reach_samples
         for run in find_runs(find_complete_rows(flat)):
-            if run.stop - run.start > 2 * self.reach_samples:
-                out[run] = 0.0
-                for columns in (moving[c] for c in chunks(len(moving), _COLUMNS)):
-                    out[run, columns] = self._filter_interval(flat[run, columns])
+            count = run.stop - run.start
+            if count <= beyond:
+                continue
+            out[run] = 0.0
+            place = np.arange(count)[:, None] / (count - 1)
+            for columns in (moving[c] for c in chunks(len(moving), _COLUMNS)):
+                series = flat[run, columns]
+                line: FloatArray = (1.0 - place) * series[0] + place * series[-1]
+                rest = np.zeros((next_fast_len(count + 2 * beyond, real=True), series.shape[1]))
+                rest[:count] = series - line
+                rest[count : count + beyond] = -rest[count - beyond - 1 : count - 1][::-1]
+                rest[-beyond:] = -rest[beyond:0:-1]
+                gain = self.gain(np.asarray(np.fft.rfftfreq(len(rest)), dtype=np.float64))
+                line += irfft(gain[:, None] * rfft(rest, axis=0), len(rest), axis=0)[:count]
+                out[run, columns] = line
         return out.reshape(signal.shape)
-
-    def _filter_interval(self, signal: FloatArray) -> FloatArray:
-        """Return an interval (T, c) without gaps, filtered."""
-        count, beyond = len(signal), 2 * self.reach_samples
-        place = np.arange(count)[:, None] / (count - 1)
-        line: FloatArray = (1.0 - place) * signal[0] + place * signal[-1]
-        rest = np.zeros((next_fast_len(count + 2 * beyond, real=True), signal.shape[1]))
-        rest[:count] = signal - line
-        rest[count : count + beyond], rest[-beyond:] = -rest[count - beyond - 1 : count - 1][::-1], -rest[beyond:0:-1]
-        gain = self.gain(np.asarray(np.fft.rfftfreq(len(rest)), dtype=np.float64))
-        line += irfft(gain[:, None] * rfft(rest, axis=0), len(rest), axis=0)[:count]
-        return line
 
 
 def choose_cutoff(dq: FloatArray, rate: float) -> float:
     """Return the default cut-off, Hz: twice the frequency below which 99.9 % of the velocity's power lies.
 
-    ``dq`` (T, n) are the joint velocities, rad/s, of which the longest interval without gaps and the joint with the
-    highest frequency are used. The result is between 3 and 10 Hz, and at most a fifth of the rate. Velocities are used
-    instead of accelerations because noise dominates the spectrum of the accelerations.
+    The joint with the highest frequency and the longest interval without gaps of the joint velocities ``dq`` (T, n),
+    rad/s, are used. The result is between 3 and 10 Hz, and at most a fifth of the rate. Noise would dominate the
+    spectrum of accelerations.
     """
     longest = max(find_runs(find_complete_rows(dq)), key=lambda run: run.stop - run.start, default=slice(0, 0))
     signal = dq[longest]
@@ -109,9 +108,9 @@ def choose_cutoff(dq: FloatArray, rate: float) -> float:
 def undo_averaging(filtered: FloatArray, samples: float) -> FloatArray:
     """Return a filtered signal (T, c), corrected for the averaging of each sample over a time W of ``samples`` samples.
 
-    The mean of a smooth signal w over W is w + W²/24 · w'' plus a term in W⁴. The second derivative is computed from
-    the filtered signal, which contains little noise. If W is one sample, the correction is less than 2 % at frequencies
-    below a tenth of the rate. The ends of an interval without gaps are not changed.
+    The mean of a smooth signal w over W is w + W²/24 · w'' plus a term in W⁴. The second derivative is that of the
+    filtered signal. If W is one sample, the correction is below 2 % at frequencies below a tenth of the rate. The ends
+    of an interval do not change.
     """
     bend = np.zeros_like(filtered)
     bend[1:-1] = np.diff(filtered, 2, axis=0)
@@ -132,7 +131,7 @@ def blank_incomplete(wrench: FloatArray) -> FloatArray:
 
 
 def interpolate_samples(time: FloatArray, samples: IntArray, steps: IntArray, values: FloatArray) -> FloatArray:
-    """Interpolate values (t, n) of the samples ``steps`` (t,) to ``samples``; return (T, n), NaN in other samples."""
+    """Interpolate values (t, n) at ``steps`` (t,) to ``samples``; return (T, n), NaN in other samples."""
     out = np.full((len(time), values.shape[1]), np.nan)
     for column, series in enumerate(values.T):
         out[samples, column] = np.interp(time[samples], time[steps], series)
@@ -182,23 +181,12 @@ def profile_offset(
     """Return the clock offset δ, s, with the least residual of the fit, and whether it is at an end of the search.
 
     An offset at an end is not a minimum. The parameters are fitted again for every offset. This needs only one
-    projection, because the regressor does not depend on the offset. A coarse search over the whole range avoids local
-    minima; a bounded search refines its result.
+    projection, because the regressor does not depend on the offset. A coarse search over the whole range, ``limit`` s
+    in both directions, avoids local minima; a bounded search refines its result.
 
-    Parameters
-    ----------
-    regressor : (R, c, b) array
-        Filtered rows of the fit, with the columns of the nuisance parameters.
-    wrench : callable
-        Function from plate times (o, R) to the filtered wrench (o, R, c); defined within ``limit`` of every sample.
-    time : (R,) array
-        Camera times of the samples, s.
-    weights : (c,) array
-        Weight of each component's residual.
-    limit : float
-        Largest offset in both directions, s.
-    prior : ((p, b) array, (p,) array), optional
-        Rows and right-hand side of a prior of the parameters, both in standard deviations.
+    ``regressor`` (R, c, b) are the filtered rows of the fit at the camera times ``time`` (R,), s, with the columns of
+    the nuisance parameters; ``weights`` (c,) are those of the components. ``wrench`` gives the filtered wrench (o, R,
+    c) at plate times (o, R). ``prior`` are rows (p, b) and right-hand side (p,), in standard deviations.
     """
     weighted = (regressor * weights[:, None]).reshape(-1, regressor.shape[-1])
     more, aim = (np.zeros((0, weighted.shape[1])), np.zeros(0)) if prior is None else prior
@@ -294,25 +282,26 @@ class TrialData:
     @property
     def plates(self) -> FloatArray:
         """Sum (T, 3) of all wrenches that follow the clock of the plates."""
-        return self.wrench + self._sum(each for each in self.external if each.by_plates)
+        return self.wrench + self._sum(by_plates=True)
 
     @property
     def sensors(self) -> FloatArray:
         """Sum (T, 3) of the wrenches that follow the clock of the cameras; zeros if there are none."""
-        return self._sum(each for each in self.external if not each.by_plates)
+        return self._sum(by_plates=False)
 
     @property
     def elsewhere(self) -> FloatArray:
         """Sum (T, 3) of all wrenches except the ground's, without correction of the clock offset."""
-        return self._sum(self.external)
+        return self._sum()
 
     @property
     def surroundings(self) -> FloatArray:
         """Sum (T, 3) of all wrenches, without correction of the clock offset."""
         return self.wrench + self.elsewhere
 
-    def _sum(self, external: Iterable[ExternalWrench]) -> FloatArray:
-        return sum((each.wrench for each in external), np.zeros_like(self.wrench))
+    def _sum(self, by_plates: bool | None = None) -> FloatArray:
+        chosen = (each.wrench for each in self.external if by_plates is None or each.by_plates == by_plates)
+        return sum(chosen, np.zeros_like(self.wrench))
 
 
 @dataclass(frozen=True)
@@ -382,10 +371,7 @@ class PreparedTrial:
         return SampledWrench.of(self.recorded.time, blank_incomplete(self.recorded.wrench))
 
     def external(self, offset: float, filtered: bool = False) -> list[FloatArray]:
-        """Return every external wrench (T, 3) at the cameras' times, for a clock offset of the plates, s.
-
-        With ``filtered``, the wrenches are filtered like the regressor.
-        """
+        """Return every external wrench (T, 3) at the cameras' times, if wanted filtered like the regressor."""
         time = self.recorded.time
         wrenches = []
         for each in self.recorded.external:
@@ -416,11 +402,12 @@ def prepare(recorded: TrialData, settings: FitSettings, prior: BodyPrior | None 
         measured = recorded.measured is not None
         cutoff = min(MEASURED_CUTOFF, recorded.rate / 5) if measured else choose_cutoff(recorded.dq, recorded.rate)
     lowpass = LowPass(cutoff, recorded.rate)
+    columns = regressor.shape[-1]
     if prior is None:
         selected = regressor[moving][:: lowpass.step, list(settings.components), :]
-        base = regroup_columns(selected.reshape(-1, regressor.shape[-1]))
+        base = regroup_columns(selected.reshape(-1, columns))
     else:
-        base = keep_all_parameters(regressor.shape[-1])
+        base = BaseSet(np.arange(columns), np.eye(columns))
     wrench, sensors = blank_incomplete(recorded.plates), blank_incomplete(recorded.sensors)
     filtered_wrench = _filter_wrench(recorded, lowpass, wrench)
     observed = moving & recorded.observed & find_complete_rows(sensors)

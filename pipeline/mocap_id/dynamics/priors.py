@@ -75,22 +75,11 @@ def scale_reference(
     """Return the full parameters of a reference body as a chain of 4 or 5 segments.
 
     The segments are foot, shank, thigh and torso; with 4 joints the torso is divided into pelvis and trunk. The lengths
-    of shank, thigh and pelvis are taken from the chain; the lengths of foot and HAT follow from the height. The foot is
-    flat on the ground, with a quarter of its length behind the ankle. HAT is upright while the person stands.
-
-    Parameters
-    ----------
-    reference : ReferenceTable
-        Reference table of the person.
-    centres : (3, 2) or (4, 2) array
-        Centre of each joint in the frame of the segment before it, m. Segment frames have +Y towards the next joint.
-    height, mass : float
-        Height, m, and mass, kg, of the body.
-    facing : {-1, 1}
-        1 if the person faces +x of the plane frame, -1 if the person faces -x.
-    standing : (n,) array, optional
-        Angle of each segment's frame, except the base's, in the plane frame while the person stands, rad. By default,
-        the frames above the hip are upright.
+    of shank, thigh and pelvis are taken from the chain, whose joint centres (3, 2) or (4, 2), m, have segment frames
+    with +Y towards the next joint; the lengths of foot and HAT follow from the height, m. The foot is flat on the
+    ground, with a quarter of its length behind the ankle. The person faces +x of the plane frame if ``facing`` is 1,
+    and -x if it is -1. HAT is upright while the person stands: ``standing`` (n,) are the angles of the frames, except
+    the base's, in this posture, rad; by default, those above the hip are upright.
     """
     if len(centres) not in (3, 4):
         raise ValueError(f"a reference body has 3 or 4 joints; this chain has {len(centres)}")
@@ -102,20 +91,29 @@ def scale_reference(
         length = float(np.linalg.norm(end))
         links.append(_compute_moments(link.mass * mass, link.centre * end, link.gyration * length))
     hat, angles = reference.hat, np.zeros(len(centres)) if standing is None else standing
+
+    def rotate(parameters: FloatArray, angle: float) -> FloatArray:
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        return np.array([parameters[0], *(turn @ parameters[1:3]), parameters[3]])
+
     whole = _place_on_hip(hat, height, mass)
     if len(centres) == 3:
-        return np.concatenate([*links, _rotate(whole, -angles[2])])
+        return np.concatenate([*links, rotate(whole, -angles[2])])
     pelvis = _place_on_hip(reference.pelvis, height, mass)
-    lumbar = _build_rotation(angles[2]) @ centres[3]
-    trunk = _rotate(_shift(whole - pelvis, -lumbar), -angles[3])
-    return np.concatenate([*links, _rotate(pelvis, -angles[2]), trunk])
+    # the rest of HAT, with the joint within the trunk as the origin
+    c, s = np.cos(angles[2]), np.sin(angles[2])
+    shift = -(np.array([[c, -s], [s, c]]) @ centres[3])
+    rest = whole - pelvis
+    inertia = rest[3] + 2 * float(rest[1:3] @ shift) + rest[0] * float(shift @ shift)
+    trunk = np.array([rest[0], *(rest[1:3] + rest[0] * shift), inertia])
+    return np.concatenate([*links, rotate(pelvis, -angles[2]), rotate(trunk, -angles[3])])
 
 
 _HEEL = 0.25  # distance of the ankle from the heel, as a fraction of the foot's length
 
 
 def _build_winter() -> ReferenceTable:
-    """Return the table of Winter (2009, 4.1), with the pelvis's radius of gyration from de Leva's lower trunk."""
+    # Winter (2009), table 4.1, with the pelvis's radius of gyration from de Leva's lower trunk
     return ReferenceTable(
         "winter",
         foot=SegmentFractions(2 * 0.0145, 0.50, 0.475, 0.152),
@@ -232,23 +230,6 @@ def _place_on_hip(fractions: SegmentFractions, height: float, mass: float) -> Fl
     length = fractions.length * height
     centre = np.array([0.0, fractions.centre * length])
     return _compute_moments(fractions.mass * mass, centre, fractions.gyration * length)
-
-
-def _build_rotation(angle: float) -> FloatArray:
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-
-
-def _rotate(parameters: FloatArray, angle: float) -> FloatArray:
-    """Return the parameters of a body after a rotation about the origin."""
-    return np.array([parameters[0], *(_build_rotation(angle) @ parameters[1:3]), parameters[3]])
-
-
-def _shift(parameters: FloatArray, shift: FloatArray) -> FloatArray:
-    """Return the parameters of a body after a translation (2,), m."""
-    mass, first = parameters[0], parameters[1:3]
-    moved = first + mass * shift
-    inertia = parameters[3] + 2 * float(first @ shift) + mass * float(shift @ shift)
-    return np.array([mass, *moved, inertia])
 
 
 FOOT_MOMENT = 1
@@ -394,19 +375,11 @@ def build_even_prior(mass: float, centroid: FloatArray) -> BodyPrior:
 
 
 def split_torso(torso: FloatArray, angle: FloatArray, shift: FloatArray, mass: float) -> tuple[FloatArray, FloatArray]:
-    """Split a table's head, arms and trunk into the torso (4,) and the body (4,) of the markers on no segment.
+    """Split a table's head, arms and trunk (4,) into the torso (4,) and the body (4,) of the markers on no segment.
 
-    On average over the samples, the two bodies together equal the given body.
-
-    Parameters
-    ----------
-    torso : (4,) array
-        Parameters of head, arms and trunk together, in the torso's frame.
-    angle, shift : (T,) and (T, 2) arrays
-        Angle, rad, and origin, m, of the second body's frame in the torso's frame. The origin is the centroid of the
-        markers on no segment.
-    mass : float
-        Mass of the whole body, kg.
+    On average over the samples, the two bodies together equal the given body. ``angle`` (T,), rad, and ``shift`` (T,
+    2), m, are the pose of the second body's frame in the torso's frame; its origin is the centroid of the markers on no
+    segment. ``mass`` is that of the whole body, kg.
     """
     own = min(OTHERS_SHARE * mass, 0.5 * torso[0])
     others = np.array([own, 0.0, 0.0, own * _GYRATION**2])
@@ -436,13 +409,7 @@ def _compute_covariance(body: FloatArray, mass_sd: float, centre_sd: float, iner
     mass = max(float(body[0]), _BODY_PRIOR_LEAST)
     x, y = body[1:3] / mass
     own = max(float(body[3]) - mass * (x * x + y * y), mass * (0.2 * _GYRATION) ** 2)
-    gain = np.array(
-        [
-            [1.0, 0.0, 0.0, 0.0],
-            [x, mass, 0.0, 0.0],
-            [y, 0.0, mass, 0.0],
-            [x * x + y * y, 2 * mass * x, 2 * mass * y, 1.0],
-        ]
-    )
+    gain = np.diag([1.0, mass, mass, 1.0])
+    gain[1:, 0], gain[3, 1:3] = (x, y, x * x + y * y), (2 * mass * x, 2 * mass * y)
     sd = np.array([mass_sd * mass, centre_sd, centre_sd, inertia_sd * own])
     return np.asarray((gain * sd) @ (gain * sd).T)

@@ -8,48 +8,59 @@ base.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING
+from typing import Self
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry import Chain, link_motion, planar, se3, so3, spatial_jacobian
 
-if TYPE_CHECKING:
-    from mocap_id.dynamics.space.preparation import SpatialMotion
-
 
 @dataclass(frozen=True)
-class PlanarMotion:
-    """Poses of K bodies, their derivatives, and the n joints between them, in the plane frame."""
+class BodyMotion(ABC):
+    """Motion of K bodies and of the N coordinates of the joints between them, in the plane or in space."""
 
-    # angle, omega, alpha: (T, K) angle of each body's frame, rad, and its time derivatives
-    angle: FloatArray
+    # omega, alpha: angular velocity and acceleration, (T, K) in the plane, (T, K, 3) in space, rad/s and rad/s²
     omega: FloatArray
     alpha: FloatArray
-    # origin, acceleration: (T, K, 2) origin of each body's frame, m, and its acceleration without gravity, m/s²
+    # origin, acceleration: (T, K, 2) or (T, K, 3) origin of each body's frame, m, and its acceleration without gravity,
+    # m/s²
     origin: FloatArray
     acceleration: FloatArray
-    joint: FloatArray  # (T, n, 2) centres of the joints, m; NaN where both sides of a joint belong to one body
-    beyond: BoolArray  # (n, K) whether each body is distal to each joint
+    # (T, N, 2) or (T, N, 3) centre of each coordinate's joint, m; NaN where both sides of a joint belong to one body
+    joint: FloatArray
+    beyond: BoolArray  # (N, K) whether each body is distal to the joint of each coordinate
 
     @property
+    @abstractmethod
     def jacobian(self) -> FloatArray:
-        """Unit twists (p_y, -p_x, 1) of the joints (T, 3, n); times a wrench, they give moments about the joints."""
-        x, y = self.joint[..., 0], self.joint[..., 1]
-        return np.stack([y, -x, np.ones_like(x)], axis=1)
+        """Unit twists of the coordinates, (T, 3, N) or (T, 6, N): times a wrench, the moments about the joints."""
 
-    def at(self, samples: IntArray | slice) -> PlanarMotion:
+    def at(self, samples: IntArray | slice) -> Self:
         """Return the motion at some samples."""
         chosen = {each.name: getattr(self, each.name)[samples] for each in fields(self) if each.name != "beyond"}
         return replace(self, **chosen)
 
-    def scale(self, factor: float) -> PlanarMotion:
+    def scale(self, factor: float) -> Self:
         """Return the motion with all lengths multiplied by a factor."""
         return replace(
             self, origin=self.origin * factor, acceleration=self.acceleration * factor, joint=self.joint * factor
         )
+
+
+@dataclass(frozen=True)
+class PlanarMotion(BodyMotion):
+    """Motion of bodies in the plane frame."""
+
+    angle: FloatArray  # (T, K) angle of each body's frame, rad
+
+    @property
+    def jacobian(self) -> FloatArray:
+        """Unit twists (p_y, -p_x, 1) of the joints (T, 3, n)."""
+        x, y = self.joint[..., 0], self.joint[..., 1]
+        return np.stack([y, -x, np.ones_like(x)], axis=1)
 
     def tilt(self, angle: float) -> PlanarMotion:
         """Return the motion rotated about the origin of the plane frame by an angle, rad; gravity is not rotated."""
@@ -76,7 +87,7 @@ def move_chain(centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArr
     acceleration[:, 1:] = np.cumsum(steps, axis=1)
     joints = q.shape[1]
     beyond: BoolArray = np.arange(joints + 1) > np.arange(joints)[:, None]
-    return PlanarMotion(angle, omega, alpha, origin, acceleration, origin[:, 1:], beyond)
+    return PlanarMotion(omega, alpha, origin, acceleration, origin[:, 1:], beyond, angle)
 
 
 def point_acceleration(arm: FloatArray, omega: FloatArray, alpha: FloatArray) -> FloatArray:
@@ -109,10 +120,7 @@ def momentum_regressor(twist: FloatArray) -> FloatArray:
 
 
 def link_regressor(velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
-    """Return the regressor Y_i (..., 6, 10) of the wrench on one link, in the link frame (eq. 4.17, 4.18).
-
-    ``velocity`` and ``acceleration`` (..., 6) are the body velocity and its derivative, in the link frame.
-    """
+    """Return the regressor Y_i (..., 6, 10) of a link's wrench from its velocity and acceleration (eq. 4.17, 4.18)."""
     return momentum_regressor(acceleration) - np.swapaxes(se3.ad(velocity), -1, -2) @ momentum_regressor(velocity)
 
 
@@ -122,14 +130,8 @@ def spatial_regressor(
     """Return the regressor Y (..., 6, 10(n + 1)) of the ground's wrench on the whole chain (eq. 4.19-4.22).
 
     The product of Y with the full parameters, base first, is the wrench (F, τ) of the ground on the chain about the
-    origin of the world frame, in world axes.
-
-    Parameters
-    ----------
-    q, dq, ddq : (..., N) arrays
-        Coordinates of the joints and their time derivatives.
-    base_acceleration : (6,) array
-        Acceleration of the base; ``(g·up, 0)`` for gravity.
+    origin of the world frame, in world axes. ``q``, ``dq`` and ``ddq`` (..., N) are the joint coordinates and their
+    derivatives; ``base_acceleration`` (6,) is ``(g·up, 0)`` for gravity.
     """
     moving = link_motion(chain, q, dq, ddq, base_acceleration)
     return bodies_regressor(chain.poses(q), moving.velocity, moving.acceleration)
@@ -138,8 +140,8 @@ def spatial_regressor(
 def bodies_regressor(poses: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
     """Return the regressor (..., 6, 10K) of the wrench on K bodies about the origin of the world frame (eq. 4.19).
 
-    ``poses`` (..., K, 4, 4) are the poses of the bodies' frames in the world frame. ``velocity`` and ``acceleration``
-    (..., K, 6) are the body velocities and their time derivatives, in the bodies' frames.
+    ``poses`` (..., K, 4, 4) are those of the bodies' frames in the world frame; ``velocity`` and ``acceleration`` (...,
+    K, 6) are the body velocities and their time derivatives, in the bodies' frames.
     """
     to_world = np.swapaxes(se3.Ad(se3.inverse(poses)), -1, -2)  # (..., K, 6, 6)
     blocks = to_world @ link_regressor(velocity, acceleration)
@@ -147,32 +149,19 @@ def bodies_regressor(poses: FloatArray, velocity: FloatArray, acceleration: Floa
 
 
 def project_on_joints(jacobian: FloatArray, joint: IntArray, wrenches: FloatArray, segment: IntArray) -> FloatArray:
-    """Return the joint torques (..., N, P) due to wrenches on single segments, in space or in the plane.
+    """Return the joint torques (..., N, P) due to P wrenches (..., c, P) on single segments, in space or in the plane.
 
     The wrench through joint j is the sum of the wrenches on the segments beyond it. The product of this wrench with the
-    joint's spatial twist, a column of the spatial Jacobian (eq. 2.47), is the torque. The wrenches are columns of a
-    regressor or external wrenches (:mod:`mocap_id.dynamics.regressor`).
-
-    Parameters
-    ----------
-    jacobian : (..., c, N) array
-        Spatial Jacobian; c is 6 in space and 3 in the plane.
-    joint : (N,) int array
-        Joint, from 1, to which each coordinate belongs.
-    wrenches : (..., c, P) array
-        Wrenches about the origin of the world or plane frame, in the axes of this frame.
-    segment : (P,) int array
-        Segment, from 0, on which each wrench acts.
+    joint's spatial twist, a column of the spatial Jacobian (..., c, N) (eq. 2.47), is the torque. The wrenches are
+    columns of a regressor or external wrenches, about the frame's origin. ``segment`` (P,), from 0, is where each acts,
+    and ``joint`` (N,), from 1, is the joint of each coordinate.
     """
     torque = np.swapaxes(jacobian, -1, -2) @ wrenches
     return np.where(segment >= joint[:, None], torque, 0.0)
 
 
 def spatial_torque_regressor(chain: Chain, q: FloatArray, regressor: FloatArray) -> FloatArray:
-    """Return the regressor (..., N, 10(n + 1)) of the joint torques, given that of the wrench (..., 6, 10(n + 1)).
-
-    ``q`` (..., N) are the coordinates; ``regressor`` is the result of :func:`spatial_regressor`.
-    """
+    """Return the regressor (..., N, 10(n + 1)) of the joint torques, given that of the wrench (..., 6, 10(n + 1))."""
     segment = np.repeat(np.arange(len(chain.joints) + 1), len(LINK_PARAMETERS))
     return project_on_joints(spatial_jacobian(chain, q), number_joints(chain), regressor, segment)
 
@@ -201,11 +190,10 @@ def wrench_regressor(motion: PlanarMotion, gravity: float = 9.81) -> FloatArray:
     return np.moveaxis(blocks, 1, 2).reshape(len(motion.angle), 3, -1)
 
 
-def torque_regressor(motion: PlanarMotion | SpatialMotion, regressor: FloatArray) -> FloatArray:
+def torque_regressor(motion: BodyMotion, regressor: FloatArray) -> FloatArray:
     """Return the regressor (T, N, p K) of the joint torques, given that of the wrench (T, c, p K) on K bodies.
 
-    A body has p parameters. A row gives the moment about a joint of the wrench on the bodies beyond it, N·m; NaN where
-    a joint has no centre.
+    A row gives the moment about a joint of the wrench on the bodies beyond it, N·m; NaN where a joint has no centre.
     """
     torque = np.swapaxes(motion.jacobian, -1, -2) @ regressor
     distal = np.repeat(motion.beyond, regressor.shape[-1] // motion.beyond.shape[1], axis=1)
@@ -218,22 +206,16 @@ def planar_regressor(
     """Return the regressor (T, 3, 4(n + 1)) of the ground's wrench on a planar chain, with the segments base first.
 
     It equals :func:`spatial_regressor` for the same chain and is eighty times faster; a test compares the two.
-
-    Parameters
-    ----------
-    centres : (n, 2) or (T, n, 2) array
-        Centre of joint j in the frame of segment j - 1, m.
-    gravity : float
-        Gravitational acceleration along -y, m/s².
+    ``centres`` (n, 2) or (T, n, 2) are as for :func:`move_chain`; gravity, m/s², is along -y.
     """
     return wrench_regressor(move_chain(centres, q, dq, ddq), gravity)
 
 
 def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: FloatArray) -> FloatArray:
-    """Return the regressor (T, n, 4(n + 1)) of the joint torques of a planar chain, given that of the wrench.
+    """Return the regressor (T, n, 4(n + 1)) of the joint torques of a planar chain, given :func:`planar_regressor`.
 
     tau_j is the torque of segment j - 1 on segment j, N·m: the moment about joint j of the wrench on the segments
-    beyond it. ``centres`` and ``q`` are the arguments of :func:`planar_regressor`, and ``regressor`` is its result.
+    beyond it.
     """
     joints = np.arange(q.shape[1] + 1)
     jacobian = planar.spatial_jacobian(q, centres)
@@ -246,39 +228,20 @@ def _cross_product(a: FloatArray, b: FloatArray) -> FloatArray:
     return product
 
 
-@dataclass(frozen=True)
-class CompositeInertia:
-    """Derivatives with respect to the joint accelerations."""
-
-    # (T, 3, n) derivatives of (Fx, Fy, tauz) of the ground about the origin of the plane frame, N and N·m per rad/s²
-    wrench: FloatArray
-    torque: FloatArray  # (T, n, n) derivatives of the joint torques: the mass matrix, kg·m²
-
-
 def composite_inertia(
     q: FloatArray, centres: FloatArray, mass: FloatArray, first: FloatArray, second: FloatArray
-) -> CompositeInertia:
-    """Return the wrench and torques for a unit acceleration of each joint, in every posture; NaN for missing angles.
+) -> tuple[FloatArray, FloatArray]:
+    """Return the derivatives of the ground's wrench (T, 3, n) and of the torques (T, n, n) by the joint accelerations.
 
-    Parameters
-    ----------
-    q : (T, n) array
-        Joint angles, rad; NaN where missing.
-    mass : (n + 1,) array
-        Mass of every segment, base first, kg. The mass of the base has no effect, because no joint moves the base.
-    first : (n + 1, 2) array
-        First moments in the frame of each segment, kg·m.
-    second : (n + 1,) array
-        Moments of inertia about the origin of each segment's frame, kg·m².
+    They are the wrench (Fx, Fy, tauz) about the origin of the plane frame and the torques for a unit acceleration of
+    each joint, N and N·m per rad/s²; the derivative of the torques is the mass matrix, kg·m². ``mass`` (n + 1,), kg,
+    ``first`` (n + 1, 2) moments, kg·m, and ``second`` (n + 1,) moments, kg·m², are about the origins of the segments'
+    frames, base first; no joint moves the base. Missing angles give NaN.
     """
     size, joints = q.shape
     angle, origin = planar.segment_poses(q, centres)
     wrench, torque = np.empty((size, 3, joints)), np.empty((size, joints, joints))
-    total, moment, spread = (
-        0.0,
-        np.zeros((size, 2)),
-        np.zeros(size),
-    )  # mass and moments of all segments beyond the joint
+    total, moment, spread = 0.0, np.zeros((size, 2)), np.zeros(size)  # of all segments beyond the joint
     step = np.zeros((size, 2))
     for k in range(joints, 0, -1):
         spread = second[k] + spread + _dot(2.0 * moment + total * step, step)
@@ -290,7 +253,7 @@ def composite_inertia(
             torque[:, j - 1, k - 1] = spread + _dot(moment, origin[:, k] - origin[:, j])
             torque[:, k - 1, j - 1] = torque[:, j - 1, k - 1]
         step = origin[:, k] - origin[:, k - 1]
-    return CompositeInertia(wrench, torque)
+    return wrench, torque
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -321,15 +284,6 @@ def sum_external(
 ) -> tuple[FloatArray, FloatArray]:
     """Return how much external wrenches reduce the ground's wrench (..., c) and the joint torques (..., N).
 
-    ``wrenches`` (..., c, K) are about the origin and act on ``segment`` (K,). ``jacobian`` and ``joint`` are as for
-    :func:`mocap_id.dynamics.regressor.project_on_joints`.
+    ``wrenches`` (..., c, K) are about the origin and act on ``segment`` (K,); see :func:`project_on_joints`.
     """
     return wrenches.sum(axis=-1), project_on_joints(jacobian, joint, wrenches, segment).sum(axis=-1)
-
-
-def stack_wrenches(
-    external: tuple[ExternalWrench, ...], wrenches: list[FloatArray], samples: int
-) -> tuple[FloatArray, IntArray]:
-    """Return wrenches (T, 3, K) and segments (K,) as arguments of :func:`sum_external`; K may be 0."""
-    segment = np.array([each.segment for each in external], dtype=np.int64)
-    return np.stack(wrenches, axis=-1) if wrenches else np.zeros((samples, 3, 0)), segment

@@ -26,12 +26,8 @@ from mocap_id.dynamics.preparation import LowPass, PreparedTrial, erode
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, wrench_regressor
 
 _FOOT = (1, 0.003)  # column of the full parameters, and standard deviation, m
-_SEGMENTS = (
-    (5, 0.0056, 1),
-    (6, 0.007, 1),
-    (9, 0.0064, 2),
-    (10, 0.022, 2),
-)  # column, standard deviation relative to the segment's length, and joint at the segment's end
+# column, standard deviation relative to the segment's length, and joint at the segment's end
+_SEGMENTS = ((5, 0.0056, 1), (6, 0.007, 1), (9, 0.0064, 2), (10, 0.022, 2))
 
 
 @dataclass(frozen=True)
@@ -53,19 +49,12 @@ def find_body_ratios(
     *,
     chain: tuple[FloatArray, FloatArray] | None = None,
 ) -> BodyRatios:
-    """Return the relations between the parameters of a person.
+    """Return the relations between the parameters of a person with the identified ``mass``, kg.
 
-    Parameters
-    ----------
-    reference : (4(n + 1),) array
-        Full parameters of a reference table on the chain, which give the ratios.
-    mass : float
-        Identified mass, kg.
-    calibration : PlanarCalibration
-        Errors of the instruments, and the mass from a scale if the person was weighed.
-    chain : ((4(n + 1), p) array, (4(n + 1),) array), optional
-        Matrix and constant that map the fitted parameters to full parameters of the chain; by default, the base
-        parameters are fitted.
+    ``reference`` (4(n + 1),) are full parameters of a reference table on the chain, which give the ratios.
+    ``calibration`` contains the errors of the instruments, and the mass from a scale if the person was weighed.
+    ``chain``, a matrix (4(n + 1), p) and a constant (4(n + 1),), maps the fitted parameters to full parameters of the
+    chain; by default, the base parameters are fitted.
     """
     usual, place = base.regrouping @ reference, {int(column): i for i, column in enumerate(base.kept)}
     matrix, constant = np.eye(len(base.kept)), np.zeros(len(base.kept))
@@ -219,77 +208,101 @@ def check_scales(
     The result is None if there are too few usable samples, or if the pinned chain does not describe the person.
     ``ratios`` are the relations between the parameters of any person.
     """
-    problem = _build_problem(prepared, gate, result, ratios)
-    if problem is None or (problem.pinned and not problem.followed):
+    recorded, kept, base = prepared.recorded, prepared.base.kept, result.base
+    pinned, gravity = prepared.prior is None, prepared.settings.gravity
+
+    # filtered and thinned samples
+    step = max(1, int(recorded.rate / _THINNED))
+    lowpass = LowPass(_CUTOFF if pinned else _POSES_CUTOFF, recorded.rate / step)
+    clean = LowPass(min(_CLEAN, recorded.rate / 5), recorded.rate)
+    measured = lowpass(clean(prepared.measured(result.fit.offset))[::step])
+    motion, plain = prepared.motion.at(slice(None, None, step)), prepared.regressor[::step]
+    model = lowpass(plain[:, :, kept])
+    usable = erode(find_complete_rows(model) & find_complete_rows(measured) & gate[::step], lowpass.reach_samples)
+    rows = np.flatnonzero(usable)[::_EVERY]
+    rows = rows[skip_long_rests(recorded.dq[::step][rows])]
+    if len(rows) * _EVERY < _SECONDS * lowpass.rate:
         return None
-    share = 0.0 if problem.pinned else 1.0
-    held, start = problem.solve(None)[0], result.base
-    causes = {}
-    for name, size in CAUSES.items():
-        if name == "gain" and not ratios.weighed:
-            continue
-        cost, value, sd = problem.solve(name, start)
-        limit = float(_SURE * np.hypot(sd, share * size.spread))
-        causes[name] = ScaleCause(value, sd, max(held - cost, 0.0), limit)
+    model, target, components, samples = model[rows], measured[rows], list(prepared.settings.components), rows * step
 
-    # the significant cause that explains most is first, then come causes that explain almost as much
-    order = sorted(causes, key=lambda name: -causes[name].explains)
-    significant = (n for n in order if causes[n].explains > _SEEN and abs(causes[n].value) > causes[n].limit)
-    best = next(significant, None)
-    if best is None:
-        return ScaleCheck(causes, ())
-    near = (n for n in order if n != best and causes[best].explains - causes[n].explains <= _SEEN)
-    return ScaleCheck(causes, (best, *near))
+    # Derivatives with respect to the causes: of the model's columns (R, 3, b), or of the plate's wrench (R, 3). That
+    # for a common gain is zero, because it changes only the parameters; a known mass shows it.
+    moved = {
+        "inertia": wrench_regressor(motion, 0.0),
+        "lengths": (plain - wrench_regressor(motion.scale(1 + _STEP), gravity)) / _STEP,
+        "tilt": (plain - wrench_regressor(motion.tilt(_STEP), gravity)) / _STEP,
+    }
+    of_model = {name: lowpass(each[:, :, kept])[rows] for name, each in moved.items()}
+    names = ("moments", "vertical gain", "vertical force", "position", "gain")
+    of_data = {name: np.zeros_like(target) for name in names}
+    of_data["moments"][:, 2] = target[:, 2]
+    of_data["vertical gain"][:, 1] = target[:, 1]
+    of_data["vertical force"][:, 1] = 1.0
+    of_data["position"][:, 2] = target[:, 1]
 
+    # nuisance columns (R, 3, k): a constant error of Fx, the clock offset, and modes of the geometry's error
+    extra = np.zeros((len(rows), 3, 2))
+    extra[:, 0, 0] = 1.0
+    extra[:, :, 1] = np.gradient(measured, step / recorded.rate, axis=0)[rows]
+    if not (prepared.settings.plate_bias and 0 in components):
+        extra = extra[:, :, 1:]
+    columns = np.concatenate([model, extra], axis=-1)
+    weights = _estimate_weights(columns, target, recorded.time[samples], prepared)
+    every = np.stack([*(each @ base for each in of_model.values()), *of_data.values()], axis=-1)
+    residual = _compute_residual(np.concatenate([columns, every], axis=-1), target, weights, prepared)
+    if pinned and not np.all(np.sqrt(np.mean(residual[:, :2] ** 2, axis=0)) < _FOLLOWED):
+        return None
+    scaled, effect = weights[:, None], propagate_to_wrench(prepared, base, result.error, samples)
+    if effect.shape[-1]:  # fewer modes with nearly the same covariance
+        weighted = effect * scaled
+        flat = weighted.reshape(-1, effect.shape[-1])
+        values, vectors = np.linalg.eigh(flat.T @ flat)
+        effect = (flat @ vectors[:, values > _LEAST_MODE]).reshape(*effect.shape[:2], -1) / scaled
+    nuisance, modes = np.concatenate([extra, -effect], axis=-1), effect.shape[-1]
 
-@dataclass(frozen=True)
-class _Problem:
-    """Weighted rows of the check: columns of the model (R, c, b), of nuisances (R, c, k) and of every cause.
+    # the ratios, and before them the trial's own prior if it has one
+    of_causes = np.zeros((len(ratios.rows), len(CAUSES)))
+    for name, column in ratios.by_cause.items():
+        of_causes[:, list(CAUSES).index(name)] = column
+    between = np.zeros((len(ratios.rows), nuisance.shape[-1]))
+    prior, prior_target = np.concatenate([ratios.rows, between, of_causes], axis=1), ratios.target
+    if prepared.prior is not None:
+        own_rows, own_aim = prepared.prior.rows(len(kept) + nuisance.shape[-1] + len(CAUSES))
+        prior, prior_target = np.concatenate([own_rows, prior]), np.concatenate([own_aim, prior_target])
 
-    ``of_model`` has the derivatives (R, c, b) of the model's columns with respect to a cause, ``of_data`` the columns
-    (R, c) of the other causes.
-    """
+    # everything weighted, for the components that are fitted
+    model, nuisance = (model * scaled)[:, components], (nuisance * scaled)[:, components]
+    of_model = {name: (each * scaled)[:, components] for name, each in of_model.items()}
+    of_data = {name: (each * weights)[:, components] for name, each in of_data.items()}
+    target = (target * weights)[:, components]
 
-    model: FloatArray
-    nuisance: FloatArray
-    modes: int
-    of_model: dict[str, FloatArray]
-    of_data: dict[str, FloatArray]
-    target: FloatArray
-    prior: FloatArray
-    prior_target: FloatArray
-    start: FloatArray
-    pinned: bool
-    followed: bool
-
-    def solve(self, free: str | None, start: FloatArray | None = None) -> tuple[float, float, float]:
+    def solve(free: str | None) -> tuple[float, float, float]:
         """Return the cost, and the estimate of one free cause with its standard deviation; 0 and 0 if none is free.
 
         The model is bilinear and is solved by Gauss-Newton steps.
         """
         # columns whose expected value is zero, modes of the geometry's error and causes, and rows that keep them near
-        first = self.model.shape[-1] + self.nuisance.shape[-1] - self.modes
-        zero = np.arange(first, first + self.modes + len(CAUSES))
+        first = model.shape[-1] + nuisance.shape[-1] - modes
+        zero = np.arange(first, first + modes + len(CAUSES))
         limits = np.zeros((len(zero), zero[-1] + 1))
         held = [size.free if name == free else size.held for name, size in CAUSES.items()]
-        limits[np.arange(len(zero)), zero] = np.concatenate([np.ones(self.modes), 1.0 / np.array(held)])
-        base = self.start if start is None else start
-        value = dict.fromkeys(CAUSES, 0.0)
+        limits[np.arange(len(zero)), zero] = np.concatenate([np.ones(modes), 1.0 / np.array(held)])
+        parameters, value = base, dict.fromkeys(CAUSES, 0.0)
         solution, previous = (np.inf, 0.0, np.inf), np.inf
         for _ in range(_ROUNDS):
-            model = self.model + sum(value[name] * self.of_model[name] for name in _OF_MODEL)
-            own = {name: self.of_model[name] @ base for name in _OF_MODEL}
+            changed = model + sum(value[name] * of_model[name] for name in _OF_MODEL)
+            own = {name: of_model[name] @ parameters for name in _OF_MODEL}
             known_part = sum(value[name] * own[name] for name in _OF_MODEL)
-            columns = np.stack([(own | self.of_data)[name] for name in CAUSES], axis=-1)
-            rows = np.concatenate([model, self.nuisance, columns], axis=-1)
-            flat = np.concatenate([rows.reshape(-1, rows.shape[-1]), self.prior, limits])
-            aim = np.concatenate([(self.target + known_part).reshape(-1), self.prior_target, np.zeros(len(zero))])
+            causes = np.stack([(own | of_data)[name] for name in CAUSES], axis=-1)
+            together = np.concatenate([changed, nuisance, causes], axis=-1)
+            flat = np.concatenate([together.reshape(-1, together.shape[-1]), prior, limits])
+            aim = np.concatenate([(target + known_part).reshape(-1), prior_target, np.zeros(len(zero))])
             scale = np.linalg.norm(flat, axis=0)
             normal = (flat / scale).T @ (flat / scale)
             inverse = np.linalg.inv(normal)
             x = inverse @ ((flat / scale).T @ aim) / scale
             cost = float(np.sum((aim - flat @ x) ** 2))
-            base = x[: model.shape[-1]]
+            parameters = x[: model.shape[-1]]
             value = dict(zip(CAUSES, x[-len(CAUSES) :].tolist(), strict=True))
             solution = (cost, 0.0, 0.0)
             if free is not None:
@@ -300,83 +313,23 @@ class _Problem:
             previous = cost
         return solution
 
+    # all causes are kept near zero, then one after the other is free
+    held, found = solve(None)[0], {}
+    for name, size in CAUSES.items():
+        if name == "gain" and not ratios.weighed:
+            continue
+        cost, value, sd = solve(name)
+        limit = float(_SURE * np.hypot(sd, (0.0 if pinned else 1.0) * size.spread))
+        found[name] = ScaleCause(value, sd, max(held - cost, 0.0), limit)
 
-def _build_problem(
-    prepared: PreparedTrial, gate: BoolArray, result: Identification, ratios: BodyRatios
-) -> _Problem | None:
-    """Return the problem, with filtered and thinned samples; None if there are too few."""
-    recorded, kept, base = prepared.recorded, prepared.base.kept, result.base
-    step = max(1, int(recorded.rate / _THINNED))
-    lowpass = LowPass(_CUTOFF if prepared.prior is None else _POSES_CUTOFF, recorded.rate / step)
-    clean = LowPass(min(_CLEAN, recorded.rate / 5), recorded.rate)
-    measured = lowpass(clean(prepared.measured(result.fit.offset))[::step])
-    motion, gravity = prepared.motion.at(slice(None, None, step)), prepared.settings.gravity
-    plain = prepared.regressor[::step]
-    moved = {
-        "inertia": wrench_regressor(motion, 0.0),
-        "lengths": (plain - wrench_regressor(motion.scale(1 + _STEP), gravity)) / _STEP,
-        "tilt": (plain - wrench_regressor(motion.tilt(_STEP), gravity)) / _STEP,
-    }
-    model = lowpass(plain[:, :, kept])
-    usable = erode(find_complete_rows(model) & find_complete_rows(measured) & gate[::step], lowpass.reach_samples)
-    rows = np.flatnonzero(usable)[::_EVERY]
-    rows = rows[skip_long_rests(recorded.dq[::step][rows])]
-    if len(rows) * _EVERY < _SECONDS * lowpass.rate:
-        return None
-    components, samples = list(prepared.settings.components), rows * step
-    target, time = measured[rows], recorded.time[samples]
-    extra = np.zeros((len(rows), 3, 2))
-    extra[:, 0, 0] = 1.0
-    extra[:, :, 1] = np.gradient(measured, step / recorded.rate, axis=0)[rows]
-    if not (prepared.settings.plate_bias and 0 in components):
-        extra = extra[:, :, 1:]
-    of_model = {name: lowpass(each[:, :, kept])[rows] for name, each in moved.items()}
-    effect = propagate_to_wrench(prepared, base, result.error, samples)
-    columns = np.concatenate([model[rows], extra], axis=-1)
-    weights = _estimate_weights(columns, target, time, prepared)
-    every = np.stack([*(each @ base for each in of_model.values()), *_build_plate_columns(target).values()], axis=-1)
-    residual = _compute_residual(np.concatenate([columns, every], axis=-1), target, weights, prepared)
-    scaled = weights[:, None]
-    if effect.shape[-1]:  # fewer modes with nearly the same covariance
-        weighted = effect * scaled
-        flat = weighted.reshape(-1, effect.shape[-1])
-        values, vectors = np.linalg.eigh(flat.T @ flat)
-        effect = (flat @ vectors[:, values > _LEAST_MODE]).reshape(*effect.shape[:2], -1) / scaled
-    own, rms = np.concatenate([extra, -effect], axis=-1), np.sqrt(np.mean(residual[:, :2] ** 2, axis=0))
-
-    # the ratios, and before them the trial's own prior if it has one
-    of_causes = np.zeros((len(ratios.rows), len(CAUSES)))
-    for name, column in ratios.by_cause.items():
-        of_causes[:, list(CAUSES).index(name)] = column
-    between = np.zeros((len(ratios.rows), own.shape[-1]))
-    prior, prior_target = np.concatenate([ratios.rows, between, of_causes], axis=1), ratios.target
-    if prepared.prior is not None:
-        own_rows, own_aim = prepared.prior.rows(len(kept) + own.shape[-1] + len(CAUSES))
-        prior, prior_target = np.concatenate([own_rows, prior]), np.concatenate([own_aim, prior_target])
-    return _Problem(
-        model=(model[rows] * scaled)[:, components],
-        nuisance=(own * scaled)[:, components],
-        modes=effect.shape[-1],
-        of_model={name: (each * scaled)[:, components] for name, each in of_model.items()},
-        of_data={name: (each * weights)[:, components] for name, each in _build_plate_columns(target).items()},
-        target=(target * weights)[:, components],
-        prior=prior,
-        prior_target=prior_target,
-        start=base,
-        pinned=prepared.prior is None,
-        followed=bool(np.all(rms < _FOLLOWED)),
-    )
-
-
-def _build_plate_columns(target: FloatArray) -> dict[str, FloatArray]:
-    """Return the columns (R, 3) of the plate's errors."""
-    names = ("moments", "vertical gain", "vertical force", "position", "gain")
-    columns = {name: np.zeros_like(target) for name in names}
-    columns["moments"][:, 2] = target[:, 2]
-    columns["vertical gain"][:, 1] = target[:, 1]
-    columns["vertical force"][:, 1] = 1.0
-    columns["position"][:, 2] = target[:, 1]
-    return columns  # the column of a common gain is zero, because it changes only the parameters; a known mass shows it
+    # the significant cause that explains most is first, then come causes that explain almost as much
+    order = sorted(found, key=lambda name: -found[name].explains)
+    significant = (n for n in order if found[n].explains > _SEEN and abs(found[n].value) > found[n].limit)
+    best = next(significant, None)
+    if best is None:
+        return ScaleCheck(found, ())
+    near = (n for n in order if n != best and found[best].explains - found[n].explains <= _SEEN)
+    return ScaleCheck(found, (best, *near))
 
 
 def _compute_residual(

@@ -30,7 +30,7 @@ from mocap_id.design.proposal import (
     find_resting_posture,
 )
 from mocap_id.dynamics.base_parameters import base_names, list_base_units
-from mocap_id.dynamics.built_in_sensors import WrenchNoise, predict_with_sensor
+from mocap_id.dynamics.built_in_sensors import predict_with_sensor
 from mocap_id.dynamics.cautions import classify
 from mocap_id.dynamics.instrument_errors import KinematicError
 from mocap_id.errors import ConfigError, RecordingError
@@ -143,7 +143,7 @@ def advise_movement(
     # The same movement with a typical wrench sensor before the last segment, unless the trial has it, or a prior.
     covariance = None
     if prepared.prior is None and not any(each.segment == len(centres) for each in prepared.recorded.built_in):
-        covariance = predict_with_sensor(model, prepared, movement.free, len(centres), WrenchNoise())
+        covariance = predict_with_sensor(model, prepared, movement.free, len(centres))
     return Advice(
         trial=identified.name,
         joints=joints,

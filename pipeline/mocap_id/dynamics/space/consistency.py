@@ -89,7 +89,6 @@ class SemidefiniteBodies:
 
     @property
     def segments(self) -> int:
-        """Number of segments K."""
         return int(self.mapping.shape[1] // 10)
 
     @property
@@ -115,7 +114,6 @@ class SemidefiniteBodies:
         return max(0.0, -least) / max(self.mass(body), 1e-300)
 
     def mass(self, body: FloatArray) -> float:
-        """Return the total mass, kg."""
         return float(np.abs(body[::10]).sum())
 
     def settle(self, body: FloatArray) -> FloatArray:
@@ -150,42 +148,16 @@ class SemidefiniteSolution:
 def fit_semidefinite(problem: CompressedProblem, mapping: FloatArray) -> SemidefiniteSolution:
     """Minimise ‖R [M φ; c] - d‖² over possible bodies φ and free parameters c.
 
-    Parameters
-    ----------
-    problem : CompressedProblem
-        Problem of b + k columns.
-    mapping : (b, 10K) array
-        Matrix M, from full parameters to the first b parameters of the problem.
-
-    Raises
-    ------
-    NumericalError
-        Clarabel's solution is not close enough to the least cost.
+    The problem has b + k columns, and M is ``mapping`` (b, 10K), from full parameters to the first b parameters.
+    NumericalError is raised if Clarabel's solution is not close enough to the least cost.
     """
     small, bodies = problem.eliminate_others(len(mapping)), SemidefiniteBodies(mapping)
-    answer = _solve(small, bodies)
-    if not answer.optimality.excess <= _TOLERABLE:
-        raise NumericalError(
-            f"the fit of physically consistent parameters did not converge: the solver Clarabel reports "
-            f"{answer.status!r}, and the cost may be {answer.optimality.excess:.1e} above the least cost (limit "
-            f"{_TOLERABLE:.0e}). Check the chain for two joints at the same position, or for wrong units"
-        )
-    free = problem.cost(problem.free_solution())
-    return SemidefiniteSolution(
-        parameters=problem.complete(mapping @ answer.body),
-        full=_spread_masses(bodies, answer.body),
-        answer=answer,
-        price=max(answer.cost - free, 0.0) / problem.floor(free),
-    )
-
-
-def _solve(problem: CompressedProblem, bodies: SemidefiniteBodies) -> SolverAnswer:
-    """Return the best solution of several rounds; each round corrects the best solution so far."""
     units, (sides, cones) = bodies.units, bodies.sides()
-    rows = problem.factor @ (bodies.mapping * units)
-    body, best, iterations = np.zeros(len(units)), None, 0
+    # several rounds; each corrects the best solution so far
+    rows = small.factor @ (mapping * units)
+    body, answer, iterations = np.zeros(len(units)), None, 0
     for accuracy in _ACCURACY:
-        rest = problem.target - problem.factor @ bodies.mapping @ body
+        rest = small.target - small.factor @ mapping @ body
         size = max(float(np.linalg.norm(rest)), 1e-200)
         step, status, used = solve_cones(
             quadratic=sparse.csc_matrix(rows.T @ rows / size**2),
@@ -198,26 +170,34 @@ def _solve(problem: CompressedProblem, bodies: SemidefiniteBodies) -> SolverAnsw
         )
         iterations += used
         moved = bodies.settle(body + step * units)
-        optimality = check_optimality(problem, bodies, moved)
-        cost = problem.cost(bodies.mapping @ moved)
-        answer = SolverAnswer("clarabel", moved, cost, optimality, status, iterations)
-        if best is None or optimality.excess < best.optimality.excess:
-            best = answer
-        if best.optimality.excess <= PROVEN:
+        optimality = check_optimality(small, bodies, moved)
+        if answer is None or optimality.excess < answer.optimality.excess:
+            answer = SolverAnswer("clarabel", moved, small.cost(mapping @ moved), optimality, status, iterations)
+        if answer.optimality.excess <= PROVEN:
             break
-        body = best.body if np.isfinite(best.body).all() else np.zeros(len(units))
-    assert best is not None
-    return best
-
-
-def _spread_masses(bodies: SemidefiniteBodies, body: FloatArray) -> FloatArray:
-    """Return the body with the same base parameters that is closest to equal masses at the joints."""
-    share = bodies.mass(body) / bodies.segments
+        body = answer.body if np.isfinite(answer.body).all() else np.zeros(len(units))
+    assert answer is not None
+    if not answer.optimality.excess <= _TOLERABLE:
+        raise NumericalError(
+            f"the fit of physically consistent parameters did not converge: the solver Clarabel reports "
+            f"{answer.status!r}, and the cost may be {answer.optimality.excess:.1e} above the least cost (limit "
+            f"{_TOLERABLE:.0e}). Check the chain for two joints at the same position, or for wrong units"
+        )
+    # the body with the same base parameters that is closest to equal masses at the joints
+    share = bodies.mass(answer.body) / bodies.segments
     sphere = np.array([1.0, 0.0, 0.0, 0.0, *[2 / 3 * _SPREAD**2] * 3, 0.0, 0.0, 0.0])
-    aim, scale = np.tile(share * sphere, bodies.segments), share * bodies.units
-    directions = null_space(bodies.mapping * bodies.units, rcond=_DEPENDENT) * bodies.units[:, None]
-    moved = body + directions @ find_closest_step(bodies, body, directions, (aim - body) / scale, scale)
-    return moved if np.isfinite(moved).all() and bodies.measure_violation(moved) <= _ROUNDING else body
+    aim, scale = np.tile(share * sphere, bodies.segments), share * units
+    directions = null_space(mapping * units, rcond=_DEPENDENT) * units[:, None]
+    distance = (aim - answer.body) / scale
+    full = answer.body + directions @ find_closest_step(bodies, answer.body, directions, distance, scale)
+    possible = np.isfinite(full).all() and bodies.measure_violation(full) <= _ROUNDING
+    free = problem.cost(problem.free_solution())
+    return SemidefiniteSolution(
+        parameters=problem.complete(mapping @ answer.body),
+        full=full if possible else answer.body,
+        answer=answer,
+        price=max(answer.cost - free, 0.0) / problem.floor(free),
+    )
 
 
 def _scale_inertia(links: FloatArray) -> FloatArray:

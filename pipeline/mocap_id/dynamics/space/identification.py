@@ -15,8 +15,14 @@ from mocap_id.dynamics.least_squares import unit_covariance, variance
 from mocap_id.dynamics.preparation import interpolate_samples
 from mocap_id.dynamics.regressor import torque_regressor
 from mocap_id.dynamics.space.consistency import SemidefiniteSolution, fit_semidefinite
-from mocap_id.dynamics.space.instrument_errors import ErrorMode, SpatialCalibration, propagate_errors, sum_modes
-from mocap_id.dynamics.space.preparation import SpatialMotion, SpatialTrial, move_segments, segment_regressor
+from mocap_id.dynamics.space.instrument_errors import ErrorMode, SpatialCalibration, propagate_errors
+from mocap_id.dynamics.space.preparation import (
+    SpatialMotion,
+    SpatialTrial,
+    move_segments,
+    segment_regressor,
+    shift_wrench,
+)
 
 _LEAST_LEVER = 0.05  # m: least size of the base's first moments, divided by the mass
 
@@ -53,25 +59,17 @@ class SpatialIdentification:
 def identify_parameters_in_space(
     trial: SpatialTrial, gate: BoolArray, calibration: SpatialCalibration
 ) -> SpatialIdentification:
-    """Identify the parameters on the gated samples (eq. 4.24-4.26).
+    """Identify the parameters on the gated samples (eq. 4.24-4.26), in which only the plate carries the body.
 
-    Parameters
-    ----------
-    gate : (T,) bool array
-        True for samples in which only the plate carries the body.
-    calibration : SpatialCalibration
-        Standard deviations of the instruments' errors.
-
-    Raises
-    ------
-    NumericalError
-        The constrained least squares did not converge.
+    ``calibration`` are the standard deviations of the instruments' errors. NumericalError is raised if the constrained
+    least squares do not converge.
     """
     result = fit(trial, gate)
     solution = fit_semidefinite(result.problem, trial.structure.mapping)
     base = solution.parameters[: result.base]
     modes = propagate_errors(trial, result, base, calibration)
-    covariance = result.covariance + sum_modes(modes, len(result.covariance))
+    of_modes = np.array([mode.parameters for mode in modes]).reshape(-1, len(result.covariance))
+    covariance = result.covariance + np.asarray(of_modes.T @ of_modes)
     own = slice(result.base)
     sd = np.sqrt(np.diag(covariance))
     return SpatialIdentification(
@@ -90,9 +88,9 @@ def identify_parameters_in_space(
 def measure_excitation_in_space(trial: SpatialTrial, result: SpatialIdentification, weak: float = WEAK) -> Excitation:
     """Measure the excitation of every base parameter; a relative standard deviation above ``weak`` makes it weak.
 
-    The method is that of :func:`mocap_id.dynamics.cautions.classify_parameters`. The size of a first or second moment,
-    with which its standard deviation is compared, is the norm of all first or second moments of its segment, because a
-    single component may be zero. The size of the base's first moments is at least the mass times 5 cm.
+    The size of a first or second moment, with which its standard deviation is compared, is the norm of all first or
+    second moments of its segment, because a single component may be zero. The size of the base's first moments is at
+    least the mass times 5 cm.
     """
     segment, column = trial.base.kept // 10, trial.base.kept % 10
     order = np.where(column == 0, 0, np.where(column < 4, 1, 2))
@@ -124,7 +122,8 @@ class SpatialPrediction:
 
 def predict_in_space(trial: SpatialTrial, result: SpatialIdentification) -> SpatialPrediction:
     """Predict wrench and joint torques at every sample."""
-    recorded, base, own, back = trial.recorded, result.base, result.residual_covariance, trial.recorded.to_trial
+    recorded, base, own = trial.recorded, result.base, result.residual_covariance
+    back = shift_wrench(recorded.reference)  # from the plate's centre to the trial's origin
     bias = np.zeros(6)
     bias[list(trial.constants)] = result.plate_bias
     measured = trial.measured(result.fit.offset) - bias
@@ -221,25 +220,13 @@ class Payload:
 
 
 def identify_payload(mapping: FloatArray, loaded: BaseEstimate, empty: BaseEstimate, segment: int) -> Payload:
-    """Return the parameters of a payload fixed to one segment.
+    """Return the parameters of a payload fixed to one segment, 0 for the base.
 
-    They are a weighted least-squares fit to the change of the base parameters (eq. 4.24). Both trials must have the
-    same instruments, and the same chain and base, for example because one trial names the other under ``calibration:``.
-    The errors of the instruments are the same in both trials, so they largely cancel.
-
-    Parameters
-    ----------
-    mapping : (b, 10K) array
-        Matrix from the full parameters of all segments to the base parameters of both trials.
-    loaded, empty : BaseEstimate
-        Base parameters with and without the payload.
-    segment : int
-        Segment that carries the payload, 0 for the base.
-
-    Raises
-    ------
-    ValueError
-        The two identifications have different parameters.
+    They are a weighted least-squares fit to the change of the base parameters (eq. 4.24), with the matrix ``mapping``
+    (b, 10K) from the full parameters to the base parameters of both trials. Both trials must have the same instruments,
+    and the same chain and base, for example because one trial names the other under ``calibration:``; ValueError is
+    raised if their parameters differ. The errors of the instruments are the same in both trials, so they largely
+    cancel.
     """
     if loaded.modes.shape != empty.modes.shape or loaded.modes.shape[1] != len(mapping):
         raise ValueError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -12,7 +11,6 @@ from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.fit import Fit
 from mocap_id.dynamics.space.preparation import SpatialMotion, SpatialTrial, move_segments
 from mocap_id.geometry import so3
-from mocap_id.geometry.spatial_chain import SpatialChain
 
 _STEP = 1e-4  # relative, m or rad: step of numerical derivatives
 
@@ -47,79 +45,58 @@ def propagate_errors(
     trial: SpatialTrial, result: Fit, base: FloatArray, sd: SpatialCalibration
 ) -> tuple[ErrorMode, ...]:
     """Return the effect of each error on the fit; ``sd`` are the standard deviations of the instruments' errors."""
-    whole = np.zeros(result.design.shape[-1])
-    whole[: len(base)] = base
-    effects: list[tuple[str, FloatArray, SpatialMotion | None, float]] = [
-        (name, wrench, None, 0.0) for name, wrench in _list_plate_errors(trial.filtered[result.samples] @ base, sd)
-    ]
-    plain = trial.rows @ base
-    for name, motion, size in _list_motion_errors(trial, sd):
-        changed = trial.lowpass(trial.build_rows(motion, trial.settings.gravity) @ base - plain)[result.samples]
-        effects.append((name, -changed * (size / _STEP), motion, size / _STEP))
-    wrenches = np.stack([wrench * result.weights for _, wrench, _, _ in effects], axis=-1)
-    responses = result.response(wrenches).T
-    modes = [
-        ErrorMode(name, response, motion, size)
-        for (name, _, motion, size), response in zip(effects, responses, strict=True)
-    ]
-    return (ErrorMode("gain", sd.gain * whole), *modes)
-
-
-def sum_modes(modes: tuple[ErrorMode, ...], size: int) -> FloatArray:
-    """Return the covariance (size, size) of the first ``size`` parameters due to independent modes."""
-    matrix = np.array([mode.parameters[:size] for mode in modes]).reshape(-1, size)
-    return np.asarray(matrix.T @ matrix)
-
-
-def make_exact() -> SpatialCalibration:
-    """Return the calibration of exact instruments."""
-    return SpatialCalibration(**{each.name: 0.0 for each in fields(SpatialCalibration)})
-
-
-def _list_plate_errors(wrench: FloatArray, sd: SpatialCalibration) -> Iterator[tuple[str, FloatArray]]:
-    """Yield the name of each error of the plate, and the change (R, 6) of the measured wrench with it."""
-    force, moment = wrench[:, :3], wrench[:, 3:]
-    none = np.zeros_like(force)
-    yield "moments", np.hstack([none, sd.moments * moment])
-    for component, size in ((1, sd.force), (3, sd.moment), (5, sd.moment)):
-        constant = np.zeros_like(wrench)
-        constant[:, component] = size
-        yield ("force" if component == 1 else "moment"), constant
-    for axis in np.eye(3):
-        yield "position", np.hstack([none, sd.position * np.cross(axis, force)])
-    up = np.array([0.0, sd.yaw, 0.0])
-    yield "yaw", np.hstack([np.cross(up, force), np.cross(up, moment)])
-
-
-def _list_motion_errors(trial: SpatialTrial, sd: SpatialCalibration) -> Iterator[tuple[str, SpatialMotion, float]]:
-    """Yield name, motion after a small step, and standard deviation of each error of cameras and joint centres."""
     recorded = trial.recorded
-    yield "lengths", recorded.motion.scale(1 + _STEP), sd.lengths
-    for axis in (0, 2):
-        yield "tilt", recorded.motion.rotate(so3.exp(_STEP * np.eye(3)[axis])), sd.tilt
+    # errors of the plate: name, and change (R, 6) of the measured wrench
+    effects: list[tuple[str, FloatArray, SpatialMotion | None, float]] = []
+    measured = trial.filtered[result.samples] @ base
+    force, moment = measured[:, :3], measured[:, 3:]
+    none = np.zeros_like(force)
+    effects.append(("moments", np.hstack([none, sd.moments * moment]), None, 0.0))
+    for name, component, size in (("force", 1, sd.force), ("moment", 3, sd.moment), ("moment", 5, sd.moment)):
+        constant = np.zeros_like(measured)
+        constant[:, component] = size
+        effects.append((name, constant, None, 0.0))
+    shifts = (np.hstack([none, sd.position * np.cross(axis, force)]) for axis in np.eye(3))
+    effects += [("position", shift, None, 0.0) for shift in shifts]
+    up = np.array([0.0, sd.yaw, 0.0])
+    effects.append(("yaw", np.hstack([np.cross(up, force), np.cross(up, moment)]), None, 0.0))
+
+    # errors of the cameras and joint centres: name, motion after a small step, and standard deviation
+    moved = [("lengths", recorded.motion.scale(1 + _STEP), sd.lengths)]
+    moved += [("tilt", recorded.motion.rotate(so3.exp(_STEP * np.eye(3)[axis])), sd.tilt) for axis in (0, 2)]
     for k, joint in enumerate(recorded.chain.joints):
         if not np.isfinite(joint.covariance).all():
             continue
-        variance, directions = np.linalg.eigh(_project_covariance(recorded.chain, k))
+        # A displacement along the axis of a hinge does not change the motion: if the origin of a segment is displaced
+        # along the axis of its hinge, the joints on the segment are displaced by the opposite amount in its frame.
+        axes = [joint.first_axis] if joint.kind == "hinge" else []
+        if joint.parent and recorded.chain.joints[joint.parent - 1].kind == "hinge":
+            before = recorded.chain.joints[joint.parent - 1]
+            axes.append(before.offset.T @ before.first_axis)
+        across = null_space(np.array(axes).reshape(-1, 3), rcond=1e-3)
+        projection = across @ across.T
+        variance, directions = np.linalg.eigh(projection @ joint.covariance @ projection)
         for size, direction in zip(np.sqrt(np.maximum(variance, 0.0)), directions.T, strict=True):
             joints = list(recorded.chain.joints)
             joints[k] = replace(joint, centre=joint.centre + _STEP * direction)
             chain = replace(recorded.chain, joints=tuple(joints))
             motion = move_segments(chain, recorded.centred, recorded.rotation, recorded.omega, recorded.alpha)
-            yield "centre", motion, float(size)
+            moved.append(("centre", motion, float(size)))
+    plain = trial.rows @ base
+    for name, motion, size in moved:
+        changed = trial.lowpass(trial.build_rows(motion, trial.settings.gravity) @ base - plain)[result.samples]
+        effects.append((name, -changed * (size / _STEP), motion, size / _STEP))
+
+    wrenches = np.stack([wrench * result.weights for _, wrench, _, _ in effects], axis=-1)
+    modes = [
+        ErrorMode(name, response, motion, size)
+        for (name, _, motion, size), response in zip(effects, result.response(wrenches).T, strict=True)
+    ]
+    whole = np.zeros(result.design.shape[-1])
+    whole[: len(base)] = base
+    return (ErrorMode("gain", sd.gain * whole), *modes)
 
 
-def _project_covariance(chain: SpatialChain, k: int) -> FloatArray:
-    """Return the covariance (3, 3) of a joint's centre, m², without displacements along axes of hinges.
-
-    Such displacements do not change the motion: if the origin of a segment is displaced along the axis of its hinge,
-    the joints on the segment are displaced by the opposite amount in its frame.
-    """
-    joint = chain.joints[k]
-    axes = [joint.first_axis] if joint.kind == "hinge" else []
-    if joint.parent and chain.joints[joint.parent - 1].kind == "hinge":
-        before = chain.joints[joint.parent - 1]
-        axes.append(before.offset.T @ before.first_axis)
-    across = null_space(np.array(axes).reshape(-1, 3), rcond=1e-3)
-    projection = across @ across.T
-    return np.asarray(projection @ joint.covariance @ projection)
+def make_exact() -> SpatialCalibration:
+    """Return the calibration of exact instruments."""
+    return SpatialCalibration(**{each.name: 0.0 for each in fields(SpatialCalibration)})

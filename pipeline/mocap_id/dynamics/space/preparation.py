@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,45 +22,25 @@ from mocap_id.dynamics.preparation import (
     undo_averaging,
 )
 from mocap_id.dynamics.priors import BodyPrior
-from mocap_id.dynamics.regressor import LINK_PARAMETERS, bodies_regressor
+from mocap_id.dynamics.regressor import LINK_PARAMETERS, BodyMotion, bodies_regressor
 from mocap_id.dynamics.space.consistency import change_of_frame
 from mocap_id.geometry import se3, so3
 from mocap_id.geometry.chain import Ball
-from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
+from mocap_id.geometry.spatial_chain import SpatialChain
 
 
 @dataclass(frozen=True)
-class SpatialMotion:
-    """Poses of K bodies, their derivatives, and the N coordinates of the joints between them, in the trial's frame."""
+class SpatialMotion(BodyMotion):
+    """Motion of bodies in the trial's frame."""
 
     rotation: FloatArray  # (T, K, 3, 3) rotation from the frame of each body to the trial's frame
-    # omega, alpha: (T, K, 3) angular velocity and acceleration, rad/s and rad/s²
-    omega: FloatArray
-    alpha: FloatArray
-    # origin, acceleration: (T, K, 3) origin of each body's frame, m, and its acceleration without gravity, m/s²
-    origin: FloatArray
-    acceleration: FloatArray
-    # joint, axis: (T, N, 3) centre of the joint, m, and unit direction of the torque, for each coordinate. For a ball
-    # joint, the directions are the axes of the parent's frame.
-    joint: FloatArray
+    # (T, N, 3) unit direction of the torque of each coordinate; for a ball joint, the axes of the parent's frame
     axis: FloatArray
-    beyond: BoolArray  # (N, K) whether each body is distal to the joint of each coordinate
 
     @property
     def jacobian(self) -> FloatArray:
-        """Unit twists (T, 6, N) of the coordinates: p × d, then d, with the centre p and the axis d of each."""
+        """Unit twists (T, 6, N): p × d, then d, with the centre p and the axis d of each coordinate."""
         return np.swapaxes(np.concatenate([np.cross(self.joint, self.axis), self.axis], axis=-1), 1, 2)
-
-    def at(self, samples: IntArray) -> SpatialMotion:
-        """Return the motion at some samples."""
-        changed = {each.name: getattr(self, each.name)[samples] for each in fields(self) if each.name != "beyond"}
-        return replace(self, **changed)
-
-    def scale(self, factor: float) -> SpatialMotion:
-        """Return the motion with all lengths multiplied by a factor."""
-        return replace(
-            self, origin=self.origin * factor, acceleration=self.acceleration * factor, joint=self.joint * factor
-        )
 
     def rotate(self, rotation: FloatArray) -> SpatialMotion:
         """Return the motion after a rotation (3, 3) about the origin of the trial's frame; gravity is not rotated."""
@@ -89,9 +69,9 @@ def spatial_point_acceleration(arm: FloatArray, omega: FloatArray, alpha: FloatA
 def segment_regressor(motion: SpatialMotion, gravity: float = 9.81) -> FloatArray:
     """Return the regressor (T, 6, 10K) of the ground's wrench on K bodies in space (eq. 4.15 to 4.22).
 
-    Rows: force and moment of the ground on the bodies about the origin of the trial's frame. Columns: ten parameters of
-    every body (:data:`mocap_id.dynamics.regressor.LINK_PARAMETERS`). Gravity, m/s², is along -y. The wrench depends on
-    the velocity of a body's origin only through the origin's acceleration, so this velocity is set to zero.
+    Rows: force and moment of the ground on the bodies about the origin of the trial's frame. Columns: the ten
+    :data:`~mocap_id.dynamics.regressor.LINK_PARAMETERS` of every body. Gravity, m/s², is along -y. The wrench depends
+    on the velocity of a body's origin only through the origin's acceleration, so this velocity is set to zero.
     """
     back = np.swapaxes(motion.rotation, -1, -2)
 
@@ -109,16 +89,8 @@ def move_segments(
 ) -> SpatialMotion:
     """Return the motion of a chain from the rotations of its segments; in the joints, segments do not move apart.
 
-    Parameters
-    ----------
-    chain : SpatialChain
-        Chain of n joints.
-    base : (4, 4) array
-        Pose of the base, which is at rest, in the trial's frame, m.
-    rotation : (T, n, 3, 3) array
-        Rotation from the frame of each moving segment to the trial's frame.
-    omega, alpha : (T, n, 3) arrays
-        Angular velocity and acceleration of the moving segments in the trial's axes, rad/s and rad/s².
+    ``base`` (4, 4) is the pose of the base, which is at rest, in the trial's frame, m. ``rotation`` (T, n, 3, 3),
+    ``omega`` and ``alpha`` (T, n, 3) are those of the moving segments in the trial's axes, rad/s and rad/s².
     """
     count = len(rotation)
     rest = np.zeros((count, 1, 3))
@@ -159,8 +131,8 @@ def move_segments(
 def move_joints(chain: SpatialChain, base: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> SpatialMotion:
     """Return the motion of a chain from the coordinates (T, N) of its joints and their time derivatives.
 
-    The coordinates are in the order of the joints (:meth:`SpatialJoint.rotation`). ``base`` (4, 4) is the pose of the
-    base, which is at rest, in the trial's frame, m.
+    The coordinates are in the order of the joints (:meth:`SpatialJoint.rotation`). ``base`` (4, 4) is as for
+    :func:`move_segments`.
     """
     rotation = [np.broadcast_to(base[:3, :3], (len(q), 3, 3))]
     omega, alpha = [np.zeros((len(q), 3))], [np.zeros((len(q), 3))]
@@ -168,38 +140,29 @@ def move_joints(chain: SpatialChain, base: FloatArray, q: FloatArray, dq: FloatA
     for joint in chain.joints:
         own, p = slice(start, start + joint.dimension), joint.parent
         start = own.stop
-        rotated, speed, change = (rotation[p] @ each for each in _move_child(joint, q[:, own], dq[:, own], ddq[:, own]))
-        rotation.append(rotated)
+        angles, rates, changes = q[:, own], dq[:, own], ddq[:, own]
+        # rotation (T, 3, 3) of the segment relative to its parent, and its angular velocity and acceleration (T, 3, 1)
+        child = joint.rotation(angles)
+        if joint.kind == "ball":
+            subspace = Ball().subspace(angles)[..., 3:, :]
+            subspace_rate = Ball().subspace_rate(angles, rates)[..., 3:, :]
+            speed = child @ subspace @ rates[..., None]
+            change = child @ (subspace @ changes[..., None] + subspace_rate @ rates[..., None])
+        else:
+            first = np.broadcast_to(joint.first_axis, (len(q), 3))
+            turning, rising = first * rates[:, :1], first * changes[:, :1]
+            if joint.kind == "two-axis":
+                second = child @ joint.second_axis
+                rising = rising + second * changes[:, 1:] + np.cross(turning, second) * rates[:, 1:]
+                turning = turning + second * rates[:, 1:]
+            speed, change = turning[..., None], rising[..., None]
+        child, speed, change = (rotation[p] @ each for each in (child, speed, change))
+        rotation.append(child)
         omega.append(omega[p] + speed[..., 0])
         alpha.append(alpha[p] + change[..., 0] + np.cross(omega[p], speed[..., 0]))
     return move_segments(
         chain, base, np.stack(rotation[1:], axis=1), np.stack(omega[1:], axis=1), np.stack(alpha[1:], axis=1)
     )
-
-
-def _move_child(
-    joint: SpatialJoint, q: FloatArray, dq: FloatArray, ddq: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return rotation (T, 3, 3), angular velocity and angular acceleration (T, 3, 1) of a child relative to its parent.
-
-    All are in the parent's frame.
-    """
-    rotation = joint.rotation(q)
-    if joint.kind == "ball":
-        subspace = Ball().subspace(q)[..., 3:, :]
-        rate = Ball().subspace_rate(q, dq)[..., 3:, :]
-        return (
-            rotation,
-            rotation @ subspace @ dq[..., None],
-            rotation @ (subspace @ ddq[..., None] + rate @ dq[..., None]),
-        )
-    axes = [np.broadcast_to(joint.first_axis, (len(q), 3))]
-    omega, alpha = axes[0] * dq[:, :1], axes[0] * ddq[:, :1]
-    if joint.kind == "two-axis":
-        second = rotation @ joint.second_axis
-        alpha = alpha + second * ddq[:, 1:] + np.cross(omega, second) * dq[:, 1:]
-        omega = omega + second * dq[:, 1:]
-    return rotation, omega[..., None], alpha[..., None]
 
 
 def rotate_z_to(vector: FloatArray) -> FloatArray:
@@ -231,11 +194,17 @@ class SpatialBase:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the base parameters as symbols; "…" replaces regrouped parameters if there are more than three."""
-        symbols = name_parameters_in_space(len(self.frames))
-        return tuple(
-            _format_name(row, int(column), self.base, symbols)
-            for row, column in zip(self.base.regrouping, self.base.kept, strict=True)
-        )
+        symbols, names = name_parameters_in_space(len(self.frames)), []
+        for row, column in zip(self.base.regrouping, self.base.kept, strict=True):
+            name = symbols[int(column)]
+            others = [int(k) for k in np.setdiff1d(np.flatnonzero(row), self.base.kept)]
+            if len(others) > _WRITTEN and not np.allclose(row[others], 1.0):
+                name, others = f"{name}+…", []
+            for k in others:
+                sign, size = ("-" if row[k] < 0 else "+"), abs(row[k])
+                name += f"{sign}{symbols[k]}" if np.isclose(size, 1.0) else f"{sign}{size:.4g}*{symbols[k]}"
+            names.append(name)
+        return tuple(names)
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -255,39 +224,21 @@ def structural_base_in_space(chain: SpatialChain, base: FloatArray) -> SpatialBa
     """
     size = sum(joint.dimension for joint in chain.joints)
     states = np.random.default_rng(0).normal(size=(3, _STATES, size))
-    frames = build_simple_frames(chain, base)
-    motion = move_joints(chain, base, *states).in_frames(frames)
-    rows = segment_regressor(motion)
-    columns = np.abs(rows).max(axis=(0, 1))
-    rows = np.where(columns > 1e-9 * columns.max(), rows, 0.0)  # rounding errors of the rotated axes
-    return SpatialBase(regroup_columns(rows.reshape(-1, rows.shape[-1])), frames)
-
-
-def build_simple_frames(chain: SpatialChain, base: FloatArray) -> FloatArray:
-    """Return the simple frames of the segments, as poses (K, 4, 4) in the segments' own frames."""
-    frames = [se3.pose(base[:3, :3].T, np.zeros(3))]
+    # simple frames: the axis of a hinge, or the second of two axes, is along z; the base's frame has the trial's axes
+    poses = [se3.pose(base[:3, :3].T, np.zeros(3))]
     for joint in chain.joints:
         axis = {
             "ball": np.array([0.0, 0.0, 1.0]),
             "two-axis": joint.second_axis,
             "hinge": joint.offset.T @ joint.first_axis,
         }[joint.kind]
-        frames.append(se3.pose(rotate_z_to(axis), np.zeros(3)))
-    return np.stack(frames)
-
-
-def _format_name(row: FloatArray, column: int, base: BaseSet, symbols: tuple[str, ...]) -> str:
-    """Return the name of one base parameter from its row of the regrouping and its kept column."""
-    others = [int(k) for k in np.setdiff1d(np.flatnonzero(row), base.kept)]
-    if len(others) > _WRITTEN and not np.allclose(row[others], 1.0):
-        return f"{symbols[column]}+…"
-    return symbols[column] + "".join(_format_term(row[k], symbols[k]) for k in others)
-
-
-def _format_term(value: float, symbol: str) -> str:
-    """Return one regrouped parameter with its coefficient."""
-    sign, size = ("-" if value < 0 else "+"), abs(value)
-    return f"{sign}{symbol}" if np.isclose(size, 1.0) else f"{sign}{size:.4g}*{symbol}"
+        poses.append(se3.pose(rotate_z_to(axis), np.zeros(3)))
+    frames = np.stack(poses)
+    motion = move_joints(chain, base, *states).in_frames(frames)
+    rows = segment_regressor(motion)
+    columns = np.abs(rows).max(axis=(0, 1))
+    rows = np.where(columns > 1e-9 * columns.max(), rows, 0.0)  # rounding errors of the rotated axes
+    return SpatialBase(regroup_columns(rows.reshape(-1, rows.shape[-1])), frames)
 
 
 COMPONENTS = ("Fx", "Fy", "Fz", "taux", "tauy", "tauz")
@@ -336,25 +287,12 @@ class SpatialRecord:
         return self.base[:3, 3] if self.plate is None else self.plate
 
     @property
-    def to_plate(self) -> FloatArray:
-        """Matrix (6, 6) that moves the reference point of wrenches from the trial's origin to the plate's centre."""
-        return shift_wrench(-self.reference)
-
-    @property
-    def to_trial(self) -> FloatArray:
-        """Inverse matrix (6, 6) of :attr:`to_plate`."""
-        return shift_wrench(self.reference)
-
-    @property
     def plate_wrench(self) -> FloatArray:
         """Wrench (T, 6) about the plate's centre, NaN in all components if any is missing."""
-        return blank_incomplete(self.wrench @ self.to_plate.T)
+        return blank_incomplete(self.wrench @ shift_wrench(-self.reference).T)
 
     def regressor(self, motion: SpatialMotion, frames: FloatArray, gravity: float) -> FloatArray:
-        """Return the regressor (T, 6, 10K) of the wrench about the plate's centre.
-
-        ``frames`` (K, 4, 4) are the frames of the parameters, as poses in the segments' frames.
-        """
+        """Return the regressor (T, 6, 10K) of the wrench about the plate, for parameters in ``frames`` (K, 4, 4)."""
         return shift_wrench(self.base[:3, 3] - self.reference) @ segment_regressor(motion.in_frames(frames), gravity)
 
     @cached_property
@@ -408,10 +346,7 @@ class SpatialTrial:
 
 
 def prepare_in_space(recorded: SpatialRecord, settings: FitSettings) -> SpatialTrial:
-    """Build the regressor, find the base parameters, filter regressor and wrench, and mark the usable samples.
-
-    ``settings.components`` must contain the indices of all six :data:`COMPONENTS`.
-    """
+    """Build the regressor, find the base parameters, filter regressor and wrench, and mark the usable samples."""
     structure = structural_base_in_space(recorded.chain, recorded.centred)
     regressor = recorded.regressor(recorded.motion, structure.frames, settings.gravity)
     cutoff = settings.cutoff
