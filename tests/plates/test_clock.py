@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mocap_id import recording
-from mocap_id.plates import ClockSearch, find_clock_offset
+from mocap_id.plates.clock import ClockSearch, find_clock_offset
 from mocap_id.recording import Plate
 from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mocap_id.errors import ConfigError
-from mocap_id.plates import choose_plates, weigh_person
+from mocap_id.plates.choice import choose_plates, weigh_person
 from mocap_id.recording import Plate, PlateSamples
 from mocap_id.recording.marker_posture import find_upright
 
@@ -78,8 +78,6 @@ def test_the_configuration_has_priority() -> None:
     assert choose(CHAIR, FEET, FEET, feet=(1,), seat=(2,)) == ("feet", "seat", "ignored")
     with pytest.raises(ConfigError, match=r"\[4\]"):
         choose(FEET, feet=(4,))
-    with pytest.raises(ConfigError, match="under both `feet` and `seat`"):
-        choose(FEET, feet=(1,), seat=(1,))
 
 
 def test_unusable_plates_are_ignored_with_their_reason() -> None:

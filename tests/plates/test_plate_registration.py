@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mocap_id import plates, recording
+from mocap_id import recording
 from mocap_id.kinematics import propose_window
+from mocap_id.plates.choice import choose_plates
 from mocap_id.plates.direction import compare_directions
 from mocap_id.plates.placement import compare_with_feet, find_standing_feet, measure_lean, measure_outside
 from mocap_id.recording import Plate, PlateSamples, Recording
@@ -300,9 +301,7 @@ def checked(
     part = slice(first, stop, max(1, round(source.rate / 120)))
     positions, time = source.positions[part], source.time[part]
     rate = 1.0 / float(np.median(np.diff(time)))
-    use = plates.choose_plates(
-        source.plates, [recording.decimate(plate, time, rate) for plate in source.plates], positions
-    )
+    use = choose_plates(source.plates, [recording.decimate(plate, time, rate) for plate in source.plates], positions)
     moved = [move(source.plates[i]) if only in (-1, k) else source.plates[i] for k, i in enumerate(use.indices("feet"))]
     return check_registration(
         moved, [recording.decimate(plate, time, rate) for plate in moved], positions, rate, person=person

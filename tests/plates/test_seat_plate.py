@@ -7,7 +7,7 @@ import pytest
 from test_plate_choice import CHAIR, FEET, RATE, RISE, TIME, WEIGHT, carrying, choose, person
 
 from mocap_id.geometry.planar import PlaneFrame
-from mocap_id.plates import PlateChoice, choose_plates, find_contradictions, measure_empty_chair
+from mocap_id.plates.choice import PlateChoice, choose_plates, find_contradictions, measure_empty_chair
 from mocap_id.recording import PlateSamples, ThinnedFrames
 from mocap_id.stages.planarise.wrenches import ExternalWrenches, UsedFrames, measure_seat
 
@@ -24,14 +24,14 @@ def reading(load: np.ndarray) -> np.ndarray:
 def test_the_reading_of_the_empty_chair_is_found() -> None:
     wrench, ok = reading(ON_CHAIR), np.ones(len(TIME), dtype=bool)
     ok[10:30] = False
-    empty = measure_empty_chair(wrench, ok, person(), RATE, "standing")
-    np.testing.assert_allclose(empty.reading, EMPTY, atol=0.1)
-    np.testing.assert_allclose(empty.spread, 0.3, atol=0.05)
+    median, spread = measure_empty_chair(wrench, ok, person(), RATE, "standing")
+    np.testing.assert_allclose(median, EMPTY, atol=0.1)
+    np.testing.assert_allclose(spread, 0.3, atol=0.05)
 
 
 def test_without_standing_it_is_unknown() -> None:
     wrench, ok = reading(np.full(len(TIME), 400.0)), np.ones(len(TIME), dtype=bool)
-    assert measure_empty_chair(wrench, ok, person(np.zeros(len(TIME))), RATE, "standing").reading is None
+    assert measure_empty_chair(wrench, ok, person(np.zeros(len(TIME))), RATE, "standing")[0] is None
 
 
 def seated(rise: np.ndarray = RISE, rule: str = "standing", every: int = 1) -> tuple[np.ndarray, ExternalWrenches]:
@@ -46,7 +46,9 @@ def seated(rise: np.ndarray = RISE, rule: str = "standing", every: int = 1) -> t
     seen = UsedFrames([], positions, TIME, thinned, PlaneFrame(0.0))
     choice = PlateChoice(("seat",), (500.0,), ("it is one",))
     assert rule in ("standing", "none")
-    return found, measure_seat(seen, [samples], choice, rule)
+    external = ExternalWrenches()
+    measure_seat(external, seen, [samples], choice, rule)
+    return found, external
 
 
 @pytest.mark.parametrize("every", [1, 4])

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mocap_id import plates, recording
+from mocap_id import recording
+from mocap_id.plates.choice import choose_plates, weigh_person
 from mocap_id.recording.marker_posture import shows_standing
 
 FRAMES = np.ones(5, dtype=bool)
@@ -56,8 +57,8 @@ def shown(markers: Path, forces: Path | None, window: tuple[float, float]) -> tu
     inside = (source.time >= window[0]) & (source.time <= window[1])
     positions, time = source.positions[inside], source.time[inside]
     samples = [recording.decimate(plate, time, source.rate) for plate in source.plates]
-    feet = plates.choose_plates(source.plates, samples, positions).indices("feet")
-    return plates.weigh_person(positions, source.rate, sum(samples[index].force[:, 2] for index in feet))
+    feet = choose_plates(source.plates, samples, positions).indices("feet")
+    return weigh_person(positions, source.rate, sum(samples[index].force[:, 2] for index in feet))
 
 
 @pytest.mark.recordings

@@ -11,9 +11,10 @@ import ezc3d
 import numpy as np
 import pytest
 
-from mocap_id import plates, recording
+from mocap_id import recording
 from mocap_id.errors import RecordingError
 from mocap_id.geometry.planar import PlaneFrame
+from mocap_id.plates.choice import choose_plates, weigh_person
 from mocap_id.recording.lab_plates import compute_centre_of_pressure
 from mocap_id.workflows.recording_summary import describe_recording
 
@@ -178,10 +179,10 @@ def test_masses_of_the_sit_to_stands(recordings: Path) -> None:
         folder = recordings / "sit-to-stand"
         found = recording.read(folder / f"{name}.trc", folder / f"{name}_grf.mot")
         samples = [recording.decimate(plate, found.time, found.rate) for plate in found.plates]
-        choice = plates.choose_plates(found.plates, samples, found.positions)
+        choice = choose_plates(found.plates, samples, found.positions)
         assert choice.uses == ("feet", "feet", "unloaded")
         total = samples[0].force[:, 2] + samples[1].force[:, 2]
-        mass, _ = plates.weigh_person(found.positions, found.rate, total)
+        mass, _ = weigh_person(found.positions, found.rate, total)
         assert mass == pytest.approx(kg, abs=tolerance)
         assert not any("HJC" in label for label in found.labels)
 

@@ -11,28 +11,3 @@ rate : float
 samples : sequence of PlateSamples
     Wrench of every plate at the marker times; NaN where missing.
 """
-
-from mocap_id.plates.choice import (
-    GRAVITY,
-    PlateChoice,
-    ZeroRule,
-    choose_plates,
-    find_contradictions,
-    find_dropouts,
-    measure_empty_chair,
-    weigh_person,
-)
-from mocap_id.plates.clock import ClockSearch, find_clock_offset
-
-__all__ = [
-    "GRAVITY",
-    "ClockSearch",
-    "PlateChoice",
-    "ZeroRule",
-    "choose_plates",
-    "find_clock_offset",
-    "find_contradictions",
-    "find_dropouts",
-    "measure_empty_chair",
-    "weigh_person",
-]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -39,17 +39,12 @@ class PlateChoice:
         """Return the indices (from 0) of the plates with this use."""
         return tuple(i for i, each in enumerate(self.uses) if each == use)
 
-    def facts(self, plates: Sequence[Plate]) -> list[dict[str, Any]]:
-        """Return the JSON facts: one dictionary for each plate, with index, kind, use, mean_vertical_N and why."""
+    def list_unused(self, plates: Sequence[Plate]) -> list[str]:
+        """Return each plate that is neither under the feet nor under a chair, and why, for messages."""
         return [
-            {
-                "index": plate.index,
-                "kind": plate.kind,
-                "use": use,
-                "mean_vertical_N": None if not np.isfinite(load) else load,
-                "why": why,
-            }
-            for plate, use, load, why in zip(plates, self.uses, self.loads, self.why, strict=True)
+            f"plate {plate.index} ({why})"
+            for plate, use, why in zip(plates, self.uses, self.why, strict=True)
+            if use not in ("feet", "seat")
         ]
 
 
@@ -68,21 +63,14 @@ def choose_plates(
     or to a constant value, the weight of the chair. All other loaded plates are under the feet. If all loaded plates
     seem to be under a chair, they count as under the feet. The configuration has priority over these rules.
 
-    Parameters
-    ----------
-    samples : sequence of PlateSamples
-        Wrench of every plate at the marker times.
-    positions : (F, M, 3) array
-        Markers at these times, lab axes with Z up, m; NaN where not visible.
-    feet, seat : collection of int
-        Plate numbers (from 1) in the configuration. If any is given, all other plates are ignored.
-
-    Raises
-    ------
-    ConfigError
-        The configuration names a plate that does not exist, or names a plate under both `feet` and `seat`.
+    ``feet`` and ``seat`` are the plate numbers (from 1) in the configuration; if any is given, all other plates are
+    ignored. Raises ConfigError if the configuration names a plate that does not exist.
     """
-    _check_configured_plates(plates, feet, seat)
+    known = [plate.index for plate in plates]
+    for name, group in (("feet", feet), ("seat", seat)):
+        missing = sorted(set(group) - set(known))
+        if missing:
+            raise ConfigError(f"plates: {name}: {missing} do not exist; the recording has the plates {known}")
     tall, low = find_upright(positions)
     loads = tuple(_average_force(each.force[:, 2], each.ok) for each in samples)
     threshold = _compute_threshold(samples)
@@ -90,9 +78,12 @@ def choose_plates(
     for plate, each in zip(plates, samples, strict=True):
         if not plate.usable or not each.ok.any():
             chosen.append(("ignored", plate.problem or "it has no valid sample in these frames"))
-        elif _measure_peak(each) >= threshold and _is_constant(each):
-            constant = each.force[each.ok, 2][0]
-            chosen.append(("ignored", f"it reads {constant:.0f} N in every sample: it is not connected or saturated"))
+            continue
+        vertical = each.force[each.ok, 2]
+        # a constant load shows a fault: every loaded plate that works has noise
+        if _measure_peak(each) >= threshold and np.ptp(vertical) <= 1e-6 * np.max(np.abs(vertical)):
+            why = f"it reads {vertical[0]:.0f} N in every sample: it is not connected or saturated"
+            chosen.append(("ignored", why))
         elif plate.index in feet and _measure_peak(each) < LOADED_N:
             chosen.append(("unloaded", f"it is named under `feet`, but its load is below {LOADED_N:.0f} N"))
         elif feet or seat:
@@ -127,23 +118,6 @@ def find_contradictions(samples: Sequence[PlateSamples], choice: PlateChoice, po
     return contradictions
 
 
-def _is_constant(samples: PlateSamples) -> bool:
-    """Return whether the load is constant, which shows a fault: every loaded plate that works has noise."""
-    vertical = samples.force[samples.ok, 2]
-    return bool(np.ptp(vertical) <= 1e-6 * np.max(np.abs(vertical)))
-
-
-def _check_configured_plates(plates: Sequence[Plate], feet: Collection[int], seat: Collection[int]) -> None:
-    known = [plate.index for plate in plates]
-    for name, group in (("feet", feet), ("seat", seat)):
-        missing = sorted(set(group) - set(known))
-        if missing:
-            raise ConfigError(f"plates: {name}: {missing} do not exist; the recording has the plates {known}")
-    both = sorted(set(feet) & set(seat))
-    if both:
-        raise ConfigError(f"plates: {both} are named under both `feet` and `seat`")
-
-
 def _classify(samples: PlateSamples, tall: BoolArray, low: BoolArray, threshold: float) -> tuple[Use, str]:
     """Return the use of a plate and the reason, from its load while the body stands (``tall``) and while it is low."""
     vertical = samples.force[:, 2]
@@ -154,7 +128,8 @@ def _classify(samples: PlateSamples, tall: BoolArray, low: BoolArray, threshold:
         if seated > threshold and standing < seated / 2:
             return "seat", f"{seated:.0f} N while the body is low, but {standing:.0f} N while the person stands"
         decrease = _measure_load(samples, tall) - standing
-        if decrease > threshold and _measure_range(samples, tall) < _STEADY * decrease:
+        lowest, highest = np.percentile(samples.force[samples.ok & tall, 2], [10, 90])
+        if decrease > threshold and float(highest - lowest) < _STEADY * decrease:
             before = f"up to {standing + decrease:.0f} N before the person stands"
             return "seat", f"{before}, but a constant {standing:.0f} N afterwards"
     return "feet", "it stays loaded while the person stands" if np.isfinite(seated) else "it is loaded"
@@ -175,12 +150,6 @@ def _measure_load(samples: PlateSamples, tall: BoolArray) -> float:
     """Return the 90th percentile of the vertical force while the body does not stand, N; 0 without samples."""
     vertical = samples.force[samples.ok & ~tall, 2]
     return float(np.percentile(vertical, 90)) if vertical.size else 0.0
-
-
-def _measure_range(samples: PlateSamples, tall: BoolArray) -> float:
-    """Return the range of the vertical force from the 10th to the 90th percentile while the body stands, N."""
-    low, high = np.percentile(samples.force[samples.ok & tall, 2], [10, 90])
-    return float(high - low)
 
 
 def _average_force(values: FloatArray, where: BoolArray) -> float:
@@ -206,14 +175,6 @@ _UNLOADED = 0.2
 
 _MIN_DROPOUT_S = 0.6
 """Minimum duration of a drop-out. The flight of a jump is always shorter."""
-
-
-@dataclass(frozen=True)
-class EmptyChairReading:
-    """Reading of the plates under an empty chair, including the weight of the chair."""
-
-    reading: FloatArray | None  # (3,) median (Fx, Fy, tauz), N and N·m; None if too few samples have an empty chair
-    spread: FloatArray | None  # (3,) standard deviation of the samples of this median, N and N·m; None if not measured
 
 
 def weigh_person(positions: FloatArray, rate: float, vertical: FloatArray) -> tuple[float | None, str | None]:
@@ -257,7 +218,7 @@ def find_dropouts(vertical: FloatArray, tall: BoolArray, rate: float, weight: fl
 
 def measure_empty_chair(
     wrench: FloatArray, ok: BoolArray, positions: FloatArray, rate: float, rule: ZeroRule
-) -> EmptyChairReading:
+) -> tuple[FloatArray | None, FloatArray | None]:
     """Measure the reading of the plates under the empty chair, to be subtracted from the wrench of the chair.
 
     The reading is not zero if the plate was zeroed without the chair. It is the median over the samples in which the
@@ -271,11 +232,17 @@ def measure_empty_chair(
         Whether each sample has a value.
     rule : {"standing", "none"}
         ``none`` takes the reading as zero, because the plate was zeroed with the chair on it; ``standing`` measures it.
+
+    Returns
+    -------
+    reading, spread : (3,) arrays or None
+        Median (Fx, Fy, tauz) with the weight of the chair, N and N·m, and the standard deviation of its samples. The
+        median is None if too few samples have an empty chair; the standard deviation also if nothing is measured.
     """
     if rule == "none":
-        return EmptyChairReading(np.zeros(3), None)
+        return np.zeros(3), None
     tall, low = find_upright(positions)
     empty = tall & ok & low.any()
     if empty.sum() < max(2, _MIN_TOTAL_S * rate):
-        return EmptyChairReading(None, None)
-    return EmptyChairReading(np.median(wrench[empty], axis=0), wrench[empty].std(axis=0))
+        return None, None
+    return np.median(wrench[empty], axis=0), wrench[empty].std(axis=0)

@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.plates.choice import GRAVITY
 from mocap_id.plates.direction import average_markers, group_by_height
 from mocap_id.recording import Plate, decimate
 from mocap_id.recording.marker_posture import measure_body_height
 
-_GRAVITY = 9.81  # m/s^2
 _RANGE_S = 5.0  # largest offset that is tried
 _STEP_S = 0.025  # step of the search; the cost is smooth over about 0.1 s
 # accelerations and forces are averaged with triangular weights over the first time before and after, s; over the second
@@ -119,7 +119,7 @@ def _search(
     force[half - 1 : len(total) - half + 1] = np.convolve(total, weights, "valid")
     slow = np.hanning(2 * round(_SLOW_S * rate / 2) + 1)
     sharp = force - (1.0 - _SLOW_SHARE) * _smooth(force[:, None], slow)[:, 0]
-    need = _GRAVITY + acceleration
+    need = GRAVITY + acceleration
     need -= (1.0 - _SLOW_SHARE) * _smooth(need, slow)
 
     height, seen = measure_body_height(positions), np.isfinite(acceleration).all(axis=1)
@@ -140,7 +140,7 @@ def _search(
     rows, used, cost = known[-1 if ratios[0] > _WHOLE and ratios[-1] < _CLEARER * ratios[0] else 0]
     usual, best = float(np.nanmedian(cost)), float(np.nanmin(cost))
     weight = float(np.nanmedian(total[beyond:-beyond]))
-    inertia = weight / _GRAVITY * float(np.nanstd(acceleration[used].mean(axis=1)))
+    inertia = weight / GRAVITY * float(np.nanstd(acceleration[used].mean(axis=1)))
     moves = min(float(np.nanstd(force[beyond:-beyond])), inertia) / max(abs(weight), 1e-9)
     if moves < _SEEN or (best > _VERY_CLEAR * usual and moves < _MOVES):
         return ClockSearch()

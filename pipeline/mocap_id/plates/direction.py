@@ -8,7 +8,7 @@ course in time.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import nnls
@@ -58,7 +58,6 @@ class ForceCourse:
     correlation: float  # largest correlation of force and acceleration for clock offsets up to ± 1 s, 0 to 1
     offset: float  # this clock offset, s; positive if the force is late
     correlation_far: float  # largest correlation for all clock offsets for which enough samples are common
-    offset_far: float  # this clock offset, s
     expected: float  # root mean square of the weight times the acceleration, divided by gravity, N
 
 
@@ -92,7 +91,7 @@ def compare_courses(vertical: FloatArray, positions: FloatArray, rate: float) ->
     expected = mass * float(np.sqrt(np.mean(parts.mean(axis=0)[risen] ** 2)))
     least, most = _MIN_COMPARED_S * rate, _OVERLAP * risen.sum()
     step, reach = max(1, round(_LAG_STEP_S * rate)), len(positions) - round(least)
-    best, far = (-1.0, 0.0), (0.0, 0.0)
+    best, far = (-1.0, 0.0), 0.0
     for lag in range(-reach // step * step, reach + 1, step):
         chosen = np.flatnonzero(risen)
         chosen = chosen[(chosen + lag >= 0) & (chosen + lag < len(force))]
@@ -106,13 +105,12 @@ def compare_courses(vertical: FloatArray, positions: FloatArray, rate: float) ->
         size = float(np.linalg.norm(target))
         residual = float(nnls(rows, target)[1])
         correlation = float(np.sqrt(max(0.0, 1.0 - (residual / max(size, 1e-300)) ** 2)))
-        found = (correlation, lag / rate)
-        far = max(far, found)
+        far = max(far, correlation)
         if near:
-            best = max(best, found)
+            best = max(best, (correlation, lag / rate))
     if best[0] < 0.0:
         return None
-    return ForceCourse(best[0], best[1], far[0], far[1], expected)
+    return ForceCourse(best[0], best[1], far, expected)
 
 
 def _find_rising_markers(positions: FloatArray) -> IntArray:
@@ -172,10 +170,25 @@ def compare_directions(force: FloatArray, positions: FloatArray, rate: float) ->
     if known.sum() < _MIN_TOTAL_S * rate:
         return None
     kept = np.flatnonzero(known)[:: max(1, half // 4)]  # the averaged signals contain no higher frequencies
-    found = _fit_rotation(averaged[kept, :2], acceleration[:, kept])
-    mean = acceleration[:, kept].mean(axis=0)
+    measured, parts = averaged[kept, :2], acceleration[:, kept]
+    measured, centred = measured - measured.mean(axis=0), parts - parts.mean(axis=1, keepdims=True)
+
+    def compute_residual(angle: float) -> float:
+        """Return the norm of the force minus fitted masses times accelerations that are rotated by an angle."""
+        c, s = np.cos(angle), np.sin(angle)
+        rows = (centred @ np.array([[c, s], [-s, c]])).reshape(len(centred), -1).T
+        return float(nnls(rows, measured.reshape(-1))[1])
+
+    residual, angle = min((compute_residual(angle), angle) for angle in _ANGLES)
+    size = float(np.linalg.norm(measured))
+    mean = parts.mean(axis=0)
     mass = float(np.nanpercentile(force[:, 2], 90)) / GRAVITY
-    return replace(found, expected=mass * float(np.linalg.norm(mean - mean.mean(axis=0))) / float(np.sqrt(len(kept))))
+    return ForceDirection(
+        angle=angle,
+        coherence=float(np.sqrt(max(0.0, 1.0 - (residual / max(size, 1e-300)) ** 2))),
+        size=size / float(np.sqrt(len(measured))),
+        expected=mass * float(np.linalg.norm(mean - mean.mean(axis=0))) / float(np.sqrt(len(kept))),
+    )
 
 
 def average_markers(values: FloatArray) -> FloatArray:
@@ -201,22 +214,3 @@ def group_by_height(positions: FloatArray) -> Sequence[IntArray]:
     third = np.clip(3 * (height - low) / max(high - low, 1e-9), 0, 2.999)
     groups = [np.flatnonzero((third >= k) & (third < k + 1)) for k in range(3)]
     return [group for group in groups if group.size]
-
-
-def _fit_rotation(measured: FloatArray, parts: FloatArray) -> ForceDirection:
-    """Find the angle by which the accelerations ``parts`` (k, T, 2) must be rotated to explain a force (T, 2) best.
-
-    The mean of every signal is subtracted first.
-    """
-    measured, parts = measured - measured.mean(axis=0), parts - parts.mean(axis=1, keepdims=True)
-    size = float(np.linalg.norm(measured))
-    residual, angle = min((_compute_residual(measured, parts, angle), angle) for angle in _ANGLES)
-    coherence = float(np.sqrt(max(0.0, 1.0 - (residual / max(size, 1e-300)) ** 2)))
-    return ForceDirection(angle, coherence, size / float(np.sqrt(len(measured))), 0.0)
-
-
-def _compute_residual(measured: FloatArray, parts: FloatArray, angle: float) -> float:
-    """Return the norm of the force (T, 2) minus fitted masses times rotated accelerations ``parts`` (k, T, 2)."""
-    c, s = np.cos(angle), np.sin(angle)
-    rows = (parts @ np.array([[c, s], [-s, c]])).reshape(len(parts), -1).T
-    return float(nnls(rows, measured.reshape(-1))[1])

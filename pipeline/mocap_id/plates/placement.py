@@ -76,9 +76,15 @@ def find_standing_feet(
     height = np.where(often, middle[:, 2] - lowest, np.inf)
     legs, low = middle[(height >= _LOW_M) & (height < _LEG_M)], middle[still & (height < _LOW_M)]
     groups: list[FloatArray] = []
+    apart = np.linalg.norm(low[:, None, :2] - low[None, :, :2], axis=-1)
     for reach in _NEIGHBOUR_M:
-        groups = [low[group] for group in _group_neighbours(low[:, :2], reach)]
-        groups = [group for group in groups if len(group) >= _MIN_MARKERS and _is_under_leg(group, legs)]
+        near = apart <= reach
+        for _ in range(len(low)):  # neighbours of neighbours belong to the group
+            near = near @ near
+        groups = [low[row] for row in np.unique(near, axis=0)]
+        groups = [group for group in groups if len(group) >= _MIN_MARKERS and len(legs)]
+        under_leg = (np.linalg.norm(legs[:, None, :2] - group[None, :, :2], axis=-1).min() for group in groups)
+        groups = [group for group, away in zip(groups, under_leg, strict=True) if away < _BESIDE_M]
         if len(groups) >= count:
             break
     return groups
@@ -111,22 +117,6 @@ def measure_width(outline: FloatArray) -> float:
 def measure_length(outline: FloatArray) -> float:
     """Return the largest distance between any two points of an outline (K, 2), m."""
     return float(np.max(np.linalg.norm(outline[:, None] - outline[None], axis=-1)))
-
-
-def _group_neighbours(points: FloatArray, reach: float) -> list[IntArray]:
-    """Return the indices of the points in each group of points (K, 2) with neighbours at most ``reach``, m, apart."""
-    near = np.linalg.norm(points[:, None] - points[None], axis=-1) <= reach
-    for _ in range(len(points)):
-        near = near @ near
-    return [np.flatnonzero(row) for row in np.unique(near, axis=0)]
-
-
-def _is_under_leg(foot: FloatArray, legs: FloatArray) -> bool:
-    """Return whether the horizontal distance of a marker of the legs (L, 3) from the foot (K, 3) is small."""
-    if not len(legs):
-        return False
-    away = np.linalg.norm(legs[:, None, :2] - foot[None, :, :2], axis=-1)
-    return bool(away.min() < _BESIDE_M)
 
 
 _MIN_FORCE_N, _MIN_SHARE = 50.0, 0.25
@@ -221,30 +211,49 @@ def compare_with_feet(
     If there are as many feet as plates, each plate is compared with a different foot, otherwise with all feet together.
     The result has one entry for each plate.
     """
+    # samples in which only feet load each plate: all loaded ones, but if the plates carry the whole weight while the
+    # body is low, a chair may stand on them; then only the loaded ones in which the person stands
+    loaded = [_find_loaded(each) for each in samples]
+    tall, low = find_upright(positions)
+    total = np.sum([np.where(each.ok, each.force[:, 2], 0.0) for each in samples], axis=0) if samples else np.zeros(0)
+    if low.any() and tall.any() and np.percentile(total[low], 10) > _WHOLE_WEIGHT * np.median(total[tall]):
+        loaded = [each & tall for each in loaded]
+
+    # feet, and why their markers do not give an outline of the soles
     surfaces = [plate.centre[2] for plate in plates if plate.centre is not None]
-    loaded = _find_samples_on_feet(positions, samples)
     surface = float(np.mean(surfaces)) if surfaces else None
     feet = []
     if any(map(np.any, loaded)):
         feet = find_standing_feet(positions, np.logical_or.reduce(loaded), surface, len(plates))
     feet = [foot for foot in feet if measure_length(foot[:, :2]) > _FOOT_M / 2]
-    unknown = _explain_missing_outline(feet)
+    unknown = None
+    if not feet:
+        unknown = "no foot with two markers stands still"
+    elif min(measure_length(foot[:, :2]) for foot in feet) < (_BOTH_ENDS_M if len(feet) > 1 else _TWO_FEET_M):
+        unknown = "the markers are on one foot alone, or not on both ends of each foot"
+    elif measure_width(np.concatenate(feet)[:, :2]) < _BOTH_ENDS_M:
+        unknown = "the markers are on one foot alone, or on only one end of the feet"
+
+    # distance of every plate's centre of pressure from every outline, and the outline that belongs to the plate
     shared = len(feet) != len(plates)
     outlines = [] if unknown else [np.concatenate(feet)] * len(plates) if shared else feet
-    distances = np.array(
-        [
-            [_measure_distance(outline, *each) for outline in outlines]
-            for each in zip(plates, samples, loaded, strict=True)
-        ]
-    )
+    distances = np.full((len(plates), len(outlines)), np.nan)
+    for k, (plate, each, where) in enumerate(zip(plates, samples, loaded, strict=True)):
+        if where.any():
+            centres = compute_centre_of_pressure(plate, each)[where]
+            distances[k] = [
+                float(np.percentile(measure_outside(centres, outline[:, :2]), _PERCENTILE)) for outline in outlines
+            ]
     own: IntArray = linear_sum_assignment(np.nan_to_num(distances, nan=0.0))[1] if outlines else np.zeros(0, np.int64)
     lowest = min((foot[:, 2].min() for foot in feet), default=None)
     placements = []
     for k, (plate, each, where) in enumerate(zip(plates, samples, loaded, strict=True)):
         off, allowance, over = np.nan, 0.0, None
-        if outlines:
-            off = distances[k, own[k]]
-            allowance = _measure_shortfall(feet) if shared else _measure_shortfall([feet[own[k]]], _FOOT_WIDTH_M)
+        if outlines:  # by how much the outline of the markers may be shorter than a foot, or narrower
+            off, chosen = distances[k, own[k]], feet if shared else [feet[own[k]]]
+            length = max(measure_length(foot[:, :2]) for foot in chosen)
+            width = measure_width(np.concatenate(chosen)[:, :2])
+            allowance = max(0.0, _FOOT_M - length, (0.0 if shared else _FOOT_WIDTH_M) - width)
         if lowest is not None and plate.centre is not None and where.any():
             over = float(lowest - plate.centre[2])
         known = bool(np.isfinite(off))
@@ -263,31 +272,6 @@ def compare_with_feet(
     return placements
 
 
-def _find_samples_on_feet(positions: FloatArray, samples: Sequence[PlateSamples]) -> list[BoolArray]:
-    """Return for each plate a mask (F,) of the samples in which only feet load it.
-
-    These are all loaded samples. But if the plates carry the whole weight while the body is low, a chair may stand on
-    them; then they are only the loaded samples in which the person stands.
-    """
-    loaded = [_find_loaded(each) for each in samples]
-    tall, low = find_upright(positions)
-    total = np.sum([np.where(each.ok, each.force[:, 2], 0.0) for each in samples], axis=0) if samples else np.zeros(0)
-    if low.any() and tall.any() and np.percentile(total[low], 10) > _WHOLE_WEIGHT * np.median(total[tall]):
-        return [each & tall for each in loaded]
-    return loaded
-
-
-def _explain_missing_outline(feet: Sequence[FloatArray]) -> str | None:
-    """Return why the markers (K, 3) of the feet do not give an outline of the soles; None if they give one."""
-    if not feet:
-        return "no foot with two markers stands still"
-    if min(measure_length(foot[:, :2]) for foot in feet) < (_BOTH_ENDS_M if len(feet) > 1 else _TWO_FEET_M):
-        return "the markers are on one foot alone, or not on both ends of each foot"
-    if measure_width(np.concatenate(feet)[:, :2]) < _BOTH_ENDS_M:
-        return "the markers are on one foot alone, or on only one end of the feet"
-    return None
-
-
 def measure_lean(force: FloatArray, positions: FloatArray, rate: float) -> FloatArray | None:
     """Return the angles (2,), rad, between the vertical and the mean ground force while the person stands still.
 
@@ -302,7 +286,9 @@ def measure_lean(force: FloatArray, positions: FloatArray, rate: float) -> Float
     moved = average_markers(positions[2 * half :] - positions[: -2 * half]) * rate / (2 * half)
     speed[half:-half] = np.linalg.norm(moved, axis=1)
     slow = np.nan_to_num(speed, nan=np.inf) < _SWAY_M_S
-    still = _keep_long_runs(find_upright(positions)[0] & np.isfinite(force).all(axis=1) & slow, round(_PAUSE_S * rate))
+    still = np.zeros(len(positions), bool)
+    for run in find_runs(find_upright(positions)[0] & np.isfinite(force).all(axis=1) & slow):
+        still[run] = run.stop - run.start >= round(_PAUSE_S * rate)
     if still.sum() < _MIN_TOTAL_S * rate or not shows_standing(positions, still):
         return None
     mean = force[still].mean(axis=0)
@@ -387,7 +373,7 @@ def _measure_load(
 
 
 @dataclass(frozen=True)
-class LoadShare:
+class FootLoad:
     """Share of the load on the foot that carries less, while a person stands on two feet."""
 
     foot: FloatArray  # mean positions of the markers on this foot, (K, 3), m
@@ -401,7 +387,7 @@ class LoadShare:
 
 def measure_load_share(
     plates: Sequence[Plate], samples: Sequence[PlateSamples], positions: FloatArray
-) -> LoadShare | None:
+) -> FootLoad | None:
     """Compare the load of two feet on several plates with the position of the body between the feet.
 
     A person who unloads one leg moves the body towards the other foot. A wrong gain or unit of one plate changes the
@@ -428,8 +414,8 @@ def measure_load_share(
     body = body if best[0] >= _MIRRORED else None
     loads = tuple(float(np.median(each.force[load.stands, 2])) for each in samples)
     if load.share < 0.5:  # the centre of pressure is nearer to the first foot
-        return LoadShare(load.feet[1], load.share, body, load.width, loads)
-    return LoadShare(load.feet[0], 1.0 - load.share, None if body is None else 1.0 - body, load.width, loads)
+        return FootLoad(load.feet[1], load.share, body, load.width, loads)
+    return FootLoad(load.feet[0], 1.0 - load.share, None if body is None else 1.0 - body, load.width, loads)
 
 
 def _measure_beside(point: FloatArray, plate: Plate) -> float:
@@ -459,29 +445,7 @@ def find_pinned_pressure(plate: Plate, samples: PlateSamples, positions: FloatAr
     return away if away <= limit else None
 
 
-def _keep_long_runs(flags: BoolArray, least: int) -> BoolArray:
-    """Return a copy of the flags (F,) in which all runs of fewer than ``least`` samples are False."""
-    kept = np.zeros(len(flags), bool)
-    for run in find_runs(flags):
-        kept[run] = run.stop - run.start >= least
-    return kept
-
-
 def _find_loaded(samples: PlateSamples) -> BoolArray:
     """Return a mask (F,) of the samples whose vertical force is large enough for a centre of pressure."""
     vertical = np.where(samples.ok, samples.force[:, 2], 0.0)
     return np.asarray(vertical > max(_MIN_FORCE_N, _MIN_SHARE * float(np.percentile(vertical, 95))))
-
-
-def _measure_distance(outline: FloatArray, plate: Plate, samples: PlateSamples, loaded: BoolArray) -> float:
-    """Return how far outside an outline (K, 3) the centre of pressure is: the 90th percentile, m; NaN without load."""
-    if not loaded.any():
-        return float("nan")
-    centres = compute_centre_of_pressure(plate, samples)[loaded]
-    return float(np.percentile(measure_outside(centres, outline[:, :2]), _PERCENTILE))
-
-
-def _measure_shortfall(feet: Sequence[FloatArray], width: float = 0.0) -> float:
-    """Return how much shorter than a foot or narrower than ``width`` the outline of the markers (K, 3) is, m, or 0."""
-    length = max(measure_length(foot[:, :2]) for foot in feet)
-    return max(0.0, _FOOT_M - length, width - measure_width(np.concatenate(feet)[:, :2]))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.errors import RecordingError
-from mocap_id.plates import GRAVITY
+from mocap_id.plates.choice import GRAVITY
 from mocap_id.recording import read
 from mocap_id.recording.model import Recording
 from mocap_id.recording.skeleton_log import read_skeleton

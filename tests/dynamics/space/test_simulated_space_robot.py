@@ -12,7 +12,7 @@ from space_cases import robot
 from mocap_id import recording
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.geometry import PlaneFrame
-from mocap_id.plates import choose_plates
+from mocap_id.plates.choice import choose_plates
 from mocap_id.recording import ThinnedFrames
 from mocap_id.stages.planarise.wrenches import compute_ground_wrench_in_space, find_plates_centre
 from mocap_id_simulation import SpaceRobotOptions, generate_space_robot, simulate_space_robot

@@ -11,10 +11,10 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import Refused
-from mocap_id.plates import GRAVITY, PlateChoice, weigh_person
+from mocap_id.plates.choice import GRAVITY, PlateChoice, weigh_person
 from mocap_id.plates.direction import ForceCourse, ForceDirection, compare_directions
 from mocap_id.plates.placement import (
-    LoadShare,
+    FootLoad,
     PlatePlacement,
     compare_with_feet,
     find_foot_beside,
@@ -95,20 +95,11 @@ def check_registration(
 ) -> PlateCheck:
     """Compare the feet's plates with the markers.
 
-    Parameters
-    ----------
-    samples : sequence of PlateSamples
-        The plates' wrenches at the times of ``positions`` (F, M, 3), lab axes with Z up, m.
-    person : bool
-        Whether a person moves; a robot has no feet.
-    yaw : float or None
-        Angle of the plane's x from the lab's X, rad; None in space, where every component of the force is needed.
-    labels : sequence of str, length M
-        Names of the markers, for messages.
-    others : sequence of str
-        Each plate that is not used, and why, for messages.
-    follows : bool
-        Whether the vertical force follows the body; then the size of the horizontal force is checked too.
+    ``samples`` are the plates' wrenches at the times of ``positions`` (F, M, 3), lab axes with Z up, m. ``person`` is
+    False for a robot, which has no feet. ``yaw`` is the angle of the plane's x from the lab's X, rad; None in space,
+    where every component of the force is needed. ``labels``, the M names of the markers, and ``others``, the plates
+    that are not used and why, are for messages. If the vertical force ``follows`` the body, the size of the horizontal
+    force is checked too.
     """
     if not plates:
         return PlateCheck({}, ())
@@ -135,8 +126,7 @@ def check_registration(
         else {"angle_deg": float(np.degrees(whole.angle)), "coherence": whole.coherence, "rms": whole.size},
     )
     _check_placement(out, found)
-    tilt = _describe_tilt(found, lean)
-    out.reasons += [] if tilt is None else [tilt]
+    _check_tilt(out, found, lean)
     _check_rotation(out, plates, whole, alone)
     unusable = None
     pinned = {
@@ -174,8 +164,7 @@ def check_registration(
         if uneven is not None:
             out.fact(load_share={"measured": uneven.measured, "expected": uneven.expected})
             if off is None and not any(each.code in _EXPLAIN for each in out.reasons):
-                load = _describe_uneven(plates, _name_markers(uneven.foot, positions, labels), uneven)
-                out.reasons += [] if load is None else [load]
+                _check_load(out, plates, _name_markers(uneven.foot, positions, labels), uneven)
         far = [each for each in out.reasons if each.code == "plate-misplaced" and (each.value or 0.0) > _FAR_OFF_M]
         if far:
             unusable = far[0].message
@@ -185,10 +174,9 @@ def check_registration(
     along = any(yaw is None or abs(axis @ direction) > _ALONG for axis in dead)
     weak = bool(follows and weak)
     if weak or dead:
-        reason = _describe_dead(plates, whole if weak else None, along=along, space=yaw is None)
-        out.reasons.append(reason)
+        _describe_dead(out, plates, whole if weak else None, along=along, space=yaw is None)
         if yaw is None:
-            unusable = unusable or reason.message
+            unusable = unusable or out.reasons[-1].message
     return PlateCheck(out.facts, tuple(out.reasons), unusable, not (weak or along))
 
 
@@ -272,109 +260,104 @@ def _name_markers(foot: FloatArray, positions: FloatArray, labels: Sequence[str]
     return ", ".join(names[:3]) + (" …" if len(names) > 3 else "")
 
 
-def _describe_uneven(plates: Sequence[Plate], markers: str, load: LoadShare) -> Reason | None:
-    """Return a caution if one foot carries little load or the body is elsewhere; a note if the body confirms this."""
+def _check_load(out: Findings, plates: Sequence[Plate], markers: str, load: FootLoad) -> None:
+    """Add a caution if one foot carries little load or the body is elsewhere; a note if the body confirms this."""
     measured, expected = load.measured, load.expected
     away = 0.0 if expected is None else abs(expected - measured)
     contradicts = away * load.width > _BODY_M and away > _BODY_SHARE
     if measured >= _UNEVEN and not contradicts:
-        return None
+        return
     loads = " and ".join(f"{load:.0f} N on plate {plate.index}" for plate, load in zip(plates, load.loads, strict=True))
     found = f"the foot with the markers {markers} carries {100 * measured:.0f} % of the load ({loads})"
-    if contradicts and expected is not None:
+    if expected is None:
+        text = (
+            f"{found}, expected at least {100 * _UNEVEN:.0f} %. Either the person unloads this leg, as patients do, or "
+            "a plate has a wrong unit or gain; then mass, wrench, torques and parameters are wrong. The markers do not "
+            "show the middle of the body, which would tell the two apart. Check units and gains of both plates, and "
+            "compare the mass with `subject: {mass: …}`"
+        )
+        out.say("load-uneven", text, measured, _UNEVEN)
+    elif contradicts:
         share = min(max(expected, 0.01), 0.99)
         factor = measured * (1.0 - share) / (max(share, 0.01) * (1.0 - measured))
-        return Reason(
-            "load-uneven",
+        text = (
             f"{found}, but the body stands where this foot carries {100 * expected:.0f} %: who unloads a leg moves the "
             f"body over the other foot. Probably the plate of this foot reads {factor:.2f} times the true force "
             "compared with the other one: a wrong unit (pounds-force declared as newtons: 0.22) or gain; or the "
             "corners of the two plates are exchanged. Then wrench, torques and parameters are wrong, and with a wrong "
             "unit also the mass. It is no fault if the person leans on a support, or holds a "
-            "load on one side. Check units and gains of both plates, and compare the mass with `subject: {mass: …}`",
-            value=measured,
-            limit=expected,
+            "load on one side. Check units and gains of both plates, and compare the mass with `subject: {mass: …}`"
         )
-    if expected is not None:
+        out.say("load-uneven", text, measured, expected)
+    else:
         text = (
             f"{found}. The body stands over the other foot as well (the middle of its markers gives "
             f"{100 * expected:.0f} %), so the person unloads this leg"
         )
-        return Reason("load-uneven", text, value=measured, limit=_UNEVEN, level="ok")
-    return Reason(
-        "load-uneven",
-        f"{found}, expected at least {100 * _UNEVEN:.0f} %. Either the person unloads this leg, as patients do, or a "
-        "plate has a wrong unit or gain; then mass, wrench, torques and parameters are wrong. The markers do not show "
-        "the middle of the body, which would tell the two apart. Check units and gains of both plates, and compare "
-        "the mass with `subject: {mass: …}`",
-        value=measured,
-        limit=_UNEVEN,
-    )
+        out.say("load-uneven", text, measured, _UNEVEN, "ok")
 
 
-def _describe_dead(plates: Sequence[Plate], weak: ForceDirection | None, *, along: bool, space: bool = False) -> Reason:
-    """Return a caution about horizontal channels that are dead, or a note if the motion plane does not need them."""
+def _describe_dead(
+    out: Findings, plates: Sequence[Plate], weak: ForceDirection | None, *, along: bool, space: bool
+) -> None:
+    """Add a caution about horizontal channels that are dead, or a note if the motion plane does not need them."""
     listed = "; ".join(
         f"plate {plate.index}: {', '.join(name for name, _ in plate.dead)}" for plate in plates if plate.dead
     )
+    found = f"channels of horizontal force read the same value in every sample ({listed})"
     if weak is None and not along:
         text = (
-            f"channels of horizontal force read the same value in every sample ({listed}): they are dead. They measure "
-            "across the motion, so the results in its plane do not depend on them"
+            f"{found}: they are dead. They measure across the motion, so the results in its plane do not depend on them"
         )
-        return Reason("plate-channel-dead", text, level="ok")
-    found = (
-        f"channels of horizontal force read the same value in every sample ({listed})"
-        if listed
-        else "the horizontal force hardly varies"
-    )
-    size = ""
+        out.say("plate-channel-dead", text, level="ok")
+        return
+    if not listed:
+        found = "the horizontal force hardly varies"
     if weak is not None:
-        size = f" (it varies by {weak.size:.1f} N, expected about {weak.expected:.0f} N from the movement)"
+        found += f" (it varies by {weak.size:.1f} N, expected about {weak.expected:.0f} N from the movement)"
     effect = (
         "A trial in space needs all components of the force, so no parameter can be identified"
         if space
         else "Fx is left out, as it is unmeasured. The parameters are fitted to Fy and tauz, and the moment contains "
         "an error of Fx times the depth of the plate's sensors"
     )
-    return Reason(
+    out.say(
         "plate-channel-dead",
-        f"{found}{size}: a channel is dead, not connected or in a wrong unit. {effect}. Check cable, amplifier and "
+        f"{found}: a channel is dead, not connected or in a wrong unit. {effect}. Check cable, amplifier and "
         "`force_unit`",
     )
 
 
-def _describe_tilt(found: Sequence[PlatePlacement], lean: FloatArray | None) -> Reason | None:
-    """Return a reason if the corners of a plate are not level, or the force under a standing person is not vertical."""
+def _check_tilt(out: Findings, found: Sequence[PlatePlacement], lean: FloatArray | None) -> None:
+    """Add a reason if the corners of a plate are not level, or the force under a standing person is not vertical."""
     inclined = max((each.inclined for each in found if each.inclined is not None), default=0.0)
-    corners = f"the corners incline a plate by {np.degrees(inclined):.1f}°, expected under {np.degrees(_INCLINED):.1f}°"
+    steepest, limit = float(np.degrees(inclined)), float(np.degrees(_INCLINED))
+    leaning = 0.0 if lean is None else float(np.degrees(np.hypot(*lean)))
+    corners = f"the corners incline a plate by {steepest:.1f}°, expected under {limit:.1f}°"
     confirmed = True  # whether the force leans as it would if the plates were level and their corners were wrong
     if inclined > _INCLINED and lean is not None:
         total = sum(each.load for each in found)
         expected = sum((each.normal[:2] * each.load for each in found if each.normal is not None), np.zeros(2)) / total
         confirmed = bool(lean @ expected > 0.5 * (expected @ expected))
     if inclined > _INCLINED and confirmed:
-        evidence = (
-            ", and nobody stands still, so the force cannot confirm this"
-            if lean is None
-            else ", and the force under the standing person leans in the same direction, by "
-            f"{np.degrees(np.hypot(*lean)):.1f}°: the corners are wrong"
-        )
+        evidence = ", and nobody stands still, so the force cannot confirm this"
+        if lean is not None:
+            evidence = (
+                ", and the force under the standing person leans in the same direction, by "
+                f"{leaning:.1f}°: the corners are wrong"
+            )
         text = f"{corners}{evidence}. Measure them again; part of the weight may count as Fx and affect all parameters"
-        return Reason("plate-tilted", text, value=float(np.degrees(inclined)), limit=float(np.degrees(_INCLINED)))
-    if lean is not None and np.hypot(*lean) > _LEAN:
-        leaning = float(np.degrees(np.hypot(*lean)))
+        out.say("plate-tilted", text, steepest, limit)
+    elif lean is not None and np.hypot(*lean) > _LEAN:
         text = (
             f"the force under the standing person leans by {leaning:.1f}° from the vertical, expected under "
             f"{np.degrees(_LEAN):.1f}°: a plate is tilted, has crosstalk, or was not zeroed. Level and zero it; part "
             "of the weight counts as Fx, which makes all parameters wrong"
         )
-        return Reason("plate-tilted", text, value=leaning, limit=float(np.degrees(_LEAN)))
-    if inclined <= _INCLINED:
-        return None
-    text = f"{corners}; the force under the standing person is vertical, so the plate is assumed to be inclined"
-    value, limit = float(np.degrees(inclined)), float(np.degrees(_INCLINED))
-    return Reason("plate-tilted", text, value=value, limit=limit, level="ok")
+        out.say("plate-tilted", text, leaning, float(np.degrees(_LEAN)))
+    elif inclined > _INCLINED:
+        text = f"{corners}; the force under the standing person is vertical, so the plate is assumed to be inclined"
+        out.say("plate-tilted", text, steepest, limit, "ok")
 
 
 _UNRELATED, FOLLOWS = 0.62, 0.7
@@ -391,15 +374,24 @@ _FEW = 0.05  # fraction of the frames; fewer frames without plate samples give a
 
 
 def describe_plates(
-    source: Recording, thinned: ThinnedFrames, choice: PlateChoice, external: ExternalWrenches, threshold: float
-) -> tuple[dict[str, Any], tuple[Reason, ...]]:
-    """Return facts about the plates and the standing mass, and a reason if no plate can be used."""
-    plates = source.plates
-    feet = choice.indices("feet")
+    out: Findings,
+    source: Recording,
+    thinned: ThinnedFrames,
+    choice: PlateChoice,
+    external: ExternalWrenches,
+    *,
+    threshold: float,
+) -> None:
+    """Add facts about the plates and the standing mass, and reasons if a unit is assumed or no plate can be used."""
+    plates, feet = source.plates, choice.indices("feet")
+    for assumption in (text for index in feet for text in plates[index].assumptions):
+        out.say(  # all forces and masses depend on the unit
+            "plate-unit-assumed",
+            f"{assumption}; if the unit is different, set `planarise: {{force_unit: …, moment_unit: …}}`.",
+        )
     mass: float | None = None
     spread: list[float] | None = None
     why: str | None = "the recording has no force plates"
-    reasons: tuple[Reason, ...] = ()
     if feet:
         vertical = sum((thinned.samples[index].force[:, 2] for index in feet), np.zeros(len(thinned.time)))
         vertical = vertical + external.vertical
@@ -413,39 +405,36 @@ def describe_plates(
             why = f"none of the force plates is under the feet ({causes})"
         advice = " If there is a MOT file, name it: `recording: {markers: …, forces: …}`."
         message = f"{why}: only the kinematics can be identified."
-        reasons = (Reason("no-plate", message + (advice if source.format == "TRC" and not plates else "")),)
-    facts = {
-        "plates": choice.facts(plates),
-        "external": list(external.facts),
-        "mass_kg": mass,
-        "mass_range_kg": spread,  # 10th and 90th percentile while upright: a load in the hands widens it
-        "why": why,
-        "analog_rate_hz": source.analog_rate,
-        "cop_threshold_N": threshold,
-    }
-    return facts, reasons
-
-
-def doubt_units(assumptions: Sequence[str]) -> tuple[Reason, ...]:
-    """Return a caution for each assumed unit of the feet's plates, because all forces and masses depend on it."""
-    return tuple(
-        Reason(
-            "plate-unit-assumed",
-            f"{assumption}; if the unit is different, set `planarise: {{force_unit: …, moment_unit: …}}`.",
-        )
-        for assumption in assumptions
+        out.say("no-plate", message + (advice if source.format == "TRC" and not plates else ""))
+    out.fact(
+        plates=[
+            {
+                "index": plate.index,
+                "kind": plate.kind,
+                "use": use,
+                "mean_vertical_N": None if not np.isfinite(load) else load,
+                "why": text,
+            }
+            for plate, use, load, text in zip(plates, choice.uses, choice.loads, choice.why, strict=True)
+        ],
+        external=external.facts,
+        mass_kg=mass,
+        mass_range_kg=spread,  # 10th and 90th percentile while upright: a load in the hands widens it
+        why=why,
+        analog_rate_hz=source.analog_rate,
+        cop_threshold_N=threshold,
     )
 
 
 def describe_losses(
-    plates: Sequence[Plate], time: FloatArray, dropout: BoolArray, corrected: float
-) -> tuple[Reason, ...]:
-    """Return reasons for samples of the feet's plates that cannot be used in an identification.
+    out: Findings, plates: Sequence[Plate], time: FloatArray, dropout: BoolArray, corrected: float
+) -> None:
+    """Add reasons for samples of the feet's plates that cannot be used in an identification.
 
-    ``time`` (F,) are the marker times, s; ``dropout`` (F,) marks the frames from :func:`mocap_id.plates.find_dropouts`;
-    ``corrected`` is the clock offset by which the times of the plates were corrected, s.
+    ``time`` (F,) are the marker times, s; ``dropout`` (F,) marks the frames from
+    :func:`mocap_id.plates.choice.find_dropouts`; ``corrected`` is the clock offset by which the times of the plates
+    were corrected, s.
     """
-    out = Findings()
     for plate in plates:
         if plate.saturated is not None:
             stamped = plate.start + np.arange(len(plate.ok)) / plate.rate
@@ -484,7 +473,6 @@ def describe_losses(
             float(dropout.mean()),
             0.0,
         )
-    return tuple(out.reasons)
 
 
 def judge_course(

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -12,19 +10,19 @@ from mocap_id.anatomy.names import Side, find_roles
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.errors import ConfigError, RecordingError, Refused
 from mocap_id.geometry.planar import PlaneFrame
-from mocap_id.plates import PlateChoice
+from mocap_id.plates.choice import PlateChoice
 from mocap_id.recording import Recording, ThinnedFrames
 from mocap_id.recording.imu_log import read_imu
 from mocap_id.recording.marker_positions import rotate_z_up
 from mocap_id.recording.model import nearest_axis
 from mocap_id.recording.skeleton_log import read_skeleton
-from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.calibration_trial import FORMAT, get_calibration, read_chain
 from mocap_id.stages.planarise import PlanariseSettings
 from mocap_id.stages.planarise.plate_registration import describe_plates
 from mocap_id.stages.planarise.used_part import UsedPart
 from mocap_id.stages.planarise.wrenches import ExternalWrenches, compute_ground_wrench
-from mocap_id.stages.trial_keys import InertialSensor, TrialKeys, get_recording, list_sensors
+from mocap_id.stages.trial_keys import TrialKeys, get_recording, list_sensors
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
 from mocap_id.verdict import Reason
@@ -41,8 +39,8 @@ class UprightSkeleton:
     inferred: BoolArray  # (F, M) joint positions that the sensor inferred
     reasons: tuple[Reason, ...]
 
-    def facts(self, labels: tuple[str, ...], first: int, stop: int) -> dict[str, Any]:
-        """Return the fact ``skeleton``: for each joint, first and last time, s, of intervals with inferred positions.
+    def list_inferred(self, labels: tuple[str, ...], first: int, stop: int) -> dict[str, list[list[float]]]:
+        """Return for each joint first and last time, s, of the intervals with inferred positions.
 
         Only the joints ``labels`` and the frames from ``first`` to ``stop`` - 1 are considered.
         """
@@ -51,7 +49,7 @@ class UprightSkeleton:
             runs = find_runs(self.inferred[first:stop, number])
             if label in labels and runs:
                 stretches[label] = [time[[first + run.start, first + run.stop - 1]].tolist() for run in runs]
-        return {"inferred": stretches}
+        return stretches
 
 
 def read_upright(trial: TrialKeys, settings: PlanariseSettings) -> UprightSkeleton:
@@ -62,7 +60,7 @@ def read_upright(trial: TrialKeys, settings: PlanariseSettings) -> UprightSkelet
     file = get_recording(trial).skeleton
     assert file is not None
     read = read_skeleton(file, units=settings.units, vertical=settings.vertical)
-    source, notes = read.recording, []
+    source, out = read.recording, Findings(read.reasons)
     side = trial.side or _find_moving_side(source)
     roles = find_roles(source.labels, side)
     missing = [name for name in ("near_shoulder", "elbow", "wrist") if name not in roles]
@@ -73,12 +71,47 @@ def read_upright(trial: TrialKeys, settings: PlanariseSettings) -> UprightSkelet
             f"joints are {', '.join(source.labels)[:200]}.",
         )
     if trial.side is None:
-        notes.append(f"the {side} arm moves more than the other and is used (if it is the wrong one, set `side:`)")
-    if settings.vertical is None:
-        source = _rotate_upright(source, roles, notes)
-    source, mirrored = _undo_mirroring(source, roles, side)
-    reasons = tuple(Reason("recording-oddity", f"{note}.", level="ok") for note in notes)
-    return UprightSkeleton(source, side, read.inferred, read.reasons + reasons + mirrored)
+        text = f"the {side} arm moves more than the other and is used (if it is the wrong one, set `side:`)."
+        out.say("recording-oddity", text, level="ok")
+    if settings.vertical is None:  # the axis nearest to the trunk points up
+        up = np.nanmedian(_find_trunk(source, roles)[0], axis=0) if len(source.time) else np.zeros(3)
+        axis = nearest_axis(up, 0.75)
+        if axis not in (None, "Z"):
+            positions = source.positions.copy()
+            rotate_z_up(positions, str(axis))
+            text = "the upward axis was determined from the trunk (if it is another, set `vertical:`)."
+            source = replace(source, positions=positions, vertical=f"{source.vertical} ({axis})")
+        else:
+            known = np.isfinite(up).all()
+            tilt = float(np.degrees(np.arctan2(np.linalg.norm(up[:2]), up[2]))) if known else float("nan")
+            text = (
+                f"{source.vertical} of the file is taken as up; the trunk leans {tilt:.0f}° from it, with an unknown "
+                "tilt of the camera. Angles of the arm relative to the thorax do not depend on it."
+            )
+        out.say("recording-oddity", text, level="ok")
+
+    # hands or feet behind the trunk: the file is a mirror image
+    up, across = _find_trunk(source, roles)
+    forward = np.cross(up, across if side == "right" else -across)
+    with np.errstate(invalid="ignore"):
+        forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    ahead = []
+    for start, end in (("near_ankle", "near_foot"), ("far_ankle", "far_foot")):
+        if start in roles and end in roles:
+            ahead.append(source.positions[:, roles[end]] - source.positions[:, roles[start]])
+    if not ahead:
+        ahead.append(source.positions[:, roles["wrist"]] - source.positions[:, roles["near_shoulder"]])
+    along = float(np.nanmedian(np.einsum("fi,fi->f", np.mean(ahead, axis=0), forward)))
+    if along < -_BEHIND:
+        source = replace(source, positions=source.positions * [1.0, -1.0, 1.0])
+        out.say(
+            "skeleton-mirrored",
+            f"hands or feet are {-100 * along:.0f} cm behind the trunk, so the file is a mirror image or exchanges "
+            "left and right. It was mirrored back; check that `side:` names the arm that moved.",
+            -along,
+            _BEHIND,
+        )
+    return UprightSkeleton(source, side, read.inferred, tuple(out.reasons))
 
 
 def _find_moving_side(source: Recording) -> Side:
@@ -101,48 +134,6 @@ def _find_trunk(source: Recording, roles: dict[str, int]) -> tuple[FloatArray, F
     return (near + far) / 2 - np.mean(low[: 1 if "pelvis" in roles else 2], axis=0), near - far
 
 
-def _rotate_upright(source: Recording, roles: dict[str, int], notes: list[str]) -> Recording:
-    """Return the recording, rotated so that the axis nearest to the trunk points up, and add a note to ``notes``."""
-    up = np.nanmedian(_find_trunk(source, roles)[0], axis=0) if len(source.time) else np.zeros(3)
-    axis = nearest_axis(up, 0.75)
-    tilt = float(np.degrees(np.arctan2(np.linalg.norm(up[:2]), up[2]))) if np.isfinite(up).all() else float("nan")
-    if axis not in (None, "Z"):
-        positions = source.positions.copy()
-        rotate_z_up(positions, str(axis))
-        notes.append("the upward axis was determined from the trunk (if it is another, set `vertical:`)")
-        return replace(source, positions=positions, vertical=f"{source.vertical} ({axis})")
-    notes.append(
-        f"{source.vertical} of the file is taken as up; the trunk leans {tilt:.0f}° from it, with an unknown tilt of "
-        "the camera. Angles of the arm relative to the thorax do not depend on it"
-    )
-    return source
-
-
-def _undo_mirroring(source: Recording, roles: dict[str, int], side: Side) -> tuple[Recording, tuple[Reason, ...]]:
-    """Return the recording; if hands or feet are behind the trunk, mirror it and return a caution too."""
-    up, across = _find_trunk(source, roles)
-    forward = np.cross(up, across if side == "right" else -across)
-    with np.errstate(invalid="ignore"):
-        forward /= np.linalg.norm(forward, axis=1, keepdims=True)
-    ahead = []
-    for start, end in (("near_ankle", "near_foot"), ("far_ankle", "far_foot")):
-        if start in roles and end in roles:
-            ahead.append(source.positions[:, roles[end]] - source.positions[:, roles[start]])
-    if not ahead:
-        ahead.append(source.positions[:, roles["wrist"]] - source.positions[:, roles["near_shoulder"]])
-    along = float(np.nanmedian(np.einsum("fi,fi->f", np.mean(ahead, axis=0), forward)))
-    if not along < -_BEHIND:
-        return source, ()
-    reason = Reason(
-        "skeleton-mirrored",
-        f"hands or feet are {-100 * along:.0f} cm behind the trunk, so the file is a mirror image or exchanges left "
-        "and right. It was mirrored back; check that `side:` names the arm that moved.",
-        -along,
-        _BEHIND,
-    )
-    return replace(source, positions=source.positions * [1.0, -1.0, 1.0]), (reason,)
-
-
 _RATES = (50.0, 250.0)  # Hz, of the frames
 _LEAST_S = 5.0
 
@@ -156,10 +147,41 @@ def planarise_sensors(context: Context) -> Outputs:
     sensors have too little time in common. Raises Refused if a moving segment has no sensor, in this trial or in the
     calibration.
     """
-    tree = read_chain(get_calibration(context.trial))
-    _check_complete(context.trial, tree.texts("segments/name"))
-    sensors = list_sensors(context.trial.imus)
-    time = _find_common_times(sensors, context.trial.window)
+    calibration, trial = get_calibration(context.trial), context.trial
+    tree = read_chain(calibration)
+    segments = tree.texts("segments/name")
+    for name in trial.imus:
+        if name not in segments:
+            raise ConfigError(f"imus: there is no segment {name!r}; the segments are {', '.join(segments)}")
+    without = [name for name in segments[1:] if name not in trial.imus or name not in calibration.imus]
+    if without:
+        raise Refused(
+            "imus-alone-incomplete",
+            f"without markers, every moving segment ({', '.join(segments[1:])}) needs an inertial sensor in this trial "
+            f"and in {calibration.trial.name}; one of the two trials has none on the {' and '.join(without)}.",
+        )
+
+    # times with a constant step that all sensors cover, on the assumption that their clocks agree
+    sensors = list_sensors(trial.imus)
+    logs = {segment: read_imu(sensor.file, sensor.rate_hz) for segment, sensor in sensors.items()}
+    first, last = max(log.time[0] for log in logs.values()), min(log.time[-1] for log in logs.values())
+    steps = [float(np.median(np.diff(log.time))) for log in logs.values()]
+    rate = float(np.clip(round(1.0 / max(steps)), *_RATES))
+    if last - first < _LEAST_S:
+        files = ", ".join(sensor.file.name for sensor in sensors.values())
+        raise RecordingError(
+            f"{files}: the sensors have {max(last - first, 0):.1f} s in common, expected at least {_LEAST_S:g} s; use "
+            "logs of one recording"
+        )
+    start, stop = first, last
+    if trial.window is not None:
+        start, stop = max(first, trial.window[0]), min(last, trial.window[1])
+    if stop - start < _LEAST_S:
+        raise ConfigError(
+            f"`window:` contains less than {_LEAST_S:g} s of the sensor logs, which run from {first:g} to {last:g} s"
+        )
+    time = np.asarray(np.arange(np.ceil(start * rate), np.floor(stop * rate) + 1) / rate)
+
     labels = tree.texts("markers/name")
     rate = 1.0 / float(time[1] - time[0])
     missing = np.full((len(time), len(labels)), np.nan)
@@ -187,43 +209,10 @@ def planarise_sensors(context: Context) -> Outputs:
     values = {"x": missing, "y": missing, "z": missing, "visible": np.isfinite(missing)}
     planar = LongTable(PLANAR, source.frames, time, source.labels, values, planar_facts, ())
     choice, threshold = PlateChoice((), (), ()), context.settings.cop_threshold_N
+    ground = Findings()
     thinned = ThinnedFrames.of(source.positions, time, rate, ())
-    facts, reasons = describe_plates(source, thinned, choice, ExternalWrenches(), threshold)
-    reasons = tuple(replace(each, level="ok") for each in reasons)  # nobody expects a plate here
-    facts["registration"] = {}
-    return planar, Table(WRENCH, compute_ground_wrench(time, (), choice, PlaneFrame(0.0), threshold), facts, reasons)
-
-
-def _check_complete(trial: TrialKeys, segments: Sequence[str]) -> None:
-    """Raise Refused if a moving segment has no sensor, and ConfigError if a sensor is on no segment."""
-    calibration = get_calibration(trial)
-    without = [name for name in segments[1:] if name not in trial.imus or name not in calibration.imus]
-    for name in trial.imus:
-        if name not in segments:
-            raise ConfigError(f"imus: there is no segment {name!r}; the segments are {', '.join(segments)}")
-    if without:
-        raise Refused(
-            "imus-alone-incomplete",
-            f"without markers, every moving segment ({', '.join(segments[1:])}) needs an inertial sensor in this trial "
-            f"and in {calibration.trial.name}; one of the two trials has none on the {' and '.join(without)}.",
-        )
-
-
-def _find_common_times(sensors: Mapping[str, InertialSensor], window: tuple[float, float] | None) -> FloatArray:
-    """Return times with a constant step, s, that all sensors cover, on the assumption that their clocks agree."""
-    logs = {segment: read_imu(sensor.file, sensor.rate_hz) for segment, sensor in sensors.items()}
-    first, last = max(log.time[0] for log in logs.values()), min(log.time[-1] for log in logs.values())
-    steps = [float(np.median(np.diff(log.time))) for log in logs.values()]
-    rate = float(np.clip(round(1.0 / max(steps)), *_RATES))
-    if last - first < _LEAST_S:
-        files = ", ".join(sensor.file.name for sensor in sensors.values())
-        raise RecordingError(
-            f"{files}: the sensors have {max(last - first, 0):.1f} s in common, expected at least {_LEAST_S:g} s; use "
-            "logs of one recording"
-        )
-    start, stop = (first, last) if window is None else (max(first, window[0]), min(last, window[1]))
-    if stop - start < _LEAST_S:
-        raise ConfigError(
-            f"`window:` contains less than {_LEAST_S:g} s of the sensor logs, which run from {first:g} to {last:g} s"
-        )
-    return np.asarray(np.arange(np.ceil(start * rate), np.floor(stop * rate) + 1) / rate)
+    describe_plates(ground, source, thinned, choice, ExternalWrenches(), threshold=threshold)
+    ground.fact(registration={})
+    reasons = tuple(replace(each, level="ok") for each in ground.reasons)  # nobody expects a plate here
+    columns = compute_ground_wrench(time, (), choice, PlaneFrame(0.0), threshold)
+    return planar, Table(WRENCH, columns, ground.facts, reasons)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,11 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.kinematics import find_bursts, find_swaps, propose_window, undo_swaps
-from mocap_id.recording import Recording, ThinnedFrames
+from mocap_id.plates.choice import PlateChoice, choose_plates
+from mocap_id.plates.clock import ClockSearch, find_clock_offset
+from mocap_id.recording import Plate, Recording, ThinnedFrames
 from mocap_id.recording.held_samples import describe_held
+from mocap_id.stages.base import Findings
 from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.planarise import PlanariseSettings
 from mocap_id.stages.trial_keys import BalanceBoard, Files
@@ -58,8 +61,9 @@ class UsedPart:
             "files": [file.name for file in source.files],
         }
 
-    def list_oddities(self, doubted: Sequence[str]) -> list[Reason]:
-        """Return reasons about the file, without the oddities in ``doubted``, for which there are already cautions."""
+    def list_oddities(self, feet: Sequence[Plate]) -> list[Reason]:
+        """Return reasons about the file, without assumptions about the feet's plates, which are cautions already."""
+        doubted = {text for plate in feet for text in plate.assumptions}
         oddities = [oddity for oddity in self.source.oddities if oddity not in doubted]
         notes = [Reason("recording-oddity", f"{oddity}.", level="ok") for oddity in oddities]
         return [*notes, *describe_held(self.source.held, float(self.time[0]), float(self.time[-1]))]
@@ -147,20 +151,32 @@ def list_bursts(part: UsedPart, points: Mapping[str, FloatArray]) -> dict[str, l
     return found
 
 
-def check_swaps(part: UsedPart, *, repair: bool) -> tuple[FloatArray, list[dict[str, Any]], tuple[Reason, ...]]:
-    """Find swapped labels and, if ``repair``, correct them.
+def choose_on_one_clock(
+    source: Recording, part: UsedPart, *, feet: Collection[int], seat: Collection[int] = ()
+) -> tuple[Recording, ThinnedFrames, PlateChoice, ClockSearch]:
+    """Return the use of every plate after the plates' clock is corrected, which everything later uses.
 
-    Returns
-    -------
-    positions : (F, M, 3) array
-        Positions in the lab, corrected if requested, m.
-    facts : list of dict
-        Each swap: labels, first and last frame (numbers of the file), their times, whether it was corrected.
-    reasons : tuple of Reason
+    ``feet`` and ``seat`` are as in :func:`mocap_id.plates.choice.choose_plates`.
     """
+
+    def choose(plates: tuple[Plate, ...]) -> tuple[ThinnedFrames, PlateChoice]:
+        thinned = ThinnedFrames.of(part.positions, part.time, source.rate, plates)
+        return thinned, choose_plates(plates, thinned.samples, thinned.positions, feet=feet, seat=seat)
+
+    thinned, choice = choose(source.plates)
+    loaded = [source.plates[index] for index in (*choice.indices("feet"), *choice.indices("seat"))]
+    clock = find_clock_offset(loaded, thinned.positions, thinned.time, thinned.rate, frame_s=1.0 / source.rate)
+    if clock.offset_s:
+        source = replace(source, plates=clock.correct(source.plates))
+        thinned, choice = choose(source.plates)
+    return source, thinned, choice, clock
+
+
+def check_swaps(out: Findings, part: UsedPart, *, repair: bool) -> tuple[FloatArray, list[dict[str, Any]]]:
+    """Find swapped labels, add a reason and, if ``repair``, correct them; return the positions and the swaps' facts."""
     swaps = find_swaps(part.positions, part.source.rate)
     if not swaps:
-        return part.positions, [], ()
+        return part.positions, []
     facts = [
         {
             "labels": [part.labels[swap.first], part.labels[swap.second]],
@@ -186,5 +202,5 @@ def check_swaps(part: UsedPart, *, repair: bool) -> tuple[FloatArray, list[dict[
         "`planarise: {repair_swaps: true}`, or relabel them and export the trial again."
     )
     message = f"two markers have each other's label {times}: {listed}{rest}. {outcome}"
-    reason = Reason("marker-swap", message, float(len(swaps)), level="ok" if repair else "caution")
-    return undo_swaps(part.positions, swaps) if repair else part.positions, facts, (reason,)
+    out.say("marker-swap", message, float(len(swaps)), level="ok" if repair else "caution")
+    return undo_swaps(part.positions, swaps) if repair else part.positions, facts

@@ -15,44 +15,34 @@ from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.kinematics.base_motion import BaseMotion
 from mocap_id.kinematics.plane import find_feet
-from mocap_id.plates import PlateChoice, ZeroRule, find_contradictions, measure_empty_chair
+from mocap_id.plates.choice import PlateChoice, ZeroRule, find_contradictions, measure_empty_chair
 from mocap_id.recording import CELLS_BELOW_SURFACE_M, BoardLog, Plate, PlateSamples, Recording, ThinnedFrames
 from mocap_id.recording.held_samples import describe_held
+from mocap_id.stages.base import Findings
 from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.trial_keys import BalanceBoard, ExternalForce
 from mocap_id.verdict import Reason
 
-_ZERO_UNKNOWN = Reason(
-    "seat-zero-unknown",
-    "the person never stands in these frames, so the reading of the empty chair's plate is not known. It was not "
-    "corrected, and the chair's weight counts as the person's. If the plate was zeroed with the chair on it, set "
-    "`planarise: {seat_zero: none}`",
-)
 COMPONENTS = ("Fx", "Fy", "tauz")
 """Components of a wrench in the plane."""
 
-
 _IN_SPACE = ("Fx", "Fy", "Fz", "taux", "tauy", "tauz")
-
 _MIRROR = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])  # of a wrench, for z → -z: moments are axial vectors
 
 
-@dataclass(frozen=True)
+@dataclass
 class ExternalWrenches:
-    """External wrenches at the F frames, for wrench.parquet."""
+    """External wrenches at the F frames, for wrench.parquet; they are added one after another."""
 
     columns: dict[str, FloatArray] = field(default_factory=dict)  # (F,) by name
-    facts: tuple[dict[str, Any], ...] = ()  # items of the fact ``external``
-    reasons: tuple[Reason, ...] = ()
+    facts: list[dict[str, Any]] = field(default_factory=list)  # fact ``external``
+    reasons: list[Reason] = field(default_factory=list)
     vertical: FloatArray | float = 0.0  # upward force at the thinned frames, N
 
-    def __add__(self, other: ExternalWrenches) -> ExternalWrenches:
-        return ExternalWrenches(
-            self.columns | other.columns,
-            self.facts + other.facts,
-            self.reasons + other.reasons,
-            self.vertical + other.vertical,
-        )
+    def add(self, name: str, suffix: str, wrench: FloatArray, **fact: Any) -> None:
+        """Add a wrench (F, 3) in the plane, the suffix of its columns, and the rest of its fact."""
+        self.columns |= {f"{each}_{suffix}": column for each, column in zip(COMPONENTS, wrench.T.copy(), strict=True)}
+        self.facts.append({"name": name, "columns": suffix, **fact})
 
 
 @dataclass(frozen=True)
@@ -76,120 +66,99 @@ def add_wrenches(
 
 
 def measure_seat(
-    used: UsedFrames, samples: Sequence[PlateSamples], choice: PlateChoice, zero: ZeroRule
-) -> ExternalWrenches:
-    """Return the chair's wrench on the body, measured by the plates under the chair; no columns if there are none."""
+    external: ExternalWrenches, used: UsedFrames, samples: Sequence[PlateSamples], choice: PlateChoice, zero: ZeroRule
+) -> None:
+    """Add the chair's wrench on the body, measured by the plates under the chair; no columns if there are none."""
     thinned = used.thinned
     doubts = find_contradictions(thinned.samples, choice, thinned.positions)
-    reasons = [_describe_doubt(index, choice, why) for index, why in doubts.items()]
+    for index, why in doubts.items():
+        advice = "it looks like a chair's, but was added to the feet's; if a chair stands on it, name it under `seat:`"
+        if choice.uses[index] == "seat":
+            advice = (
+                "a chair does not do this; its wrench was left out. Are they swapped in `plates: {feet: …, seat: …}`?"
+            )
+        text = f"plate {index + 1}, named under `{choice.uses[index]}:`, {why}: {advice}"
+        external.reasons.append(Reason("plates-doubtful", text))
     plates = [index for index in choice.indices("seat") if index not in doubts]
     if not plates:
-        return ExternalWrenches(reasons=tuple(reasons))
+        return
     wrench, ok = add_wrenches(samples, plates, used.frame)
-    empty = measure_empty_chair(
+    reading, spread = measure_empty_chair(
         *add_wrenches(thinned.samples, plates, used.frame), thinned.positions, thinned.rate, zero
     )
-    if empty.reading is None:
-        reasons.append(_ZERO_UNKNOWN)
+    if reading is None:
+        text = (
+            "the person never stands in these frames, so the reading of the empty chair's plate is not known. It was "
+            "not corrected, and the chair's weight counts as the person's. If the plate was zeroed with the chair on "
+            "it, set `planarise: {seat_zero: none}`"
+        )
+        external.reasons.append(Reason("seat-zero-unknown", text))
     else:
-        wrench = wrench - empty.reading
-    if used.base is not None:
-        chair = np.zeros(3) if empty.reading is None else empty.reading
-        wrench = _subtract_chair([samples[index] for index in plates], chair, used, used.base)
+        wrench = wrench - reading
+    if used.base is not None:  # the base moves, and the chair does not
+        chair = np.zeros(3) if reading is None else reading
+        x, y, z = used.frame.axes
+        weight = chair[0] * x + chair[1] * y
+        force = sum((samples[index].force for index in plates), -weight)
+        moment = sum((samples[index].moment for index in plates), -chair[2] * z - np.cross(used.frame.origin, weight))
+        wrench = used.frame.wrench_to_plane(*used.base.undo_wrench(force, moment, used.time))
     wrench[~ok] = np.nan
-    fact = {
-        "name": "seat",
-        "columns": "seat",
-        "clock": "plates",
-        "plates": [index + 1 for index in plates],
-        "zero": None if empty.reading is None else _by_component(empty.reading),
-        "zero_sd": None if empty.spread is None else _by_component(empty.spread),
-    }
-    return ExternalWrenches(_name_columns(wrench, "seat"), (fact,), tuple(reasons))
+    named = [None if each is None else dict(zip(COMPONENTS, each.tolist(), strict=True)) for each in (reading, spread)]
+    numbers = [index + 1 for index in plates]
+    external.add("seat", "seat", wrench, clock="plates", plates=numbers, zero=named[0], zero_sd=named[1])
 
 
-def _subtract_chair(
-    samples: Sequence[PlateSamples], chair: FloatArray, used: UsedFrames, base: BaseMotion
-) -> FloatArray:
-    """Return the wrench of a chair on the body (F, 3), relative to a base that moves, while the chair does not move.
-
-    ``chair`` (3,) is the wrench of the empty chair in the plane.
-    """
-    x, y, z = used.frame.axes
-    weight = chair[0] * x + chair[1] * y
-    force = sum((each.force for each in samples), -weight)
-    moment = sum((each.moment for each in samples), -chair[2] * z - np.cross(used.frame.origin, weight))
-    return used.frame.wrench_to_plane(*base.undo_wrench(force, moment, used.time))
-
-
-def measure_sensors(used: UsedFrames, sensors: Sequence[ExternalForce], source: Recording) -> ExternalWrenches:
-    """Return the wrenches of the sensors in the configuration.
+def measure_sensors(
+    external: ExternalWrenches, used: UsedFrames, sensors: Sequence[ExternalForce], source: Recording
+) -> None:
+    """Add the wrenches of the sensors in the configuration.
 
     Raises ConfigError if the marker at which a force acts does not exist. Raises RecordingError if a sensor's file is
     unusable or shares no time with the recording.
     """
-    each = [_measure_sensor(number, sensor, used, source) for number, sensor in enumerate(sensors, start=1)]
-    return sum(each, ExternalWrenches())
-
-
-def _measure_sensor(number: int, sensor: ExternalForce, used: UsedFrames, source: Recording) -> ExternalWrenches:
-    log = recording.read_force_log(sensor.file)
-    turn = recording.to_z_up(source.vertical) * (-1.0 if sensor.force == "on-sensor" else 1.0)
-    ok = find_complete_rows(np.hstack([log.force, log.moment]))
-    start = log.start + sensor.clock_offset_s
-    plate = recording.Plate(0, "sensor", None, log.force @ turn.T, log.moment @ turn.T, ok, log.rate, start)
-    sampled = recording.decimate(plate, used.time, source.rate)
-    if not sampled.ok.any():
-        raise RecordingError(
-            f"{sensor.file}: it has no sample between {used.time[0]:g} and {used.time[-1]:g} s, the times of the "
-            f"recording; it runs from {start:g} to {log.end + sensor.clock_offset_s:g} s on the same clock (with "
-            f"`clock_offset_s: {sensor.clock_offset_s:g}`): check `time_s` and the offset"
+    for number, sensor in enumerate(sensors, start=1):
+        log, offset = recording.read_force_log(sensor.file), sensor.clock_offset_s
+        turn = recording.to_z_up(source.vertical) * (-1.0 if sensor.force == "on-sensor" else 1.0)
+        ok = find_complete_rows(np.hstack([log.force, log.moment]))
+        start = log.start + offset
+        plate = Plate(0, "sensor", None, log.force @ turn.T, log.moment @ turn.T, ok, log.rate, start)
+        sampled = recording.decimate(plate, used.time, source.rate)
+        if not sampled.ok.any():
+            raise RecordingError(
+                f"{sensor.file}: it has no sample between {used.time[0]:g} and {used.time[-1]:g} s, the times of the "
+                f"recording; it runs from {start:g} to {log.end + offset:g} s on the same clock (with "
+                f"`clock_offset_s: {offset:g}`): check `time_s` and the offset"
+            )
+        if isinstance(sensor.at, str):
+            found = find_markers(used.labels, (sensor.at,), f"external: {sensor.name}: at")
+            if len(found) > 1:
+                raise ConfigError(
+                    f"external: {sensor.name}: at: {sensor.at} matches {len(found)} markers, expected one"
+                )
+            point = used.positions[:, found[0]]
+        else:
+            point = np.asarray(recording.to_z_up(source.vertical) @ np.array(sensor.at))
+        acting = sampled.force, sampled.moment + np.cross(point, sampled.force)
+        if used.base is not None:
+            acting = used.base.undo_wrench(*acting, used.time)
+        wrench = used.frame.wrench_to_plane(*acting)
+        known = find_complete_rows(wrench)
+        wrench[~known] = np.nan
+        external.add(
+            sensor.name,
+            f"external_{number}",
+            wrench,
+            clock="cameras",
+            segment=sensor.segment,
+            file=sensor.file.name,
+            rate_hz=log.rate,
+            known_fraction=float(known.mean()),
+            measures=sensor.measures,
         )
-    moment = sampled.moment + np.cross(_find_point(sensor, used, source), sampled.force)
-    acting = sampled.force, moment
-    wrench = used.frame.wrench_to_plane(*(acting if used.base is None else used.base.undo_wrench(*acting, used.time)))
-    wrench[~find_complete_rows(wrench)] = np.nan
-    fact = {
-        "name": sensor.name,
-        "columns": f"external_{number}",
-        "clock": "cameras",
-        "segment": sensor.segment,
-        "file": sensor.file.name,
-        "rate_hz": log.rate,
-        "known_fraction": float(find_complete_rows(wrench).mean()),
-        "measures": sensor.measures,
-    }
-    held = describe_held(log.held, used.time[0] - sensor.clock_offset_s, used.time[-1] - sensor.clock_offset_s)
-    if sensor.measures == "beyond":  # not a force of the surroundings
-        return ExternalWrenches(_name_columns(wrench, f"external_{number}"), (fact,), held)
-    vertical = recording.decimate(plate, used.thinned.time, used.thinned.rate).force[:, 2]
-    return ExternalWrenches(_name_columns(wrench, f"external_{number}"), (fact,), held, vertical)
-
-
-def _find_point(sensor: ExternalForce, used: UsedFrames, source: Recording) -> FloatArray:
-    """Return the point of application, (F, 3) or (3,), lab axes with Z up, m."""
-    if not isinstance(sensor.at, str):
-        return np.asarray(recording.to_z_up(source.vertical) @ np.array(sensor.at))
-    found = find_markers(used.labels, (sensor.at,), f"external: {sensor.name}: at")
-    if len(found) > 1:
-        raise ConfigError(f"external: {sensor.name}: at: {sensor.at} matches {len(found)} markers, expected one")
-    return used.positions[:, found[0]]
-
-
-def _name_columns(wrench: FloatArray, suffix: str) -> dict[str, FloatArray]:
-    return {f"{name}_{suffix}": column for name, column in zip(COMPONENTS, wrench.T.copy(), strict=True)}
-
-
-def _by_component(wrench: FloatArray) -> dict[str, float]:
-    return dict(zip(COMPONENTS, wrench.tolist(), strict=True))
-
-
-def _describe_doubt(index: int, choice: PlateChoice, why: str) -> Reason:
-    if choice.uses[index] == "seat":
-        advice = "a chair does not do this; its wrench was left out. Are they swapped in `plates: {feet: …, seat: …}`?"
-    else:
-        advice = "it looks like a chair's, but was added to the feet's; if a chair stands on it, name it under `seat:`"
-    return Reason("plates-doubtful", f"plate {index + 1}, named under `{choice.uses[index]}:`, {why}: {advice}")
+        external.reasons += describe_held(log.held, used.time[0] - offset, used.time[-1] - offset)
+        if sensor.measures != "beyond":  # a force of the surroundings
+            vertical = recording.decimate(plate, used.thinned.time, used.thinned.rate).force[:, 2]
+            external.vertical = external.vertical + vertical
 
 
 def compute_ground_wrench(
@@ -219,10 +188,9 @@ def compute_ground_wrench_in_space(
     *,
     mirrored: bool = False,
 ) -> dict[str, np.ndarray[Any, Any]]:
-    """Return columns of wrench.parquet in space: the six components of the sum of the feet's plates at marker times.
+    """Return the same columns in space, with six components, about the origin of the trial's frame (y up).
 
-    Parameters are as in :func:`compute_ground_wrench`. ``frame`` is the frame of the trial (y up), about whose origin
-    the moments are. ``mirrored`` says whether the trial is mirrored, z → -z.
+    ``mirrored`` says whether the trial is mirrored, z → -z.
     """
     feet, count = choice.indices("feet"), len(time)
     ok = np.logical_and.reduce([samples[index].ok for index in feet]) if feet else np.zeros(count, np.bool_)
@@ -277,25 +245,6 @@ _FEW = 0.02
 _STANDS_N = 50.0
 
 
-_VERTICAL_ONLY = Reason(
-    "board-vertical-only",
-    "the ground's force comes from a balance board, which measures the vertical force and the centre of pressure at "
-    "its cells. The parameters are fitted to Fy and tauz; Fx is computed by the model, and no measurement checks it",
-    level="ok",
-)
-
-
-@dataclass(frozen=True)
-class PlacedBoard:
-    """A balance board in the lab."""
-
-    plate: Plate  # vertical force and its moments; the horizontal force is 0 because it is not measured
-    # (3,) origin of the plane frame at the height of the cells, so that tauz needs no horizontal force, m
-    origin: FloatArray
-    facts: dict[str, Any]  # fact ``board`` of wrench.parquet
-    reasons: tuple[Reason, ...]
-
-
 def read_board_plate(board: Path | BalanceBoard | None, source: Recording) -> tuple[BoardLog | None, Recording]:
     """Return the log, and the recording with the board as its only plate, whose moments are still zero.
 
@@ -321,19 +270,23 @@ def read_board_plate(board: Path | BalanceBoard | None, source: Recording) -> tu
 
 
 def place_board(
-    board: BalanceBoard,
-    log: BoardLog,
-    source: Recording,
-    thinned: ThinnedFrames,
-    frame: PlaneFrame,
-    *,
-    faces: float,
-) -> PlacedBoard:
+    board: BalanceBoard, log: BoardLog, source: Recording, thinned: ThinnedFrames, frame: PlaneFrame, *, faces: float
+) -> tuple[Plate, FloatArray, dict[str, Any], tuple[Reason, ...]]:
     """Determine the board's position from the configuration, or else from the movement of the body and the feet.
 
     The position along the motion is only a first estimate; identify-dim improves it with the model. ``source`` contains
     the board's plate. ``faces`` is 1 if the person faces the plane's x, and -1 if the person faces the opposite
     direction.
+
+    Returns
+    -------
+    plate : Plate
+        Vertical force and its moments; the horizontal force is 0 because it is not measured.
+    origin : (3,) array
+        Origin of the plane frame at the height of the cells, so that tauz needs no horizontal force, m.
+    facts : dict
+        Fact ``board`` of wrench.parquet.
+    reasons : tuple of Reason
     """
     plate, load = source.plates[0], thinned.samples[0].force[:, 2]
     forwards = faces * frame.axes[0, :2]
@@ -347,7 +300,13 @@ def place_board(
     up = np.array(_DIRECTIONS[top]) @ basis
     axes = np.stack([[up[1], -up[0]], up])  # to the right, towards the top
     usual = np.nan_to_num(np.nanmedian(pressure @ axes, axis=0))
-    centre = _find_centre(board, source, thinned.positions, usual)
+    if board.centre_m is not None:
+        centre = np.asarray(recording.to_z_up(source.vertical) @ np.array(board.centre_m))
+    else:
+        feet = find_feet(thinned.positions)
+        lowest = float(np.nanmin(np.nanmedian(thinned.positions[:, :, 2], axis=0)))
+        height = CELLS_BELOW_SURFACE_M if lowest >= CELLS_BELOW_SURFACE_M else 0.0  # on the floor, or sunk into it
+        centre = np.array([*(feet[:2] - usual), height])
     lever = log.force[:, None] * centre[:2] + log.moment @ axes
     moment = np.column_stack([lever[:, 1], -lever[:, 0], np.zeros(len(lever))])
     facts = {
@@ -360,11 +319,26 @@ def place_board(
         "averaged_s": log.averaged,
         "interval_s": log.interval,
     }
-    placed = replace(plate, moment=moment)
-    share = float(1.0 - log.ok.mean())
-    reasons = (_VERTICAL_ONLY, _describe_gaps(log.gaps, share)) if log.gaps else (_VERTICAL_ONLY,)
+    out = Findings()
+    out.say(
+        "board-vertical-only",
+        "the ground's force comes from a balance board, which measures the vertical force and the centre of pressure "
+        "at its cells. The parameters are fitted to Fy and tauz; Fx is computed by the model, and no measurement "
+        "checks it",
+        level="ok",
+    )
+    if log.gaps:
+        share = float(1.0 - log.ok.mean())
+        out.say(
+            "board-gaps",
+            f"the balance board sent no data {log.gaps} times for more than 0.15 s ({100 * share:.1f} % of its time): "
+            "these samples are left out. Bring the receiver closer, and close other programs",
+            share,
+            _FEW,
+            "caution" if share > _FEW else "ok",
+        )
     origin = np.array([0.0, 0.0, centre[2] - CELLS_BELOW_SURFACE_M])
-    return PlacedBoard(placed, origin, facts, reasons)
+    return replace(plate, moment=moment), origin, facts, tuple(out.reasons)
 
 
 def _find_direction(pressure: FloatArray, load: FloatArray, along: FloatArray, rate: float) -> tuple[str, bool]:
@@ -392,24 +366,3 @@ def _find_direction(pressure: FloatArray, load: FloatArray, along: FloatArray, r
     explained = 1.0 - float(np.var(series[:, axis] - rows @ slope)) / float(spread[axis] ** 2)
     name = (("left", "forwards") if slope[1] > 0.0 else ("right", "backwards"))[axis]
     return name, bool(spread[axis] > _ALONG * spread[1 - axis] and explained > _EXPLAINED)
-
-
-def _find_centre(board: BalanceBoard, source: Recording, positions: FloatArray, pressure: FloatArray) -> FloatArray:
-    """Return the centre (3,) of the board's surface in the lab, m."""
-    if board.centre_m is not None:
-        return np.asarray(recording.to_z_up(source.vertical) @ np.array(board.centre_m))
-    feet = find_feet(positions)
-    lowest = float(np.nanmin(np.nanmedian(positions[:, :, 2], axis=0)))
-    height = CELLS_BELOW_SURFACE_M if lowest >= CELLS_BELOW_SURFACE_M else 0.0  # on the floor, or sunk into it
-    return np.array([*(feet[:2] - pressure), height])
-
-
-def _describe_gaps(gaps: int, share: float) -> Reason:
-    return Reason(
-        "board-gaps",
-        f"the balance board sent no data {gaps} times for more than 0.15 s ({100 * share:.1f} % of its time): these "
-        "samples are left out. Bring the receiver closer, and close other programs",
-        value=share,
-        limit=_FEW,
-        level="caution" if share > _FEW else "ok",
-    )
