@@ -18,10 +18,9 @@ from mocap_id.geometry import planar
 from mocap_id.protocols.reference_body import make_empty_reference
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
-from mocap_id.stages.identify_dim.plane import fit_chain
+from mocap_id.stages.identify_dim.plane import identify_on_chain, read_inputs
 from mocap_id.stages.identify_dim.segment_fit import SegmentFit, filter_measured, fit_segments, predict_on_chain
 from mocap_id.stages.identify_dim.trial_data import ReferenceBodies, build_reference_bodies
-from mocap_id.stages.identify_dim.trial_inputs import read_inputs
 from mocap_id.stages.identify_dim.validation import MeasuredBodies, bridge_gaps, read_bodies
 from mocap_id.store import Folder
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
@@ -113,7 +112,7 @@ def compare_steps(trial: Trial) -> dict[str, list[str]]:
     prepared, movement = read.prepared, read.movement
     assert prepared is not None
     tables, recorded = build_reference_bodies(context, prepared.recorded, movement), prepared.recorded
-    chain = fit_chain(context, prepared, movement, read.grid, tables)
+    chain = identify_on_chain(context, prepared, movement, read.grid, tables)
     apart = read.bodies
     assert apart is not None
     table, segments = context.table("poses.parquet"), range(len(recorded.centres) + 1)
@@ -133,11 +132,12 @@ def compare_steps(trial: Trial) -> dict[str, list[str]]:
     assert first is not None
     found: list[tuple[BoolArray, FloatArray, FloatArray]] = [first]
     for each in fits:
-        held = each.validation.held_out
-        assert held is not None
+        held = each.left_out
+        assert not isinstance(held, str)
         found.append((held.samples, held.filtered, held.filtered_measured))
     for body in best.references.every:
-        found.append((found[0][0], best.filtered(body.parameters), filter_measured(best.prepared, best.found)))
+        model = np.where(best.found.fit.in_fit[:, None], best.prepared.filtered @ body.parameters, np.nan)
+        found.append((found[0][0], model, filter_measured(best.prepared, best.found)))
     both = np.logical_and.reduce([samples & np.isfinite(model).all(axis=1) for samples, model, _ in found])
     threshold = trial.done.cop_threshold
     return {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,11 +20,10 @@ from mocap_id.dynamics.preparation import TrialData
 from mocap_id.dynamics.priors import average_transform
 from mocap_id.dynamics.regressor import PlanarMotion, torque_regressor, wrench_regressor
 from mocap_id.geometry import planar
-from mocap_id.stages.base import Context
+from mocap_id.stages.base import Context, Findings
 from mocap_id.stages.identify_dim import STAGE
 from mocap_id.stages.identify_dim.segment_fit import explain_motion
 from mocap_id.stages.identify_dim.validation import (
-    RepetitionPredictor,
     bridge_gaps,
     pin_joints_that_hold,
     read_bodies,
@@ -33,6 +32,7 @@ from mocap_id.stages.identify_dim.validation import (
 from mocap_id.stages.trial_keys import Subject
 from mocap_id.store import Table, Tree, hdf5, parquet
 from mocap_id.store.schemas import CHAIN, POSES
+from mocap_id.verdict import Reason
 
 RATE = 50
 TIME = np.arange(30 * RATE) / RATE
@@ -272,13 +272,10 @@ def test_a_hip_that_hardly_gives_way_is_unpinned_where_that_predicts_better() ->
     assert found.facts["motion"]["source"] == "segments"
 
 
-class _Indifferent:
-    """Predictor of repetitions that predicts all motions equally well, so that the forces open no joint."""
-
-    def predict_on_poses(self, cutoffs: Cutoffs) -> LeftOutPrediction:
-        del cutoffs
-        ones, part = np.ones((len(TIME), 3)), np.zeros(len(TIME), dtype=np.int64)
-        return LeftOutPrediction(part == 0, part, ones, 0 * ones, ones, 0 * ones, np.zeros((2, 9)), np.zeros(2))
+def predict_indifferently(_: Cutoffs) -> LeftOutPrediction:
+    """Predict all motions equally well, so that the forces open no joint."""
+    ones, part = np.ones((len(TIME), 3)), np.zeros(len(TIME), dtype=np.int64)
+    return LeftOutPrediction(part == 0, part, ones, 0 * ones, ones, 0 * ones, np.zeros((2, 9)), np.zeros(2))
 
 
 def opened_by(motion: PlanarMotion, *, skin: float = CAMERA, shift: float = 0.0) -> list[int]:
@@ -287,7 +284,7 @@ def opened_by(motion: PlanarMotion, *, skin: float = CAMERA, shift: float = 0.0)
     poses = replace(bodies.poses, shift=np.array([[0.0, 0.0], [0.0, 0.0], [shift, 0.0]]))
     bodies = replace(bodies, poses=poses, residual=(skin,) * 5)
     assert HIP in bodies.loose
-    return pin_joints_that_hold(bodies, lambda _: cast("RepetitionPredictor", _Indifferent()), HIP).loose
+    return pin_joints_that_hold(bodies, lambda _: predict_indifferently, HIP).loose
 
 
 def test_a_hip_that_gives_way_is_open_whatever_the_forces_say() -> None:
@@ -438,12 +435,18 @@ def facts_of(source: str, offsets: list[float] | None, pinned: bool = False) -> 
     return {"motion": {"source": source, "why": "measured", "joints": {"hip": gap}}, "held_out": held_out}
 
 
+def said_of(facts: dict[str, Any]) -> list[Reason]:
+    out = Findings()
+    explain_motion(out, facts)
+    return out.reasons
+
+
 @pytest.mark.parametrize(
     ("offsets", "said"),
     [(None, False), ([], False), ([0.1], False), ([-0.004, 0.0, 0.0009], False), ([0.002, -0.0035, 0.0], True)],
 )
 def test_clocks_that_disagree_are_said(offsets: list[float] | None, said: bool) -> None:
-    found = explain_motion(facts_of("chain", offsets))
+    found = said_of(facts_of("chain", offsets))
     assert [each.code for each in found] == ["clocks-disagree"] * said
     if said:
         assert found[0].value == pytest.approx(0.0055)
@@ -463,8 +466,8 @@ def test_the_place_of_a_joint_is_without_the_error_of_the_previous_one() -> None
     ("source", "pinned", "said"), [("segments", False, True), ("segments", True, False), ("chain", False, False)]
 )
 def test_only_joints_that_part_are_named(source: str, pinned: bool, said: bool) -> None:
-    found = explain_motion(facts_of(source, None, pinned))
+    found = said_of(facts_of(source, None, pinned))
     assert [(each.code, each.level) for each in found] == [("joint-gives-way", "ok")] * said
     if said:
         assert "hip 12.3 mm" in found[0].message
-    assert explain_motion({"motion": {"source": "chain", "why": "asked for"}, "held_out": None}) == ()
+    assert said_of({"motion": {"source": "chain", "why": "asked for"}, "held_out": None}) == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -26,8 +27,8 @@ from mocap_id.protocols.curl import (
 from mocap_id.stages.base import Context
 from mocap_id.stages.curl_keys import Body
 from mocap_id.stages.device import DeviceFile
+from mocap_id.stages.identify_dim.events import make_arm_events
 from mocap_id.store import Table
-from mocap_id.store.schemas import EVENTS
 from mocap_id.store.views import MEANINGLESS_AT_POLE, NEAR_GIMBAL, SegmentPoses, SpatialSkeleton
 from mocap_id.verdict import Reason
 
@@ -46,7 +47,7 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
             "the flexion of the elbow is unknown, because the chain has no upper arm and forearm with landmarks. Curls "
             "hardly move the shoulder: name a trial of the same person in which all joints move as `calibration:`"
         )
-        return _make_table((), {"why": why}, (Reason("no-curls", why),)), {}
+        return make_arm_events("curl", (), {"why": why}, (Reason("no-curls", why),)), {}
     rules = CurlRules(
         metronome=keys.metronome_hz,
         attempt=float(np.radians(keys.attempt_deg)),
@@ -61,14 +62,20 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
     skeleton = SpatialSkeleton.from_tree(context.tree("chain.h5"))
     measured = poses.find_measured("upper_arm", "forearm")
     curls = find_curls(time, angles[_FLEXION], angles[f"sd_{_FLEXION}"], rules, measured)
-    axis = _find_elbow_axis(poses, skeleton)
+    # the flexion axis of the elbow in the trial's axes (T, 3), towards the right of the arm: the fitted axis of a hinge
+    # or two-axis joint, or the z axis of the upper arm if the elbow is a ball joint
+    elbow = skeleton.chain.joints[skeleton.segments.index("forearm") - 1] if "forearm" in skeleton.segments else None
+    fixed = np.array([0.0, 0.0, 1.0])
+    if elbow is not None and elbow.kind != "ball":
+        fixed = elbow.first_axis * (1.0 if elbow.first_axis[2] >= 0 else -1.0)
+    axis = np.asarray(poses.rotation[:, poses.segments.index("upper_arm")] @ fixed)
     axis[~poses.find_measured("upper_arm")] = np.nan
     end = find_trial_end(time, axis, curls, rules)
     channels, in_step = _collect_angles(context, poses, curls), None
     if _AXIAL in channels:
         covariance = None  # of the elbow's axis along x and y of the upper arm, (2, 2) rad²
-        if "forearm" in skeleton.segments:
-            covariance = skeleton.chain.joints[skeleton.segments.index("forearm") - 1].axes_covariance[0, :2, :2]
+        if elbow is not None:
+            covariance = elbow.axes_covariance[0, :2, :2]
             covariance = covariance if np.isfinite(covariance).all() else None
         in_step = fit_part_in_step(time, *channels[_AXIAL], angles[_FLEXION], covariance, curls)
         if in_step is not None:
@@ -79,13 +86,12 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
     # what may change with fatigue: one value for every complete curl
     done = [k for k, curl in enumerate(curls) if curl.complete]
     quantities = {
-        "duration_s": np.array([curls[k].end - curls[k].start for k in done]),
-        "amplitude_rad": np.array([curls[k].amplitude for k in done]),
+        "duration_s": [curls[k].end - curls[k].start for k in done],
+        "amplitude_rad": [curls[k].amplitude for k in done],
     }
     for name, found in moved.items():
-        ranges = [one.range if one is not None else np.nan for one in (found[k] for k in done)]
-        quantities[f"{name}_range_rad"] = np.array(ranges)
-    trends = {name: fit_trend(values) for name, values in quantities.items()}
+        quantities[f"{name}_range_rad"] = [np.nan if one is None else one.range for one in (found[k] for k in done)]
+    trends = {name: fit_trend(np.array(values)) for name, values in quantities.items()}
     counted = [curl.complete and np.nanmin([curl.start, curl.top, curl.end, np.inf]) < end.time for curl in curls]
     facts: dict[str, Any] = {
         "why": "" if any(counted) else "no complete curl was found",
@@ -122,27 +128,15 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
     if in_step is not None:
         facts["in_step"] = {_AXIAL: {"range_rad": in_step.range, "interval_rad": list(in_step.interval)}}
     reasons = () if any(counted) else (Reason("no-curls", facts["why"]),)
+    rows = [asdict(curl) for curl in curls]
     if isinstance(torque, str):
-        return _make_table(curls, facts | {"torque_why": torque}, reasons), {}
+        return make_arm_events("curl", rows, facts | {"torque_why": torque}, reasons), {}
     facts["torque"] = [_find_peak_torques(time, torque, curl) for curl in curls]
     columns: dict[str, FloatArray] = {}
     for part, one in torque.items():
         suffix = f"_{part}" if part else ""
         columns |= {f"elbow_torque{suffix}": one.torque, f"sd_elbow_torque{suffix}": one.sd}
-    return _make_table(curls, facts, reasons), columns
-
-
-def _find_elbow_axis(poses: SegmentPoses, skeleton: SpatialSkeleton) -> FloatArray:
-    """Return the flexion axis of the elbow in the trial's axes (T, 3), towards the right of the arm.
-
-    It is the fitted axis of a hinge or two-axis joint, or the z axis of the upper arm if the elbow is a ball joint.
-    """
-    axis = np.array([0.0, 0.0, 1.0])
-    if "forearm" in poses.segments:
-        joint = skeleton.chain.joints[skeleton.segments.index("forearm") - 1]
-        if joint.kind != "ball":
-            axis = joint.first_axis * (1.0 if joint.first_axis[2] >= 0 else -1.0)
-    return np.asarray(poses.rotation[:, poses.segments.index("upper_arm")] @ axis)
+    return make_arm_events("curl", rows, facts, reasons), columns
 
 
 def _collect_angles(
@@ -190,22 +184,6 @@ def _find_peak_torques(
     return found if found["peak_Nm"] is not None else None
 
 
-def _make_table(curls: Sequence[Curl], facts: dict[str, Any], reasons: tuple[Reason, ...]) -> Table:
-    nothing = np.full(len(curls), np.nan)
-    columns = {
-        "kind": np.array(["curl"] * len(curls), dtype=object),
-        **{
-            name: np.array([getattr(curl, name) for curl in curls], dtype=np.float64)
-            for name in ("start", "top", "end")
-        },
-        **dict.fromkeys(("seat_off", "stand", "seat_on"), nothing),
-        "amplitude": np.array([curl.amplitude for curl in curls], dtype=np.float64),
-        "complete": np.array([curl.complete for curl in curls], dtype=np.bool_),
-        "why": np.array([curl.why for curl in curls], dtype=object),
-    }
-    return Table(EVENTS, columns, {"curl": facts}, reasons)
-
-
 _ADDED_SD, _TABLE_SD = 0.02, 0.15  # relative standard deviation of a mass: weighed, and from a table
 
 
@@ -217,28 +195,6 @@ def _compute_torques(
     The names are "" for the total torque, and "device" and "person" for its two parts, which are NaN if the trial has
     no file of a device.
     """
-    total = _compute_total_torque(context, poses, skeleton, axis)
-    if isinstance(total, str):
-        return total
-    keys, angles = context.trial.curl, context.table("angles.parquet")
-    unknown = np.full(len(poses.time), np.nan)
-    device = person = ElbowTorque(unknown, unknown)
-    if keys.device is not None:
-        file = DeviceFile.model_validate(keys.device)
-        angle_sd = np.hypot(angles["sd_elbow_flexion"], angles["constant_sd_elbow_flexion"])
-        device = ElbowTorque(*file.torque(file.sealed, angles["elbow_flexion"], angles["delbow_flexion"], angle_sd))
-        person = ElbowTorque(total.torque - device.torque, np.hypot(total.sd, device.sd))
-    hidden = ~poses.find_measured("upper_arm", "forearm", "hand")
-    return {
-        name: ElbowTorque(*(np.where(hidden, np.nan, each) for each in (one.torque, one.sd)))
-        for name, one in (("", total), ("device", device), ("person", person))
-    }
-
-
-def _compute_total_torque(
-    context: Context, poses: SegmentPoses, skeleton: SpatialSkeleton, axis: FloatArray
-) -> ElbowTorque | str:
-    """Return the total torque about the elbow's axis, or a text that says why it is unknown."""
     keys, subject, table = context.trial.curl, context.trial.subject, context.table("poses.parquet")
     carried = [name for name in ("forearm", "hand") if name in poses.segments]
     if "forearm" not in carried:
@@ -256,7 +212,21 @@ def _compute_total_torque(
             SegmentMotion(poses.origin[:, k], poses.rotation[:, k], omega, alpha, table[f"sd_{name}_alpha"], bodies)
         )
     tilt = float(np.nanmedian(table["sd_forearm_rotation"]))
-    return compute_elbow_torque(poses.time, axis, segments, tilt=tilt)
+    total = compute_elbow_torque(poses.time, axis, segments, tilt=tilt)
+
+    # the parts of device and person
+    angles, unknown = context.table("angles.parquet"), np.full(len(poses.time), np.nan)
+    device = person = ElbowTorque(unknown, unknown)
+    if keys.device is not None:
+        file = DeviceFile.model_validate(keys.device)
+        angle_sd = np.hypot(angles["sd_elbow_flexion"], angles["constant_sd_elbow_flexion"])
+        device = ElbowTorque(*file.torque(file.sealed, angles["elbow_flexion"], angles["delbow_flexion"], angle_sd))
+        person = ElbowTorque(total.torque - device.torque, np.hypot(total.sd, device.sd))
+    hidden = ~poses.find_measured("upper_arm", "forearm", "hand")
+    return {
+        name: ElbowTorque(*(np.where(hidden, np.nan, each) for each in (one.torque, one.sd)))
+        for name, one in (("", total), ("device", device), ("person", person))
+    }
 
 
 def _make_own_bodies(context: Context, skeleton: SpatialSkeleton, name: str, *, alone: bool) -> list[Mass]:

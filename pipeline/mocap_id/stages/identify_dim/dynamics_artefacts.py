@@ -26,7 +26,7 @@ NO_FACTS: Mapping[str, Any] = dict.fromkeys((
 """Facts of dynamics.h5 in their order, without an identification; ``why`` says why there is none."""
 
 
-def make_columns(
+def make_dynamics_columns(
     time: FloatArray,
     components: Sequence[str],
     series: Mapping[str, tuple[FloatArray, FloatArray]],
@@ -37,19 +37,10 @@ def make_columns(
 ) -> dict[str, Any]:
     """Return the columns of dynamics.parquet.
 
-    Parameters
-    ----------
-    time : (T,) array
-        Sample times, s.
-    components : sequence of str
-        Names of the C components of a wrench.
-    series : mapping
-        Wrench (T, C), N and N·m, and centre of pressure (T,), m, by the form of the columns' names: ``{}`` measured,
-        ``{}_model``, ``sd_{}_model``, ``{}_reference``, ``{}_held_out``. Columns of a missing form are NaN.
-    torque, torque_sd : (T, N) arrays
-        Torque of each joint coordinate and its standard deviation, N·m.
-    in_fit : (T,) bool array
-        Samples of the fit.
+    ``series`` has the wrench (T, C), N and N·m, and the centre of pressure (T,), m, by the form of the columns' names:
+    ``{}`` measured, ``{}_model``, ``sd_{}_model``, ``{}_reference``, ``{}_held_out``. Columns of a missing form are
+    NaN. The C ``components`` are names. ``torque`` and its standard deviation (T, N) are those of each joint
+    coordinate, N·m.
     """
     columns: dict[str, Any] = {"time": time}
     for form in ("{}", "{}_model", "sd_{}_model", "{}_reference", "{}_held_out"):
@@ -64,18 +55,25 @@ def make_columns(
     return columns | {"in_fit": in_fit}
 
 
-def make_base(
+def make_datasets(
     names: Sequence[str],
     value: FloatArray,
-    sd: FloatArray,
     covariance: FloatArray,
     *,
+    sd: FloatArray,
     units: Sequence[str],
     regrouping: FloatArray,
+    full_names: Sequence[str],
+    full: FloatArray,
     excitation: Excitation | None = None,
     prior_share: FloatArray | None = None,
-) -> dict[str, Any]:
-    """Return the datasets of the group ``base`` of dynamics.h5, for b base parameters of a chain with p parameters.
+    reference: FloatArray | None = None,
+    bodies: tuple[FloatArray, FloatArray, FloatArray] | None = None,
+    grid: PointGrid | None = None,
+    masses: FloatArray | None = None,
+    held_out: tuple[FloatArray, FloatArray] | None = None,
+) -> dict[str, dict[str, Any]]:
+    """Return the datasets of dynamics.h5, for b base parameters of a chain with p parameters.
 
     Parameters
     ----------
@@ -85,49 +83,10 @@ def make_base(
         Covariance of the base parameters.
     regrouping : (b, p) array
         Matrix from the parameters of the chain to the base parameters.
-    excitation : Excitation, optional
-        Accuracy of each parameter; None without a fit.
-    prior_share : (b,) array, optional
-        Share of the precision that comes from the prior, 0 … 1.
-    """
-    absent = np.full(len(value), np.nan)
-    verdict: Sequence[str] = ["known" if np.isfinite(each) else "not identifiable" for each in value]
-    return {
-        "name": np.array(names, dtype=object),
-        "value": value,
-        "sd": sd,
-        "covariance": covariance,
-        "unit": np.array(units, dtype=object),
-        "regrouping": regrouping,
-        "verdict": np.array(verdict if excitation is None else excitation.verdict, dtype=object),
-        "excitation": absent if excitation is None else excitation.own,
-        "own_share": absent if excitation is None else excitation.share,
-        "relative_sd": absent if excitation is None else excitation.relative_sd,
-        "prior_share": absent if prior_share is None else prior_share,
-    }
-
-
-def make_data(
-    base: dict[str, Any],
-    names: Sequence[str],
-    full: FloatArray,
-    *,
-    reference: FloatArray | None = None,
-    bodies: tuple[FloatArray, FloatArray, FloatArray] | None = None,
-    grid: PointGrid | None = None,
-    masses: FloatArray | None = None,
-    held_out: tuple[FloatArray, FloatArray] | None = None,
-) -> dict[str, dict[str, Any]]:
-    """Return the datasets of dynamics.h5.
-
-    Parameters
-    ----------
-    base
-        Datasets of :func:`make_base`.
-    names, full : (p,) sequence and array
-        Names and values of the parameters of the chain.
-    reference : (p,) array, optional
-        The same parameters of the reference body.
+    full, reference : (p,) arrays
+        Parameters of the chain, and those of the reference body.
+    excitation, prior_share
+        Accuracy of each base parameter, and the share (b,) of its precision that comes from the prior, 0 … 1.
     bodies : tuple, optional
         Parameters (q,) of bodies with measured poses, those of the reference body, and their covariance (q, q) without
         errors of scale. Default: the parameters of the chain, without a covariance.
@@ -136,14 +95,28 @@ def make_data(
     held_out : tuple, optional
         Base parameters (f, b) and clock offsets (f,), s, of the f models of the cross-validation.
     """
+    absent = np.full(len(value), np.nan)
+    verdict: Sequence[str] = ["known" if np.isfinite(each) else "not identifiable" for each in value]
     reference = np.full(len(full), np.nan) if reference is None else reference
-    value, of_reference, covariance = bodies or (full, reference, np.full((len(full), len(full)), np.nan))
+    of_bodies, of_reference, of_errors = bodies or (full, reference, np.full((len(full), len(full)), np.nan))
     segment = np.zeros(0, dtype=np.int64) if grid is None else grid.segment
-    models, offsets = held_out or (np.zeros((0, len(base["value"]))), np.zeros(0))
+    models, offsets = held_out or (np.zeros((0, len(value))), np.zeros(0))
     return {
-        "base": base,
-        "full": {"name": np.array(names, dtype=object), "value": full, "reference": reference},
-        "bodies": {"value": value, "reference": of_reference, "covariance": covariance},
+        "base": {
+            "name": np.array(names, dtype=object),
+            "value": value,
+            "sd": sd,
+            "covariance": covariance,
+            "unit": np.array(units, dtype=object),
+            "regrouping": regrouping,
+            "verdict": np.array(verdict if excitation is None else excitation.verdict, dtype=object),
+            "excitation": absent if excitation is None else excitation.own,
+            "own_share": absent if excitation is None else excitation.share,
+            "relative_sd": absent if excitation is None else excitation.relative_sd,
+            "prior_share": absent if prior_share is None else prior_share,
+        },
+        "full": {"name": np.array(full_names, dtype=object), "value": full, "reference": reference},
+        "bodies": {"value": of_bodies, "reference": of_reference, "covariance": of_errors},
         "grid": {
             "segment": segment,
             "position": np.zeros((0, 2)) if grid is None else grid.position,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -34,7 +34,6 @@ from mocap_id.protocols.movement import (
 )
 from mocap_id.protocols.repetitions import (
     Posture,
-    Repetition,
     RiseDetails,
     find_greatest_height,
     find_model_agreement,
@@ -44,12 +43,11 @@ from mocap_id.protocols.repetitions import (
     measure_support,
 )
 from mocap_id.protocols.sit_to_stand import add_remarks, estimate_event_sd, explain_repetitions
-from mocap_id.stages.base import Context
-from mocap_id.stages.identify_dim.trial_data import read_joint_names, read_skeleton
+from mocap_id.stages.base import Context, Findings
 from mocap_id.stages.trial_keys import StaticTrial
 from mocap_id.store import Column, Table
 from mocap_id.store.schemas import EVENTS, PHASES, RISE
-from mocap_id.store.views import joint_columns, joint_count
+from mocap_id.store.views import Skeleton, joint_columns, joint_count
 from mocap_id.verdict import Reason
 
 
@@ -90,17 +88,41 @@ def make_sit_to_stand_events(
     posture, repetitions, contact = movement.posture, movement.repetitions, movement.contact
     chair = None if contact is None else contact.chair
     weight = float("nan") if contact is None else contact.weight
-    stamped = recorded.time - clock_offset
-    everything = np.ones(len(stamped), dtype=np.bool_)
+    time, rises = recorded.time, []
+    everything = np.ones(len(time), dtype=np.bool_)
     measured, modelled = (everything if each is None else each for each in (measured, modelled))
-    vertical = _sample(recorded.time, recorded.wrench[:, 1], stamped) / weight
+
+    def correct(force: FloatArray) -> FloatArray:  # a force of the plates at the times of their clock
+        return SampledWrench.of(time, force[:, None])(time - clock_offset)[:, 0]
+
+    vertical = correct(recorded.wrench[:, 1]) / weight
     attempts = tuple(
         each
-        for each in find_failed_attempts(recorded.time, posture, vertical, repetitions, chair=chair)
-        if measured[np.searchsorted(recorded.time, each.time_s)]
+        for each in find_failed_attempts(time, posture, vertical, repetitions, chair=chair)
+        if measured[np.searchsorted(time, each.time_s)]
     )
-    load_share, shares = _share_load(plates, recorded, posture, movement, stamped)
-    time, rises = recorded.time, []
+
+    # the left foot's share of the load in each repetition by phase (R,), NaN where unknown, and over all repetitions
+    across: list[tuple[int, float]] = []
+    for plate in plates.facts.get("plates") or ():
+        if plate.get("use") == "feet":
+            z = plate.get("across_m")
+            across.append((int(plate["index"]), float(z) if isinstance(z, (int, float)) else float("nan")))
+    feet = find_foot_plates(across, find_facing(recorded))
+    if isinstance(feet, str):
+        load_share = LoadShare(why=feet)
+        shares = {phase: np.full(len(repetitions), np.nan) for phase in LOAD_PHASES}
+    else:
+        left, right = (correct(plates[f"Fy_p{plate}"]) for plate in feet)
+        shares = compute_load_share(time, posture, left, right, repetitions)
+        spreads = {}
+        for phase, values in shares.items():
+            known = values[np.isfinite(values)]
+            mean, sd = (known.mean() if len(known) else None), (known.std(ddof=1) if len(known) > 1 else None)
+            spreads[phase] = Spread(mean=mean, sd=sd)
+        load_share = LoadShare(left_plate=feet[0], right_plate=feet[1], left=spreads)
+
+    # details of every rise
     for k, each in enumerate(repetitions):
         model = float("nan") if contact is None else find_model_agreement(time, contact.above_noise, each)
         at = int(np.searchsorted(time, model))  # the end if NaN
@@ -126,13 +148,13 @@ def make_sit_to_stand_events(
     by_forces = contact is not None and contact.rule in {"seat-plate", "weight"}
     seat = () if by_forces else ("seat_off", "seat_on")
     repetitions = tuple(
-        each.leave_out(recorded.time, measured, ("start", "stand", "end")).leave_out(recorded.time, modelled, seat)
+        each.leave_out(time, measured, ("start", "stand", "end")).leave_out(time, modelled, seat)
         for each in repetitions
     )
     event_sd = None
     if speed_sd is not None and chair is not False:
         above_noise = None if contact is None else contact.above_noise
-        event_sd = estimate_event_sd(recorded.time, posture, repetitions, speed_sd, above_noise)
+        event_sd = estimate_event_sd(time, posture, repetitions, speed_sd, above_noise)
     five_times = compute_five_times(repetitions, tuple(rises), chair=chair, event_sd=event_sd)
     facts = {
         "five_times": {"asked": REQUIRED_RISES, **five_times.model_dump()},
@@ -141,18 +163,34 @@ def make_sit_to_stand_events(
     }
     reasons = explain_repetitions(repetitions, rises, attempts, posture)
     rows = [{**asdict(add_remarks(each, rise)), **asdict(rise)} for each, rise in zip(repetitions, rises, strict=True)]
-    return Table(EVENTS, _stack_rows(rows, (*EVENTS.columns, *RISE)), facts, reasons)
+    return make_events(rows, RISE, facts, reasons)
 
 
-def make_events(repetitions: Sequence[Repetition]) -> Table:
-    """Return events.parquet of a movement other than sit-to-stand, one row for each repetition."""
-    return Table(EVENTS, _stack_rows([asdict(each) for each in repetitions], EVENTS.columns))
+def make_events(
+    rows: Sequence[Mapping[str, Any]],
+    more: Sequence[Column] = (),
+    facts: Mapping[str, Any] | None = None,
+    reasons: tuple[Reason, ...] = (),
+) -> Table:
+    """Return events.parquet, one row for each repetition, with ``more`` columns than those of every movement."""
+    columns = {}
+    for column in (*EVENTS.columns, *more):
+        kind = object if column.dtype == "str" else column.dtype
+        columns[column.name] = np.array([row[column.name] for row in rows], dtype=kind)
+    return Table(EVENTS, columns, facts or {}, reasons)
 
 
-def _stack_rows(rows: Sequence[Mapping[str, Any]], columns: Sequence[Column]) -> dict[str, Any]:
-    kinds = [object if column.dtype == "str" else column.dtype for column in columns]
-    names = [column.name for column in columns]
-    return {name: np.array([row[name] for row in rows], dtype=kind) for name, kind in zip(names, kinds, strict=True)}
+def make_arm_events(
+    kind: Literal["reach", "curl"],
+    rows: Sequence[Mapping[str, Any]],
+    facts: dict[str, Any],
+    reasons: tuple[Reason, ...],
+) -> Table:
+    """Return events.parquet of the reaches or curls of an arm, which have no events at a chair."""
+    arm, reach, curl = EVENTS.optional[1:]
+    usual = {"kind": kind, **dict.fromkeys(("seat_off", "stand", "seat_on"), np.nan)}
+    more = (*arm, *(reach if kind == "reach" else curl))
+    return make_events([{**usual, **row} for row in rows], more, {kind: facts}, reasons)
 
 
 def compute_missing_force(prepared: PreparedTrial | None, columns: Mapping[str, FloatArray]) -> tuple[FloatArray, ...]:
@@ -172,50 +210,21 @@ def compute_missing_force(prepared: PreparedTrial | None, columns: Mapping[str, 
     return ()
 
 
-def _sample(time: FloatArray, force: FloatArray, stamped: FloatArray) -> FloatArray:
-    """Return a force (T,) of the plates at the times ``stamped`` (T,) of their clock, s."""
-    return SampledWrench.of(time, force[:, None])(stamped)[:, 0]
-
-
-def _share_load(
-    plates: Table, recorded: TrialData, posture: Posture, movement: Movement, stamped: FloatArray
-) -> tuple[LoadShare, dict[str, FloatArray]]:
-    """Return the load share over all repetitions, and in each one by phase, (R,), NaN where unknown."""
-    across: list[tuple[int, float]] = []
-    for plate in plates.facts.get("plates") or ():
-        if plate.get("use") == "feet":
-            z = plate.get("across_m")
-            across.append((int(plate["index"]), float(z) if isinstance(z, (int, float)) else float("nan")))
-    found = find_foot_plates(across, find_facing(recorded))
-    if isinstance(found, str):
-        return LoadShare(why=found), {phase: np.full(len(movement.repetitions), np.nan) for phase in LOAD_PHASES}
-    left, right = (_sample(recorded.time, plates[f"Fy_p{plate}"], stamped) for plate in found)
-    shares = compute_load_share(recorded.time, posture, left, right, movement.repetitions)
-    known = {phase: values[np.isfinite(values)] for phase, values in shares.items()}
-    averages = {
-        phase: Spread(mean=values.mean() if len(values) else None, sd=values.std(ddof=1) if len(values) > 1 else None)
-        for phase, values in known.items()
-    }
-    return LoadShare(left_plate=found[0], right_plate=found[1], left=averages), shares
-
-
 _STILL = np.radians(2.0)  # largest standard deviation of a joint angle in a still pose
 
 
 def find_zeros(context: Context, posture: Posture | None) -> tuple[list[dict[str, Any]], tuple[Reason, ...]]:
     """Return the zero of every joint for JSON, in the order of the joints, and cautions about the static pose.
 
-    Raises
-    ------
-    RecordingError
-        The times under ``static:`` are outside the states.
+    Raises RecordingError if the times under ``static:`` are outside the states.
     """
-    states, names, static = context.table("states.parquet"), read_joint_names(context), context.trial.static
+    states, static = context.table("states.parquet"), context.trial.static
+    names = Skeleton.from_tree(context.tree("chain.h5")).joint_names
     time = states["time"]
     seen = joint_columns(states, "observed", len(names)).astype(np.bool_)
     q = np.where(seen, joint_columns(states, "theta", len(names)), np.nan)
     known: dict[str, tuple[FloatArray, FloatArray]] = {}
-    reasons: list[Reason] = []
+    out = Findings()
     if posture is not None:
         phases = find_standing_phases(posture)
         if phases:
@@ -231,19 +240,20 @@ def find_zeros(context: Context, posture: Posture | None) -> tuple[list[dict[str
                 f"{time[0]:g} to {time[-1]:g} s. Give times in this part, or change `window:`"
             )
         known["static"] = _average(states, q, [slice(int(inside[0]), int(inside[-1]) + 1)])
-        known_angles = np.isfinite(q[inside])
         spread = [
             float(np.std(angle[shown])) if shown.any() else 0.0
-            for angle, shown in zip(q[inside].T, known_angles.T, strict=True)
+            for angle, shown in zip(q[inside].T, np.isfinite(q[inside]).T, strict=True)
         ]
         moved = max(spread)
         if moved > _STILL:
-            text = (
+            out.say(
+                "static-moves",
                 f"the person does not stand still from {static[0]:g} to {static[1]:g} s: the angle of the "
                 f"{names[spread.index(moved)]} has a standard deviation of {np.degrees(moved):.1f}°, so the zero of "
-                "the joint angles is uncertain. Give a still part in `static:`, or leave it out"
+                "the joint angles is uncertain. Give a still part in `static:`, or leave it out",
+                moved,
+                float(_STILL),
             )
-            reasons.append(Reason("static-moves", text, moved, float(_STILL)))
     zeros: list[dict[str, Any]] = []
     for j, name in enumerate(names):
         source = next((each for each in ("static", "standing") if each in known and np.isfinite(known[each][0][j])), "")
@@ -254,12 +264,14 @@ def find_zeros(context: Context, posture: Posture | None) -> tuple[list[dict[str
         zeros.append({"joint": name, "source": source or "segment line", "zero": float(value), "sd": known_sd})
     hidden = [each["joint"] for each in zeros if static is not None and each["source"] != "static"]
     if hidden:
-        text = (
+        out.say(
+            "static-hidden",
             f"the markers in the static pose do not show the angle of: {', '.join(hidden)}. The zero of these joints "
-            "is not that of `static:`. Give a static pose in which the markers of all segments are visible"
+            "is not that of `static:`. Give a static pose in which the markers of all segments are visible",
+            float(len(hidden)),
+            0.0,
         )
-        reasons.append(Reason("static-hidden", text, float(len(hidden)), 0.0))
-    return zeros, tuple(reasons)
+    return zeros, tuple(out.reasons)
 
 
 def _average(states: Table, q: FloatArray, phases: list[slice]) -> tuple[FloatArray, FloatArray]:
@@ -296,7 +308,8 @@ def average_signals(
 ) -> Table:
     """Return phases.parquet: the average of every signal over the repetitions, at 0, 1 … 100 % of a repetition.
 
-    ``zeros`` and ``reasons`` are the results of :func:`find_zeros`.
+    ``zeros`` and ``reasons`` are the results of :func:`find_zeros`. The angles of another system (``compare:``) are
+    averaged too.
 
     Raises
     ------
@@ -307,7 +320,7 @@ def average_signals(
     """
     states = context.table("states.parquet")
     time, wrench_time, joints = states["time"], dynamics["time"], range(1, joint_count(states) + 1)
-    angles = {joint: _get_angle(states, joint) for joint in joints}
+    angles = {joint: np.where(states[f"observed_{joint}"], states[f"theta_{joint}"], np.nan) for joint in joints}
     signals = [(f"theta_{joint}", "rad", time, angle) for joint, angle in angles.items()]
     signals += [
         (f"{name}{source}", unit, wrench_time, dynamics[f"{name}{source}"])
@@ -318,18 +331,43 @@ def average_signals(
     signals += [
         (f"angle_{joint}", "rad", time, angles[joint] - zero["zero"]) for joint, zero in enumerate(zeros, start=1)
     ]
-    compared = []
-    for name, unit, time, values, facts in _read_other_system(context):
-        signals.append((name, unit, time, values))
-        compared.append(facts)
+
+    # angles of the other system at the times of the states, and their agreement
+    compared, compare = [], context.trial.compare
+    if compare is not None:
+        names = context.tree("chain.h5").texts("joints/name")
+        table = recording.read_angles(compare.angles, {name.removeprefix("-") for name in compare.columns.values()})
+        for joint_name, given in compare.columns.items():
+            if joint_name not in names:
+                raise ConfigError(
+                    f"compare: columns: there is no joint {joint_name!r} here; expected one of {', '.join(names)}"
+                )
+            column, sign = given.removeprefix("-"), -1.0 if given.startswith("-") else 1.0
+            number = names.index(joint_name) + 1
+            values = interpolate_at(table.time, sign * table.angles[column], time)
+            agreement = compare_angles(angles[number], values)
+            known = bool(np.isfinite(agreement.r))
+            compared.append(
+                {
+                    "joint": joint_name,
+                    "column": given,
+                    "r": agreement.r if known else None,
+                    "offset_rad": agreement.offset if known else None,
+                    "rmse_rad": agreement.rmse if known else None,
+                    "samples": agreement.samples,
+                    "why": None if known else "the two systems have no common time in which the joint moves",
+                }
+            )
+            signals.append((f"theta_{number}_other", "rad", time, values))
+
     averages: list[tuple[str, str, str, Averaged]] = []
-    counts = {}
+    counts: dict[str, int] = {}
     for span, (begin, finish) in SPANS.items():
         bounds = events.stack([begin, finish])
         bounds = bounds[bounds[:, 1] > bounds[:, 0]]  # False where either is NaN
         counts[span] = len(bounds)
-        for name, unit, time, values in signals if len(bounds) else ():
-            averages.append((span, name, unit, average_repetitions(resample_repetitions(time, values, bounds))))
+        for name, unit, at, values in signals if len(bounds) else ():
+            averages.append((span, name, unit, average_repetitions(resample_repetitions(at, values, bounds))))
     why = None if any(counts.values()) else "no repetition has both its beginning and its end in the recording"
     facts = {"repetitions": counts, "compared": compared, "why": why, "zeros": list(zeros)}
     # 101 rows for each pair of span and quantity
@@ -339,37 +377,3 @@ def average_signals(
     for name in ("mean", "sd", "count"):
         columns[name] = np.concatenate([np.zeros(0), *(getattr(each, name) for *_, each in averages)])
     return Table(PHASES, columns, facts, reasons)
-
-
-def _read_other_system(context: Context) -> Iterator[tuple[str, str, FloatArray, FloatArray, dict[str, Any]]]:
-    """Yield name, unit, times, values and agreement of each angle of the other system, at the times of the states."""
-    compare = context.trial.compare
-    if compare is None:
-        return
-    states, joints = context.table("states.parquet"), read_skeleton(context).joints
-    table = recording.read_angles(compare.angles, {name.removeprefix("-") for name in compare.columns.values()})
-    time = states["time"]
-    for joint, given in compare.columns.items():
-        if joint not in joints:
-            raise ConfigError(
-                f"compare: columns: there is no joint {joint!r} here; expected one of {', '.join(joints)}"
-            )
-        column, sign = given.removeprefix("-"), -1.0 if given.startswith("-") else 1.0
-        number = joints.index(joint) + 1
-        values = interpolate_at(table.time, sign * table.angles[column], time)
-        agreement = compare_angles(_get_angle(states, number), values)
-        known = bool(np.isfinite(agreement.r))
-        facts = {
-            "joint": joint,
-            "column": given,
-            "r": agreement.r if known else None,
-            "offset_rad": agreement.offset if known else None,
-            "rmse_rad": agreement.rmse if known else None,
-            "samples": agreement.samples,
-            "why": None if known else "the two systems have no common time in which the joint moves",
-        }
-        yield f"theta_{number}_other", "rad", time, values, facts
-
-
-def _get_angle(states: Table, joint: int) -> FloatArray:
-    return np.where(states[f"observed_{joint}"], states[f"theta_{joint}"], np.nan)

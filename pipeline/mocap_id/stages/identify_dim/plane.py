@@ -1,12 +1,13 @@
 """Stage identify-dim in the plane: identifies the dynamics, and describes and averages the repetitions.
 
-:func:`identify_dim` is the whole stage, :func:`_identify` the method: the fit, the model's wrench and torques, and what
-is said about them. The inputs come from :mod:`trial_inputs`, which also chooses the motion of the masses.
+:func:`identify_dim` is the whole stage, :func:`read_inputs` reads the trial and chooses the motion of the masses,
+:func:`_identify` is the method: the fit, the model's wrench and torques, and what is said about them.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,26 +24,29 @@ from mocap_id.dynamics.cautions import (
     get_identified_mass,
     measure_excitation,
 )
-from mocap_id.dynamics.consistency import PointGrid
+from mocap_id.dynamics.consistency import PointGrid, build_grid
 from mocap_id.dynamics.fit import describe_clock
-from mocap_id.dynamics.identification import Identification, identify
+from mocap_id.dynamics.identification import Identification, identify, score_left_out
 from mocap_id.dynamics.instrument_errors import correlate_errors
-from mocap_id.dynamics.prediction import Prediction, centre_of_pressure, compare_wrenches, estimate_chain_noise, predict
-from mocap_id.dynamics.preparation import PreparedTrial, measure_arcs
+from mocap_id.dynamics.measured_motion import USUAL
+from mocap_id.dynamics.prediction import Prediction, centre_of_pressure, estimate_chain_noise, predict
+from mocap_id.dynamics.preparation import PreparedTrial, TrialData, measure_arcs, prepare
+from mocap_id.dynamics.priors import build_even_prior
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, planar_regressor
+from mocap_id.dynamics.scale_check import estimate_gains
 from mocap_id.errors import Refused
+from mocap_id.kinematics.cluster_poses import BENDS_M
 from mocap_id.kinematics.joint import count_positions
 from mocap_id.protocols.body_names import name_directions
-from mocap_id.protocols.movement import Movement, find_facing
+from mocap_id.protocols.movement import Movement, find_facing, find_movement
 from mocap_id.protocols.repetitions import SUPPORT_LIMIT
-from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.identify_dim import IdentifyDimSettings, validation
+from mocap_id.stages.base import Context, Findings, Outputs
+from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.stages.identify_dim.dynamics_artefacts import (
     NO_FACTS,
     describe_solver,
-    make_base,
-    make_columns,
-    make_data,
+    make_datasets,
+    make_dynamics_columns,
 )
 from mocap_id.stages.identify_dim.events import (
     average_signals,
@@ -52,6 +56,7 @@ from mocap_id.stages.identify_dim.events import (
     make_sit_to_stand_events,
 )
 from mocap_id.stages.identify_dim.segment_fit import (
+    ASKED_FOR,
     ON_TRUST,
     SegmentFit,
     check_and_calibrate,
@@ -61,7 +66,6 @@ from mocap_id.stages.identify_dim.segment_fit import (
     explain_scales,
     filter_measured,
     fit_segments,
-    make_scale_facts,
     read_calibration,
 )
 from mocap_id.stages.identify_dim.trial_data import (
@@ -69,27 +73,39 @@ from mocap_id.stages.identify_dim.trial_data import (
     NotIdentifiable,
     ReferenceBodies,
     build_reference_bodies,
+    check_chair,
+    check_excitation,
+    check_sensors,
+    check_wrench,
     compare_references,
-    describe_comparison,
+    describe_errors,
     explain_board,
     find_seat_segment,
     judge_mass,
+    locate_board,
+    make_fit_settings,
     read_cop_threshold,
-    read_joint_names,
     read_kinematic_error,
-    read_skeleton,
+    read_trial_data,
     read_wrench,
 )
-from mocap_id.stages.identify_dim.trial_inputs import (
-    TrialInputs,
-    check_sensors,
-    describe_gaps,
-    make_gain_facts,
-    read_inputs,
+from mocap_id.stages.identify_dim.validation import (
+    MeasuredBodies,
+    Predictor,
+    describe_validation,
+    estimate_hidden_gaps,
+    explain_validation,
+    find_measured_bodies,
+    make_body_prior,
+    make_predictor,
+    pin_joints,
+    pin_joints_that_hold,
+    prepare_bodies,
+    validate,
 )
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
-from mocap_id.store.views import find_measured
+from mocap_id.store.views import Skeleton, find_measured
 from mocap_id.verdict import Reason
 
 _LET_GO = 0.4  # s after `stand`: in simulations, a person comes to rest up to 0.37 s later
@@ -100,6 +116,7 @@ _FEW = 3  # marker positions on a segment; clusters have at least as many
 _FOOT_SD = 0.001  # m; from the variation of people's feet, which have 3 % of the body's mass
 _TORQUE = 5.0  # N·m, largest rms error of a torque without a caution
 _ONE_IN_100 = 2.576  # standard deviations that a normal error exceeds in one of 100 cases
+_BENT = 1.4  # error of the chain's hip in one direction, relative to its shift by a bending trunk; half is corrected
 
 
 def identify_dim(context: Context) -> Outputs:
@@ -122,9 +139,8 @@ def identify_dim(context: Context) -> Outputs:
 
     # events: for sit-to-stand with the details of every rise
     if movement.posture is None:
-        events = make_events(
-            [each.leave_out(recorded.time, measured, ("start", "end")) for each in movement.repetitions]
-        )
+        repetitions = [each.leave_out(recorded.time, measured, ("start", "end")) for each in movement.repetitions]
+        events = make_events([asdict(each) for each in repetitions])
     else:
         late = float((tree.facts["clock"] or {}).get("applied_s") or 0.0)
         names = [f"sd_dtheta_{j + 1}" for j in range(recorded.q.shape[1])]
@@ -146,6 +162,137 @@ def identify_dim(context: Context) -> Outputs:
     return events, table, tree, average_signals(context, events, table, *find_zeros(context, movement.posture))
 
 
+@dataclass(frozen=True)
+class TrialInputs:
+    """A trial in the plane before its identification."""
+
+    chain: Skeleton  # chain of the trial
+    recorded: TrialData  # joint states and wrenches
+    prepared: PreparedTrial | None  # trial on the pinned chain; None without a usable wrench
+    movement: Movement  # repetitions, contact and usable samples
+    grid: PointGrid  # point masses of the chain's segments
+    obstacle: NotIdentifiable | None  # reason why nothing can be identified; None if there is none
+    bodies: MeasuredBodies | None  # bodies with measured poses, pinned at the joints that hold; None for the chain
+    motion_facts: dict[str, Any]  # JSON about the choice between chain and poses
+    centre_sd: FloatArray  # (n,) standard deviation of each joint centre from the gap of its joint, m
+    # fact ``board`` of dynamics.h5: position of a balance board; None without a board
+    board: dict[str, Any] | None = None
+
+
+def read_inputs(context: Context) -> TrialInputs:
+    """Return the data of a trial, the motion chosen for its masses, and the usable samples."""
+    settings: IdentifyDimSettings = context.settings
+    chain, standing = Skeleton.from_tree(context.tree("chain.h5")), context.table("wrench.parquet").facts.get("mass_kg")
+    recorded = read_trial_data(context, chain)
+    obstacle = check_wrench(context, recorded)
+    prepared: PreparedTrial | None = None
+    of_chair: tuple[Reason, ...] = ()
+    if obstacle is None:
+        prepared, of_chair = check_chair(prepare(recorded, make_fit_settings(settings, recorded)))
+        recorded = prepared.recorded
+
+    def find_repetitions(trial: PreparedTrial | None) -> Movement:
+        movement = find_movement(
+            context.trial.protocol,
+            recorded,
+            trial,
+            settings.contact,
+            weight_share=settings.seat_off_share,
+            knee_bend=settings.knee_bend_rad,
+            stands=standing is not None,
+        )
+        return replace(movement, reasons=(*of_chair, *movement.reasons))
+
+    grid = build_grid(chain.centres, chain.marker_segment, chain.local, settings.grid)
+    movement = find_repetitions(prepared)
+    board: dict[str, Any] | None = None
+    if prepared is not None:
+        obstacle = check_excitation(context, prepared, movement)
+        if obstacle is None:
+            prepared, board = locate_board(context, prepared, movement)
+            recorded = prepared.recorded
+    candidates, facts, centre_sd = _choose_motion(context, recorded, chain)
+    inputs = TrialInputs(chain, recorded, prepared, movement, grid, obstacle, None, facts, centre_sd, board)
+    if prepared is None or obstacle is not None or not candidates:
+        return inputs
+
+    # the bodies that predict left-out repetitions best with the usual cut-offs
+    mass: float = standing or float(np.nanmedian(recorded.surroundings[:, 1])) / float(settings.gravity)
+    on_chain, table = prepared, build_reference_bodies(context, recorded, movement).chosen
+
+    def predict_with(bodies: MeasuredBodies) -> Predictor:
+        prior = make_body_prior(bodies, recorded.q, movement, table, mass if table.mass is None else table.mass)
+        return make_predictor(on_chain, movement, bodies, prior)
+
+    bodies = candidates[0]
+    if len(candidates) > 1:
+        bodies = min(reversed(candidates), key=lambda each: score_left_out(predict_with(pin_joints(each))(USUAL)))
+
+    # pins of the joints that hold; if all hold, the chain is used
+    if settings.motion == "segments":
+        bodies = pin_joints(bodies)
+    else:
+        hip = chain.joints.index("hip") if "hip" in chain.joints else None
+        bodies = pin_joints_that_hold(bodies, predict_with, hip)
+    if settings.motion == "chain" or not bodies.loose:
+        why = "the gap of a joint is above the noise, but left-out repetitions are not predicted better without its pin"
+        why = ASKED_FOR if settings.motion else why
+        joints = _describe_gaps(bodies, chain.joint_names)
+        return replace(inputs, motion_facts=facts | {"source": "chain", "why": why, "joints": joints})
+    on_poses = prepare_bodies(bodies, recorded, prepared.settings, build_even_prior(mass, bodies.poses.centroid))
+    on_bodies = find_repetitions(on_poses)
+    if check_excitation(context, prepared, on_bodies) is not None:
+        on_bodies = movement
+    return replace(inputs, bodies=bodies, movement=on_bodies)
+
+
+def _choose_motion(
+    context: Context, recorded: TrialData, chain: Skeleton
+) -> tuple[tuple[MeasuredBodies, ...], dict[str, Any], FloatArray]:
+    """Return bodies with measured poses, facts about the choice, and the standard deviations ``centre_sd`` (n,), m.
+
+    There are no bodies if the pinned chain is used.
+    """
+    requested, centre_sd = context.settings.motion, np.zeros(len(recorded.centres))
+    if context.trial.protocol == "robot-joint" and requested != "segments":
+        return (), {"source": "chain", "why": ASKED_FOR if requested else "the joint of a robot is pinned"}, centre_sd
+    body_sets = find_measured_bodies(context, recorded)
+    first = next(body_sets, None)
+    if first is None:
+        if requested == "chain":
+            return (), {"source": "chain", "why": ASKED_FOR, "joints": {}}, centre_sd
+        why = "the pose of a segment cannot be measured: its markers are too few, or missing too often"
+        return (), {"source": "chain", "why": why}, centre_sd
+
+    # a gap that follows the angle of its joint, as far as skin does not explain it
+    of_fit = np.nan_to_num(np.einsum("jkk->j", chain.covariance) / 2)
+    shifts = np.zeros((len(centre_sd), 2)) if first.poses.shift is None else first.poses.shift
+    for joint in first.gap:
+        hidden = float(estimate_hidden_gaps(first.poses, [joint])[joint])
+        bend = float(np.linalg.norm(shifts[joint]))
+        moved = _BENT * bend if bend >= BENDS_M else 0.0  # the chain's hip is not corrected for a bending trunk
+        centre_sd[joint] = np.hypot(np.sqrt(max(hidden - of_fit[joint], 0.0)), moved)
+    source, why = "segments", "the two sides of a joint separate"
+    if requested == "chain":
+        source, why = "chain", ASKED_FOR
+    elif not first.loose:
+        source, why = "chain", "the gaps of all joints are within the noise"
+    facts = {"source": source, "why": why, "joints": _describe_gaps(first, chain.joint_names)}
+    return (first, *body_sets) if first.loose else (), facts, centre_sd
+
+
+def _describe_gaps(bodies: MeasuredBodies, names: Sequence[str]) -> dict[str, Any]:
+    """Return JSON about the gap of each joint between two bodies, by the name of the joint."""
+    return {
+        names[joint]: {
+            "gap_m": gap.size if np.isfinite(gap.size) else None,
+            "acceleration_m_s2": gap.acceleration if np.isfinite(gap.acceleration) else None,
+            "pinned": gap.pinned,
+        }
+        for joint, gap in bodies.gap.items()
+    }
+
+
 def identify_trial(context: Context) -> tuple[PreparedTrial, Movement, Identification] | NotIdentifiable:
     """Return the prepared trial, its movement and its identification, or the reason why nothing can be identified.
 
@@ -160,7 +307,7 @@ def identify_trial(context: Context) -> tuple[PreparedTrial, Movement, Identific
     return inputs.prepared, inputs.movement, found if segments is None else segments.in_chain
 
 
-def fit_chain(
+def identify_on_chain(
     context: Context, prepared: PreparedTrial, movement: Movement, grid: PointGrid, references: ReferenceBodies
 ) -> Identification:
     """Return the identification of the pinned chain.
@@ -172,7 +319,8 @@ def fit_chain(
     """
     settings: IdentifyDimSettings = context.settings
     consistency, reference = settings.consistency or "grid", references.chosen.parameters
-    asked, ankle, few = settings.reference_pulls, read_skeleton(context).covariance[:1], _has_few_markers(context)
+    chain, asked = Skeleton.from_tree(context.tree("chain.h5")), settings.reference_pulls
+    ankle, few = chain.covariance[:1], _has_few_markers(context, chain)
     with_prior = asked in {None, "foot"} and context.trial.protocol != "robot-joint" and bool(np.isfinite(ankle).any())
     if asked is None and prepared.recorded.external and not few:
         with_prior = False
@@ -192,9 +340,8 @@ def fit_chain(
     return combine_with_sensors(found, prepared, movement.free, grid, reference, consistency=consistency)
 
 
-def _has_few_markers(context: Context) -> bool:
+def _has_few_markers(context: Context, chain: Skeleton) -> bool:
     """Return whether a moving segment of a person has markers at only one or two positions."""
-    chain = read_skeleton(context)
     local = as_complex(chain.local)
     counts = [count_positions(local[chain.marker_segment == k]) for k in range(1, len(chain.centres) + 1)]
     return context.trial.protocol != "robot-joint" and min(counts) < _FEW
@@ -204,7 +351,7 @@ def _fit(
     context: Context, inputs: TrialInputs, prepared: PreparedTrial, references: ReferenceBodies
 ) -> tuple[Identification, SegmentFit | None]:
     """Return the identification of the pinned chain, and the fit of the measured bodies, None if the chain is used."""
-    found = fit_chain(context, prepared, inputs.movement, inputs.grid, references)
+    found = identify_on_chain(context, prepared, inputs.movement, inputs.grid, references)
     if inputs.bodies is None:
         return check_and_calibrate(context, prepared, inputs.movement, found, references.chosen.parameters), None
     return found, fit_segments(context, inputs.bodies, prepared, inputs.movement, pinned=found, tables=references)
@@ -216,7 +363,7 @@ def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) ->
     ``prepared``, ``pinned`` and ``in_chain`` belong to the pinned chain; ``trial``, ``found`` and ``tables`` to the
     motion that is used: measured poses (``segments``) or the pinned chain.
     """
-    movement, threshold, joints = inputs.movement, read_cop_threshold(context), read_joint_names(context)
+    movement, threshold, joints = inputs.movement, read_cop_threshold(context), inputs.chain.joint_names
     references = build_reference_bodies(context, prepared.recorded, movement)
     pinned, segments = _fit(context, inputs, prepared, references)
 
@@ -236,19 +383,29 @@ def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) ->
         model = model_of(found)
         if found.with_foot is not None:
             model = model.replace_torques(model_of(found.with_foot))
-        validated = validation.validate(prepared, movement, found, model.wrench)
+        left_out = validate(prepared, movement, found, model.wrench)
         prior_share = np.full(len(found.base), np.nan if found.uses_reference else 0.0)
     else:
         trial, found, in_chain = segments.prepared, segments.found, segments.in_chain
         tables, grid = segments.references, segments.grid
         model = predict(trial, found, segments.noise(), threshold)
-        validated, prior_share = segments.validation, segments.prior_share
-        motion = motion | segments.facts | {"joints": describe_gaps(segments.bodies, joints)}
+        left_out, prior_share = segments.left_out, segments.prior_share
+        motion = motion | {
+            "bands_hz": dict(zip(("x", "y", "angle"), segments.cutoffs.bands, strict=True)),
+            "bands_why": segments.cutoffs.why,
+            "bodies": list(segments.bodies.names),
+            "used": list(segments.bodies.used),
+            "prior": segments.prior.source,
+            "prior_share": prior_share.tolist(),
+            "bodies_condition_number": found.fit.condition,
+            "bodies_condition_number_scaled": found.fit.condition_scaled,
+            "joints": _describe_gaps(segments.bodies, joints),
+        }
     excited = measure_excitation(prepared, in_chain, choose_weak_share(context))
     recommendations = recommend_if_doubtful(prepared, in_chain, excited)
 
     # dynamics.parquet; clock offset and bias of Fx are removed from the measured wrench
-    fit, left_out, position_sd = found.fit, validated.held_out, trial.recorded.position_sd
+    fit, position_sd = found.fit, trial.recorded.position_sd
     elsewhere = trial.elsewhere(fit.offset)
     measured = np.asarray(trial.ground(fit.offset) - np.array([found.plate_bias or 0.0, 0.0, 0.0]))
     reference = trial.regressor @ tables.chosen.parameters - elsewhere
@@ -267,43 +424,36 @@ def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) ->
         "sd_{}_model": (wrench_sd, cop_sd),
         "{}_reference": (reference, centre_of_pressure(reference, threshold) - lower),
     }
-    if left_out is not None:
+    if not isinstance(left_out, str):
         series["{}_held_out"] = left_out.wrench, centre_of_pressure(left_out.wrench, threshold) - lower
-    columns = make_columns(
-        trial.recorded.time,
-        WRENCH_COMPONENTS,
-        series,
-        torque=model.torque,
-        torque_sd=model.torque_sd,
-        in_fit=fit.in_fit,
+    time = trial.recorded.time
+    columns = make_dynamics_columns(
+        time, WRENCH_COMPONENTS, series, torque=model.torque, torque_sd=model.torque_sd, in_fit=fit.in_fit
     )
     if trial.recorded.external:
         columns |= {f"{name}_external": column for name, column in zip(WRENCH_COMPONENTS, elsewhere.T, strict=True)}
 
     # datasets of dynamics.h5
     centres = trial.recorded.centres
-    held_out = None if left_out is None else (left_out.base, left_out.offset)
+    held_out = None if isinstance(left_out, str) else (left_out.base, left_out.offset)
     bodies: tuple[FloatArray, FloatArray, FloatArray] | None = None
     if segments is not None:
         covariance = found.covariance if found.calibration is None else found.covariance - found.calibration.covariance
         bodies = found.full, tables.chosen.parameters, covariance
-        if left_out is not None:
+        if not isinstance(left_out, str):
             full = np.array([segments.chain_map.apply(each) for each in left_out.base])
             held_out = full @ prepared.base.regrouping.T, left_out.offset
-    base = make_base(
+    data = make_datasets(
         base_names(prepared.base, centres),
         in_chain.base,
-        np.sqrt(np.diag(in_chain.covariance)),
         in_chain.covariance,
+        sd=np.sqrt(np.diag(in_chain.covariance)),
         units=list_base_units(prepared.base),
         regrouping=prepared.base.regrouping,
+        full_names=name_parameters(len(centres) + 1),
+        full=in_chain.full,
         excitation=excited,
         prior_share=prior_share,
-    )
-    data = make_data(
-        base,
-        name_parameters(len(centres) + 1),
-        in_chain.full,
         reference=references.chosen.parameters,
         bodies=bodies,
         grid=grid,
@@ -320,7 +470,11 @@ def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) ->
     # columns without values, except the torques of joints whose two sides are in one body
     inner = {f"tau_{j + 1}" for j in range(moved.shape[1]) if not np.isfinite(moved[:, j]).any()}
     undetermined = ", ".join(name for name in model.undetermined if name not in inner)
-    contact = movement.contact
+    contact, gains = movement.contact, estimate_gains(prepared, found.fit)
+    scales = None
+    if found.scales is not None:
+        causes = {name: asdict(cause) for name, cause in found.scales.causes.items()}
+        scales = {"suspects": list(found.scales.suspects), "causes": causes}
     facts = {
         **NO_FACTS,
         "condition_number": in_chain.fit.condition,
@@ -328,16 +482,17 @@ def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) ->
         "clock_offset_s": fit.total_offset if fit.offset_known else None,
         "clock_offset_sd_s": found.offset_sd if fit.offset_known else None,
         "clock": describe_clock(trial, fit),
-        **describe_comparison(compare_wrenches(modelled, plates, fit.in_fit, threshold)),
+        **describe_errors(modelled, plates, fit.in_fit, threshold),
         "samples": int(fit.in_fit.sum()),
         "reference_table": tables.chosen.table,
         "rivals": compare_references(tables, rows, plates, fit.in_fit, threshold, external=others),
-        "held_out": validation.make_facts(
-            validated,
+        "held_out": describe_validation(
+            movement,
+            left_out,
             modelled,
             rows @ tables.chosen.parameters - others,
-            plates,
-            threshold,
+            measured=plates,
+            threshold=threshold,
             filtered=segments is not None,
         ),
         "consistency": found.solution.consistency,
@@ -356,7 +511,15 @@ def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) ->
             "standing_weight_N": contact.weight if np.isfinite(contact.weight) else None,
             "threshold_N": contact.threshold,
         },
-        "external": make_gain_facts(prepared, found.fit),
+        # fitted gain of each component of the other wrenches; 1 is correct
+        "external": [
+            {
+                "name": each.name,
+                "segment": each.segment,
+                "factors": {g.component: {"value": g.value, "sd": g.sd} for g in gains if g.name == each.name},
+            }
+            for each in prepared.recorded.external
+        ],
         # the best change of the movement for each base parameter; empty if no parameter is doubtful
         "advice": [
             {
@@ -369,7 +532,8 @@ def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) ->
             for name, one in zip(excited.names, recommendations, strict=bool(recommendations))
         ],
         "motion": motion,
-        **make_scale_facts(found),
+        "scales": scales,
+        "calibration_covariance": None if found.calibration is None else found.calibration.covariance.tolist(),
         "torque": compare_torque(context, columns),
     }
     if undetermined:
@@ -399,35 +563,45 @@ def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) ->
         if each.code == "load-shared" and far and not contradictions:
             raise Refused(each.code, each.message, each.value, each.limit)
     implausible = judge_mass(context, standing or get_identified_mass(trial, found))
-    stands = standing is not None and context.trial.protocol == "sit-to-stand"
-    reasons = [*movement.reasons, *references.chosen.reasons]
+    out = Findings((*movement.reasons, *references.chosen.reasons))
     if found.with_foot is not None:
-        reasons.append(_FOOT_IN_TORQUES)
-    elif found.uses_reference and context.settings.reference_pulls is not True:
-        reasons.append(_FOOT_PRIOR)
-    reasons += [*cautions, *(() if implausible is None else (implausible,)), *contradictions]
-    reasons += explain_scales(found, given, stands=stands)
-    if undetermined:
-        text = (
-            f"the fitted components {', '.join(context.settings.components)} do not determine {undetermined}, which "
-            "have no values; fit at least Fy and tauz (`identify-dim: {components: [Fy, tauz]}`)"
+        out.say(
+            "foot-prior",
+            "the torques also use the first moment of the reference body's foot, which the data hardly determine; "
+            "parameters and wrench depend on the data alone. Set `identify-dim: {reference_pulls: false}` to use the "
+            "data alone for both",
+            level="ok",
         )
-        reasons.append(Reason("components-short", text))
+    elif found.uses_reference and context.settings.reference_pulls is not True:
+        out.say(
+            "foot-prior",
+            "a segment has markers at only one or two positions. The foot's first moment is therefore taken from the "
+            "reference body and the position of the ankle, not from the data alone; the torque of the ankle then "
+            "follows from the centre of pressure. Set `identify-dim: {reference_pulls: false}` to use the data alone",
+            level="ok",
+        )
+    out.reasons += [*cautions, *(() if implausible is None else (implausible,)), *contradictions]
+    stands = standing is not None and context.trial.protocol == "sit-to-stand"
+    explain_scales(out, found, given, stands=stands)
+    if undetermined:
+        out.say(
+            "components-short",
+            f"the fitted components {', '.join(context.settings.components)} do not determine {undetermined}, which "
+            "have no values; fit at least Fy and tauz (`identify-dim: {components: [Fy, tauz]}`)",
+        )
     if context.trial.protocol == "free" and standing is None and given is None:
         why = context.table("wrench.parquet").facts.get("why") or "the plates do not measure it"
-        text = (
+        out.say(
+            "mass-unchecked",
             f"the identified mass could not be compared with the mass of the standing person ({why}) or with `subject: "
             "{mass: …}`: if a chair or a support carries part of the body, the parameters are wrong, and no other "
-            "check detects this"
+            "check detects this",
         )
-        reasons.append(Reason("mass-unchecked", text))
-    reasons += [
-        *_check_torques(context, trial, found, model, movement.free),
-        *validation.explain_validation(facts["held_out"]),
-        *explain_motion(facts),
-        *explain_board(context, facts),
-    ]
-    return Table(DYNAMICS_TABLE, columns), Tree(DYNAMICS_TREE, data, facts, tuple(reasons)), trial
+    _check_torques(out, context, inputs, trial, found=found, model=model)
+    explain_validation(out, facts["held_out"])
+    explain_motion(out, facts)
+    explain_board(out, context, facts)
+    return Table(DYNAMICS_TABLE, columns), Tree(DYNAMICS_TREE, data, facts, tuple(out.reasons)), trial
 
 
 def choose_weak_share(context: Context) -> float:
@@ -436,35 +610,26 @@ def choose_weak_share(context: Context) -> float:
     return given or (WEAK_ROBOT if context.trial.protocol == "robot-joint" else WEAK)
 
 
-_FOOT_PRIOR = Reason(
-    "foot-prior",
-    "a segment has markers at only one or two positions. The foot's first moment is therefore taken from the reference "
-    "body and the position of the ankle, not from the data alone; the torque of the ankle then follows from the centre "
-    "of pressure. Set `identify-dim: {reference_pulls: false}` to use the data alone",
-    level="ok",
-)
-_FOOT_IN_TORQUES = Reason(
-    "foot-prior",
-    "the torques also use the first moment of the reference body's foot, which the data hardly determine; parameters "
-    "and wrench depend on the data alone. Set `identify-dim: {reference_pulls: false}` to use the data alone for both",
-    level="ok",
-)
-
-
 def _check_torques(
-    context: Context, trial: PreparedTrial, found: Identification, model: Prediction, free: BoolArray
-) -> tuple[Reason, ...]:
-    """Return a caution about torques of the pinned chain that may be wrong by more than 5 N·m rms.
+    out: Findings,
+    context: Context,
+    inputs: TrialInputs,
+    trial: PreparedTrial,
+    *,
+    found: Identification,
+    model: Prediction,
+) -> None:
+    """Add a caution about torques of the pinned chain that may be wrong by more than 5 N·m rms.
 
     The errors of parameters and geometry are constant in a trial and normal over trials; errors of the motion add their
     mean square. The caution is for torques whose error exceeds 5 N·m in more than one of 100 trials. Errors of scale
-    are left out, because they are the same in all trials of a laboratory. ``free`` (T,) marks the samples in which only
-    the ground touches the body.
+    are left out, because they are the same in all trials of a laboratory.
     """
-    used = free & np.isfinite(model.torque_sd).any(axis=1)
-    untested = bool(trial.recorded.external) and not _has_few_markers(context)
+    chain = inputs.chain
+    used = inputs.movement.free & np.isfinite(model.torque_sd).any(axis=1)
+    untested = bool(trial.recorded.external) and not _has_few_markers(context, chain)
     if context.trial.protocol == "robot-joint" or untested or trial.prior is not None or not used.any():
-        return ()
+        return
     constant, noise = (np.nanmean(sd[used] ** 2, axis=0) for sd in (model.torque_lasting_sd, model.torque_noise_sd))
     measured = trial.measured(found.fit.offset)
     off = np.asarray((measured - model.wrench)[:, WRENCH_COMPONENTS.index("tauz")])
@@ -472,19 +637,20 @@ def _check_torques(
     error = np.sqrt(_ONE_IN_100**2 * constant + noise + excess)
     large = np.flatnonzero(error > _TORQUE)
     if not len(large):
-        return ()
-    names = read_joint_names(context)
-    text = ", ".join(f"{names[j]} {error[j]:.1f} N·m" for j in large)
+        return
+    text = ", ".join(f"{chain.joint_names[j]} {error[j]:.1f} N·m" for j in large)
     worst = large[np.argmax(error[large])]
     why = "The positions of the joints and the masses of the segments after them are uncertain"
     if excess > _ONE_IN_100**2 * constant[worst]:
         at = trial.recorded.time[used][np.nanargmax(np.abs(off[used]))]
         why = f"The model differs from the plate around {at:.1f} s: fill marker gaps there, or exclude it by `window:`"
-    message = (
+    out.say(
+        "torque-uncertain",
         f"in one of 100 trials like this one, the rms error of a torque exceeds these values: {text} (expected at most "
-        f"{_TORQUE:g} N·m). {why}. Use the torques with their intervals"
+        f"{_TORQUE:g} N·m). {why}. Use the torques with their intervals",
+        float(error[worst]),
+        _TORQUE,
     )
-    return (Reason("torque-uncertain", message, float(error[worst]), _TORQUE),)
 
 
 def _mark_contact(
@@ -579,7 +745,7 @@ def _explain_obstacle(context: Context, inputs: TrialInputs, obstacle: NotIdenti
     reference = rows @ references.chosen.parameters - recorded.elsewhere
     measured = recorded.as_measured(recorded.wrench)
     absent = np.full(recorded.q.shape, np.nan)
-    columns = make_columns(
+    columns = make_dynamics_columns(
         recorded.time,
         WRENCH_COMPONENTS,
         {
@@ -590,21 +756,19 @@ def _explain_obstacle(context: Context, inputs: TrialInputs, obstacle: NotIdenti
         torque_sd=absent,
         in_fit=np.zeros(len(absent), dtype=np.bool_),
     )
-    base = structural_base(recorded.centres)
+    base, segments = structural_base(recorded.centres), len(recorded.centres) + 1
     value = np.full(len(base.kept), np.nan)
     value[0] = np.nan if obstacle.mass is None else obstacle.mass
     unknown = np.full((len(value), len(value)), np.nan)
-    data = make_data(
-        make_base(
-            base_names(base, recorded.centres),
-            value,
-            unknown[0],
-            unknown,
-            units=list_base_units(base),
-            regrouping=base.regrouping,
-        ),
-        name_parameters(len(recorded.centres) + 1),
-        np.full(4 * (len(recorded.centres) + 1), np.nan),
+    data = make_datasets(
+        base_names(base, recorded.centres),
+        value,
+        unknown,
+        sd=unknown[0],
+        units=list_base_units(base),
+        regrouping=base.regrouping,
+        full_names=name_parameters(segments),
+        full=np.full(4 * segments, np.nan),
         reference=references.chosen.parameters,
         grid=inputs.grid,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -24,8 +25,8 @@ from mocap_id.protocols.reach.workspace import (
     measure_ranges,
 )
 from mocap_id.stages.base import Context
+from mocap_id.stages.identify_dim.events import make_arm_events
 from mocap_id.store import Table
-from mocap_id.store.schemas import EVENTS
 from mocap_id.store.views import SegmentPoses, SpatialAngles, SpatialSkeleton
 from mocap_id.verdict import Reason
 
@@ -42,7 +43,21 @@ def find_reach_events(context: Context) -> Table:
     chain = context.tree("chain.h5")
     skeleton = SpatialSkeleton.from_tree(chain)
     ranges = measure_ranges(angles, poses, skeleton=chain.facts.get("frames") == "skeleton")
-    facts: dict[str, Any] = {"why": "", "ranges": {name: _describe_range(one) for name, one in ranges.items()}}
+    facts: dict[str, Any] = {"why": "", "ranges": {}}
+    for name, own in ranges.items():
+        low, high, low_sd, high_sd, spread = np.degrees(
+            [own.low, own.high, own.low_sd, own.high_sd, own.width_sd]
+        ).tolist()
+        width = high - low
+        facts["ranges"][name] = {
+            "low_deg": low,
+            "high_deg": high,
+            "range_deg": width,
+            "interval_deg": [max(width - NORMAL_95 * spread, 0.0), width + NORMAL_95 * spread],
+            "low_sd_deg": low_sd,
+            "high_sd_deg": high_sd,
+            "used_share": own.used_share,
+        }
     reaches: tuple[Reach, ...] = ()
     try:
         arm = measure_arm(angles, poses, skeleton, context.trial.subject.height)
@@ -51,12 +66,22 @@ def find_reach_events(context: Context) -> Table:
         for one in reaches:
             if one.target != "none":
                 misses.setdefault(one.target, []).append(one.miss)
+        # path of the wrist, arm at its furthest reach and targets, for the view on the page
+        known = np.flatnonzero(arm.measured & np.isfinite(arm.wrists).all(axis=1))
+        if not len(known):
+            raise UnknownReach("no frame has markers of the whole arm")
+        far = known[np.argmax(np.linalg.norm(arm.wrists[known], axis=1))]
+        path = arm.wrists[known[:: max(len(known) // _PATH, 1)]]
         facts |= {
             "lengths_m": {"upper_arm": float(np.linalg.norm(arm.arm.elbow)), "forearm": arm.arm.forearm},
             "arm_length_m": arm.arm.length,
             "shoulder_m": arm.shoulder.tolist(),
             "glide_m": arm.glide.tolist(),
-            "view": _describe_view(arm),
+            "view": {
+                "path_m": path.round(3).tolist(),
+                "arm_m": np.stack([np.zeros(3), arm.elbows[far], arm.wrists[far]]).round(3).tolist(),
+                "targets_m": {name: place.round(3).tolist() for name, place in locate_body_targets(arm).items()},
+            },
             "heights": _measure_heights(angles.time, arm),
             "tasks": {
                 name: {"count": len(each), "best_miss_m": min(each), "median_miss_m": float(np.median(each))}
@@ -67,47 +92,7 @@ def find_reach_events(context: Context) -> Table:
     except UnknownReach as unknown:
         facts["why"] = str(unknown)
     reasons = (Reason("no-reach", f"the reachable volume is unknown: {facts['why']}"),) if facts["why"] else ()
-    numbers = {"start": "start", "top": "top", "end": "end", "miss_m": "miss"}
-    columns = {
-        "kind": np.array(["reach"] * len(reaches), dtype=object),
-        **{
-            column: np.array([getattr(one, name) for one in reaches], dtype=np.float64)
-            for column, name in numbers.items()
-        },
-        **dict.fromkeys(("seat_off", "stand", "seat_on"), np.full(len(reaches), np.nan)),
-        "target": np.array([one.target for one in reaches], dtype=object),
-        "complete": np.array([one.complete for one in reaches], dtype=np.bool_),
-        "why": np.array([one.why for one in reaches], object),
-    }
-    return Table(EVENTS, columns, {"reach": facts}, reasons)
-
-
-def _describe_range(one: AngleRange) -> dict[str, Any]:
-    low, high, low_sd, high_sd, spread = np.degrees([one.low, one.high, one.low_sd, one.high_sd, one.width_sd]).tolist()
-    width = high - low
-    return {
-        "low_deg": low,
-        "high_deg": high,
-        "range_deg": width,
-        "interval_deg": [max(width - NORMAL_95 * spread, 0.0), width + NORMAL_95 * spread],
-        "low_sd_deg": low_sd,
-        "high_sd_deg": high_sd,
-        "used_share": one.used_share,
-    }
-
-
-def _describe_view(arm: RecordedArm) -> dict[str, Any]:
-    """Return the path of the wrist, the arm at its furthest reach and the targets, for the view on the page."""
-    known = np.flatnonzero(arm.measured & np.isfinite(arm.wrists).all(axis=1))
-    if not len(known):
-        raise UnknownReach("no frame has markers of the whole arm")
-    far = known[np.argmax(np.linalg.norm(arm.wrists[known], axis=1))]
-    path = arm.wrists[known[:: max(len(known) // _PATH, 1)]]
-    return {
-        "path_m": path.round(3).tolist(),
-        "arm_m": np.stack([np.zeros(3), arm.elbows[far], arm.wrists[far]]).round(3).tolist(),
-        "targets_m": {name: place.round(3).tolist() for name, place in locate_body_targets(arm).items()},
-    }
+    return make_arm_events("reach", [asdict(one) | {"miss_m": one.miss} for one in reaches], facts, reasons)
 
 
 def _measure_heights(time: FloatArray, arm: RecordedArm) -> dict[str, Any]:

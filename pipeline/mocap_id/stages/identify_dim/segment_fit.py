@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from mocap_id import recording
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.base_parameters import BaseSet
 from mocap_id.dynamics.consistency import PointGrid
-from mocap_id.dynamics.identification import ChosenCutoffs, Identification, choose_cutoffs, identify
+from mocap_id.dynamics.identification import ChosenCutoffs, Identification, LeftOutPrediction, choose_cutoffs, identify
 from mocap_id.dynamics.instrument_errors import (
     KinematicError,
     PlanarCalibration,
@@ -24,23 +24,22 @@ from mocap_id.dynamics.instrument_errors import (
     propagate_slides,
 )
 from mocap_id.dynamics.measured_motion import ChainMap, map_to_chain, propagate_centres, propagate_to_base
-from mocap_id.dynamics.prediction import PredictionNoise, compare_wrenches, estimate_residual_noise
+from mocap_id.dynamics.prediction import PredictionNoise, estimate_residual_noise
 from mocap_id.dynamics.preparation import PreparedTrial, SampledWrench
 from mocap_id.dynamics.priors import BodyPrior, compute_reference_sd
 from mocap_id.dynamics.scale_check import check_scales, find_body_ratios
 from mocap_id.protocols.movement import Movement
 from mocap_id.protocols.reference_body import ReferenceBody
-from mocap_id.stages.base import Context
-from mocap_id.stages.identify_dim import IdentifyDimSettings, validation
-from mocap_id.stages.identify_dim.trial_data import ReferenceBodies, describe_comparison
+from mocap_id.stages.base import Context, Findings
+from mocap_id.stages.identify_dim import IdentifyDimSettings
+from mocap_id.stages.identify_dim.trial_data import ReferenceBodies, describe_errors
 from mocap_id.stages.identify_dim.validation import (
     MeasuredBodies,
-    RepetitionPredictor,
-    Validation,
-    compute_centre_covariance,
-    compute_position_sd,
+    estimate_centre_errors,
     make_body_prior,
+    make_predictor,
     prepare_bodies,
+    validate,
 )
 from mocap_id.verdict import Reason
 
@@ -78,15 +77,10 @@ def check_and_calibrate(
     """Return the identification with the result of the check of scales, and with errors of scale in its covariance.
 
     If the check suspects an error, the covariance contains the error at the size that the check has estimated.
-
-    Parameters
-    ----------
-    reference : (4(n + 1),) array
-        Full parameters of the reference body with the chain; without a reference body (NaN), there is no check.
-    chain : (BaseSet, ChainMap), optional
-        Base parameters of the chain, and the map from the bodies to them; for measured poses.
-    unsmoothed : PreparedTrial, optional
-        Trial with nearly unfiltered poses for the check, because the low-pass of the fit reduces accelerations.
+    ``reference`` (4(n + 1),) are the full parameters of the reference body with the chain; without one (NaN), there is
+    no check. For measured poses, ``chain`` are the base parameters of the chain and the map from the bodies to them,
+    and ``unsmoothed`` is the trial with nearly unfiltered poses for the check, because the low-pass of the fit reduces
+    accelerations.
     """
     usual = read_calibration(context)
     mass = float(found.full[::4].sum())
@@ -94,15 +88,10 @@ def check_and_calibrate(
     whole = {0, 1, 2} <= set(prepared.settings.components)
     scales = None
     if whole and np.isfinite(reference).all() and len(prepared.recorded.centres) >= _LEAST_JOINTS:
-        base, map_ = (prepared.base, None) if chain is None else chain
-        ratios = find_body_ratios(
-            base,
-            prepared.recorded.centres,
-            reference,
-            mass,
-            usual,
-            chain=None if map_ is None else (map_.matrix, map_.constant),
-        )
+        base, matrix = prepared.base, None
+        if chain is not None:
+            base, matrix = chain[0], (chain[1].matrix, chain[1].constant)
+        ratios = find_body_ratios(base, prepared.recorded.centres, reference, mass, usual, chain=matrix)
         scales = check_scales(unsmoothed or prepared, movement.free, found, ratios)
     sd = {
         "gain": usual.estimate_gain_error(mass, mass_sd) if 1 in prepared.settings.components else usual.gain,
@@ -116,35 +105,25 @@ def check_and_calibrate(
     return found.add_calibration(propagate_calibration(prepared, found.fit, found.base, sd), scales)
 
 
-def make_scale_facts(found: Identification) -> dict[str, Any]:
-    """Return JSON about the check, and the part of the base parameters' covariance that comes from errors of scale."""
-    scales = None
-    if found.scales is not None:
-        causes = {name: asdict(cause) for name, cause in found.scales.causes.items()}
-        scales = {"suspects": list(found.scales.suspects), "causes": causes}
-    covariance = None if found.calibration is None else found.calibration.covariance.tolist()
-    return {"scales": scales, "calibration_covariance": covariance}
-
-
-def explain_scales(found: Identification, given: float | None, *, stands: bool) -> tuple[Reason, ...]:
-    """Return a caution about suspected errors of scale, and a note if the user has not given the mass ``given``, kg.
+def explain_scales(out: Findings, found: Identification, given: float | None, *, stands: bool) -> None:
+    """Add a caution about suspected errors of scale, and a note if the user has not given the mass ``given``, kg.
 
     ``stands`` says whether the plates or a balance board measure a standing person.
     """
     scales = found.scales
-    trust = () if given is not None or not (stands or scales is not None) else (ON_TRUST,)
+    if given is None and (stands or scales is not None):
+        out.reasons.append(ON_TRUST)
     if scales is None or not scales.suspects:
-        return trust
-    first = scales.causes[scales.suspects[0]]
-    certain = len(scales.suspects) == 1
+        return
+    suspects = [(name, _describe_cause(name, scales.causes[name])) for name in scales.suspects[:3]]
+    first, certain = scales.causes[suspects[0][0]], len(scales.suspects) == 1
     if certain:
-        text = f"{_describe_cause(scales.suspects[0], first)}. {_CHECK[scales.suspects[0]]}"
+        text = f"{suspects[0][1]}. {_CHECK[suspects[0][0]]}"
     else:
-        either = "; or ".join(_describe_cause(name, scales.causes[name]) for name in scales.suspects[:3])
+        either = "; or ".join(sentence for _, sentence in suspects)
         text = f"the data do not determine which of these is wrong: {either}. Check them in this order"
     text += ". The standard deviations of the parameters contain an error of this size"
-    value, limit = first.value, first.limit
-    return (*trust, Reason("scale-error" if certain else "scales-contradict", text, value=value, limit=limit))
+    out.say("scale-error" if certain else "scales-contradict", text, first.value, first.limit)
 
 
 ON_TRUST = Reason(
@@ -159,28 +138,25 @@ ON_TRUST = Reason(
 def _describe_cause(name: str, cause: ScaleCause) -> str:
     """Return a text with the error and the size that it has if only this cause is wrong."""
     value, sd = cause.value, cause.sd
+    factor = max(1.0 + value, 0.05)  # of the inertial forces
+    percent = 100 * (factor**-0.5 - 1.0 if name == "inertia" else value)
+    size = f"{abs(percent):.0f} % too {'large' if percent > 0 else 'small'}"
     if name == "inertia":
-        factor = max(1.0 + value, 0.05)
-        rate = 100 * (factor**-0.5 - 1.0)
         return (
-            f"the frame rate in the file is {_describe_size(rate)} (inertial forces are {factor:.2f} ± {sd:.2f} times "
+            f"the frame rate in the file is {size} (inertial forces are {factor:.2f} ± {sd:.2f} times "
             "those computed from the accelerations)"
         )
-    percent = f"{_describe_size(100 * value)} (± {100 * sd:.1f} %)"
+    size += f" (± {100 * sd:.1f} %)"
     sentences = {
-        "moments": f"the plate's moments are {percent}",
-        "vertical gain": f"the gain of the plate's vertical force is {percent}",
+        "moments": f"the plate's moments are {size}",
+        "vertical gain": f"the gain of the plate's vertical force is {size}",
         "vertical force": f"the plate's vertical force has a constant error of {value:+.0f} ± {sd:.0f} N",
         "position": f"the plate is {1e3 * abs(value):.0f} ± {1e3 * sd:.0f} mm away from its position in the file",
-        "lengths": f"distances between markers are {percent}",
+        "lengths": f"distances between markers are {size}",
         "tilt": f"the cameras' axes are tilted by {np.degrees(value):.1f}° ± {np.degrees(sd):.1f}° against gravity",
-        "gain": f"all components of the plate's wrench are {percent}",
+        "gain": f"all components of the plate's wrench are {size}",
     }
     return sentences[name]
-
-
-def _describe_size(percent: float) -> str:
-    return f"{abs(percent):.0f} % too {'large' if percent > 0 else 'small'}"
 
 
 _CHECK = {
@@ -213,15 +189,15 @@ class SegmentFit:
     prior_share: FloatArray  # (b,) share of the precision of each base parameter that comes from the prior, 0 … 1
     chain_map: ChainMap  # map from parameters of the bodies to parameters of the chain
     grid: PointGrid  # point masses of the bodies
-    validation: Validation  # predictions of left-out repetitions
+    left_out: LeftOutPrediction | str  # predictions of left-out repetitions, or why there are none
     # (n,) standard deviation of each joint centre in one direction, relative to the markers around it, m
     centre_sd: FloatArray
     effect: PoseEffect  # effect of the errors of the poses that are the same in every repetition
 
     def noise(self) -> PredictionNoise:
         """Return the errors of predicted wrench and torques, except those from errors of the parameters."""
-        left_out, found = self.validation.held_out, self.found
-        if left_out is not None:
+        left_out, found = self.left_out, self.found
+        if not isinstance(left_out, str):
             residual = np.where(left_out.samples[:, None], left_out.measured - left_out.wrench, np.nan)
             share = 0.0
         else:
@@ -230,31 +206,8 @@ class SegmentFit:
             seconds = float(found.fit.in_fit.sum()) / self.prepared.recorded.rate
             share = len(found.base) / max(3 * seconds / _CORRELATED, 1.0)
         return estimate_residual_noise(
-            self.prepared,
-            found,
-            residual,
-            centre_sd=self.centre_sd,
-            of_poses=self.effect.torque,
-            parameters=share,
+            self.prepared, found, residual, centre_sd=self.centre_sd, of_poses=self.effect.torque, parameters=share
         )
-
-    def filtered(self, parameters: FloatArray) -> FloatArray:
-        """Return the filtered wrench (T, 3) of bodies with the given parameters; NaN outside the samples of the fit."""
-        return np.where(self.found.fit.in_fit[:, None], self.prepared.filtered @ parameters, np.nan)
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """JSON facts about cut-offs, bodies, prior and the condition number of the regressor of all bodies."""
-        return {
-            "bands_hz": dict(zip(("x", "y", "angle"), self.cutoffs.bands, strict=True)),
-            "bands_why": self.cutoffs.why,
-            "bodies": list(self.bodies.names),
-            "used": list(self.bodies.used),
-            "prior": self.prior.source,
-            "prior_share": self.prior_share.tolist(),
-            "bodies_condition_number": self.found.fit.condition,
-            "bodies_condition_number_scaled": self.found.fit.condition_scaled,
-        }
 
 
 def fit_segments(
@@ -268,19 +221,13 @@ def fit_segments(
 ) -> SegmentFit:
     """Return the identification of the bodies with their measured poses.
 
-    Parameters
-    ----------
-    bodies : MeasuredBodies
-        Bodies, pinned at the joints that hold.
-    pinned : Identification
-        Identification of the pinned chain.
-    tables : ReferenceBodies
-        Reference bodies with the chain.
+    The bodies are pinned at the joints that hold. ``pinned`` is the identification of the pinned chain, and ``tables``
+    are the reference bodies with the chain.
     """
     settings, recorded, reference = context.settings, prepared.recorded, tables.chosen.parameters
     mass = float(pinned.full[::4].sum()) if tables.chosen.mass is None else tables.chosen.mass
     prior = make_body_prior(bodies, recorded.q, movement, tables.chosen, mass)
-    cutoffs = choose_cutoffs(RepetitionPredictor(prepared, movement, bodies, prior).predict_on_poses)
+    cutoffs = choose_cutoffs(make_predictor(prepared, movement, bodies, prior))
     ready = prepare_bodies(bodies, recorded, prepared.settings, prior, cutoffs.bands)
     found = identify(
         ready,
@@ -313,14 +260,14 @@ def fit_segments(
     plain = prepare_bodies(bodies, recorded, prepared.settings, prior, _UNSMOOTHED)
     on_chain = (prepared.base, chain_map)
     found = check_and_calibrate(context, ready, movement, found, reference, chain=on_chain, unsmoothed=plain)
+    centre_covariance, centre_sd = estimate_centre_errors(context, bodies, angles)
 
     # the chain's parameters from those of the bodies, and the share of their precision that comes from the prior
     covariance = propagate_to_base(chain_map, prepared.base, found.covariance)
     residual = propagate_to_base(chain_map, prepared.base, found.residual_covariance)
     chain = chain_map.apply(found.full)
     moved = propagate_centres(prepared.base, recorded.centres, np.nanmean(angles, axis=0), chain)
-    centres = compute_centre_covariance(context, bodies, angles)
-    covariance = covariance + np.einsum("bjx,jxy,cjy->bc", moved, centres, moved)
+    covariance = covariance + np.einsum("bjx,jxy,cjy->bc", moved, centre_covariance, moved)
     rows = prepared.base.regrouping @ chain_map.matrix
     design = found.fit.design.reshape(-1, found.fit.design.shape[-1])
     gained = np.linalg.inv(design.T @ design + found.fit.prior_precision)
@@ -354,8 +301,8 @@ def fit_segments(
         prior_share=np.clip(share, 0.0, 1.0),
         chain_map=chain_map,
         grid=grid,
-        validation=validation.validate(ready, movement, found, np.zeros((len(recorded.time), 3))),
-        centre_sd=compute_position_sd(context, bodies, angles),
+        left_out=validate(ready, movement, found, np.zeros((len(recorded.time), 3))),
+        centre_sd=centre_sd,
         effect=effect,
     )
 
@@ -382,9 +329,9 @@ def predict_on_chain(
     In these samples, chain and bodies both have predictions. The wrenches are filtered by the low-pass of the bodies.
     The result is None without predictions.
     """
-    on_chain = validation.validate(prepared, movement, pinned, np.zeros((len(prepared.recorded.time), 3))).held_out
-    on_bodies = segments.validation.held_out
-    if on_chain is None or on_bodies is None:
+    on_chain = validate(prepared, movement, pinned, np.zeros((len(prepared.recorded.time), 3)))
+    on_bodies = segments.left_out
+    if isinstance(on_chain, str) or isinstance(on_bodies, str):
         return None
     both = on_chain.samples & on_bodies.samples
     lowpass = segments.prepared.lowpass
@@ -396,35 +343,28 @@ def compare_motions(
 ) -> dict[str, Any]:
     """Return the fact ``pins``: errors of chain and measured poses on the same samples, after the same low-pass.
 
-    Parameters
-    ----------
-    prepared, pinned
-        Trial on the pinned chain, and its identification.
-    movement : Movement
-        Repetitions and usable samples.
-    segments : SegmentFit
-        Identification with measured poses.
-    threshold : float
-        Largest vertical force without a centre of pressure, N.
+    ``prepared`` and ``pinned`` are the trial on the pinned chain and its identification. There is no centre of pressure
+    up to the vertical force ``threshold``, N.
     """
-    chain, bodies = predict_on_chain(prepared, pinned, movement, segments), segments.validation.held_out
+    chain, bodies = predict_on_chain(prepared, pinned, movement, segments), segments.left_out
     offset = pinned.fit.total_offset if pinned.fit.offset_known else None
-    if chain is None or bodies is None:
-        return {"why": segments.validation.why, "chain": None, "segments": None, "clock_offset_s": offset}
+    if chain is None or isinstance(bodies, str):
+        why = bodies if isinstance(bodies, str) else None
+        return {"why": why, "chain": None, "segments": None, "clock_offset_s": offset}
     both, model, measured = chain
     both = both & np.isfinite(model).all(axis=1)
     return {
         "why": None,
         "samples": int(both.sum()),
-        "chain": describe_comparison(compare_wrenches(model, measured, both, threshold)),
-        "segments": describe_comparison(compare_wrenches(bodies.filtered, bodies.filtered_measured, both, threshold)),
+        "chain": describe_errors(model, measured, both, threshold),
+        "segments": describe_errors(bodies.filtered, bodies.filtered_measured, both, threshold),
         "clock_offset_s": offset,
     }
 
 
-def explain_motion(facts: Mapping[str, Any]) -> tuple[Reason, ...]:
-    """Return reasons about the gaps of joints and the clock offset, from the facts of dynamics.h5."""
-    motion, reasons = facts["motion"], []
+def explain_motion(out: Findings, facts: Mapping[str, Any]) -> None:
+    """Add reasons about the gaps of joints and the clock offset, from the facts of dynamics.h5."""
+    motion = facts["motion"]
     loose = {name: gap for name, gap in (motion.get("joints") or {}).items() if not gap["pinned"]}
     asked_for = motion["source"] == "chain" and motion["why"] == ASKED_FOR
     if loose and (asked_for or motion["source"] == "segments"):
@@ -432,30 +372,34 @@ def explain_motion(facts: Mapping[str, Any]) -> tuple[Reason, ...]:
         observation = f"the two sides of a joint separate by more than the noise (rms): {listed}"
         largest = max(gap["gap_m"] for gap in loose.values())
         if asked_for:
-            text = (
+            out.say(
+                "pinned-joint-gives-way",
                 f"{observation}, and `identify-dim: {{motion: chain}}` pins this joint. The masses then move "
                 "differently from the model, in the same way in every repetition, so the standard deviations of "
-                "parameters and torques are too small. Remove the setting to use the measured pose of every segment"
+                "parameters and torques are too small. Remove the setting to use the measured pose of every segment",
+                largest,
             )
-            reasons.append(Reason("pinned-joint-gives-way", text, value=largest))
         else:
-            text = (
+            out.say(
+                "joint-gives-way",
                 f"{observation}. The dynamics therefore use the measured pose of every segment; lengths and angles "
-                "still come from the chain. Set `identify-dim: {motion: chain}` to use the chain"
+                "still come from the chain. Set `identify-dim: {motion: chain}` to use the chain",
+                largest,
+                level="ok",
             )
-            reasons.append(Reason("joint-gives-way", text, value=largest, level="ok"))
 
     # the clock offsets of the fits without each of the repetitions
     offsets = np.asarray((facts.get("held_out") or {}).get("clock_offset_s") or [], dtype=np.float64)
     apart = float(np.ptp(offsets)) if len(offsets) > 1 else 0.0
     if apart > _CLOCKS_APART:
-        text = (
+        out.say(
+            "clocks-disagree",
             f"the clock offset between cameras and plate depends on the repetitions it is estimated from: it differs "
             f"by {1e3 * apart:.0f} ms, expected at most {1e3 * _CLOCKS_APART:.0f} ms. One of the clocks drifts, or "
-            "the model does not fit the movement: check the synchronisation of cameras and plate"
+            "the model does not fit the movement: check the synchronisation of cameras and plate",
+            apart,
+            _CLOCKS_APART,
         )
-        reasons.append(Reason("clocks-disagree", text, value=apart, limit=_CLOCKS_APART))
-    return tuple(reasons)
 
 
 def compare_torque(context: Context, dynamics: Mapping[str, FloatArray]) -> dict[str, Any] | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,8 @@ from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
 from mocap_id.dynamics.cautions import WEAK, find_cautions_in_space
 from mocap_id.dynamics.fit import LEAST_SECONDS, describe_clock, determines_parameters, select_samples
 from mocap_id.dynamics.prediction import agreement, centre_of_pressure, centre_of_pressure_rows
-from mocap_id.dynamics.preparation import FitSettings
+from mocap_id.dynamics.preparation import CoarseClock, FitSettings
 from mocap_id.dynamics.space.identification import (
-    SpatialIdentification,
     identify_parameters_in_space,
     measure_excitation_in_space,
     predict_in_space,
@@ -29,14 +28,13 @@ from mocap_id.dynamics.space.preparation import (
 )
 from mocap_id.geometry import se3, so3
 from mocap_id.geometry.spatial_chain import SpatialChain
-from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.stages.identify_dim.dynamics_artefacts import (
     NO_FACTS,
     describe_solver,
-    make_base,
-    make_columns,
-    make_data,
+    make_datasets,
+    make_dynamics_columns,
 )
 from mocap_id.stages.identify_dim.events import make_events
 from mocap_id.stages.identify_dim.trial_data import NotIdentifiable, read_common_time, read_cop_threshold, read_wrench
@@ -52,7 +50,13 @@ _ADVICE = "Larger angles and higher speeds of all joints, one after the other an
 
 def identify_in_space(context: Context) -> Outputs:
     """Return events.parquet, dynamics.parquet, dynamics.h5 and phases.parquet of a trial in space."""
-    inputs = read_spatial_inputs(context)
+    table, clock = read_wrench(context)
+    time = read_common_time(context, "poses.parquet")
+    skeleton = SpatialSkeleton.from_tree(context.tree("chain.h5"))
+    wrench = np.full((table.length, len(COMPONENTS)), np.nan)  # of the ground about the origin of the trial's axes
+    if set(COMPONENTS) <= set(table.names):  # a plate may measure fewer components
+        wrench = np.where(table["plate_ok"][:, None], table.stack(COMPONENTS), np.nan)
+    trial = _prepare(context, skeleton, time, wrench, clock)
     events = make_events(())
     torques: dict[str, FloatArray] = {}
     if context.trial.protocol == "curl":
@@ -63,46 +67,61 @@ def identify_in_space(context: Context) -> Outputs:
         from mocap_id.stages.identify_dim.reaches import find_reach_events  # noqa: PLC0415  only for reaches
 
         events = find_reach_events(context)
-    if inputs.trial is None or inputs.obstacle is not None:
-        table, tree = _explain_obstacle(context, inputs)
+    if isinstance(trial, NotIdentifiable):
+        dynamics, tree = _explain_obstacle(context, skeleton, time, wrench, trial)
     else:
-        table, tree = _identify(context, inputs, inputs.trial)
+        dynamics, tree = _identify(context, skeleton.chain, trial)
     names, empty = np.zeros(0, dtype=object), np.zeros(0)
     averages = {"span": names, "percent": empty, "quantity": names, "unit": names, "mean": empty, "sd": empty}
     why = "the repetitions of a trial in space are not averaged"
     phases = Table(PHASES, averages | {"count": empty}, {"repetitions": {}, "compared": [], "why": why})
-    return events, replace(table, columns={**table.columns, **torques}), tree, phases
+    return events, dynamics.with_columns(**torques), tree, phases
 
 
-def _identify(context: Context, inputs: SpatialInputs, trial: SpatialTrial) -> tuple[Table, Tree]:
-    settings, threshold, structure = context.settings, read_cop_threshold(context), trial.structure
-    found = identify_parameters_in_space(trial, np.ones(len(inputs.time), dtype=np.bool_), read_calibration(settings))
+def _identify(context: Context, chain: SpatialChain, trial: SpatialTrial) -> tuple[Table, Tree]:
+    """Return dynamics.parquet and dynamics.h5."""
+    settings: IdentifyDimSettings = context.settings
+    threshold, structure, time = read_cop_threshold(context), trial.structure, trial.recorded.time
+    position = _POSITION_SD if settings.plate_position_sd_m is None else settings.plate_position_sd_m
+    calibration = SpatialCalibration(
+        gain=settings.plate_gain_sd,
+        moments=settings.plate_moments_sd,
+        force=settings.plate_zero_sd_n,
+        moment=settings.plate_zero_sd_nm,
+        position=position,
+        yaw=2 * position / _PLATE_WIDTH,
+        lengths=settings.camera_scale_sd,
+        tilt=float(np.radians(settings.camera_tilt_sd_deg)),
+    )
+    found = identify_parameters_in_space(trial, np.ones(len(time), dtype=np.bool_), calibration)
     excited = measure_excitation_in_space(trial, found, settings.weak_share or WEAK)
     model, fit = predict_in_space(trial, found), found.fit
     cop = centre_of_pressure(model.measured[:, _PLANAR], threshold)
     model_cop = centre_of_pressure(model.wrench[:, _PLANAR], threshold)
 
     # dynamics.parquet
-    units = np.broadcast_to(np.eye(3), (len(inputs.time), 3, 3))
+    units = np.broadcast_to(np.eye(3), (len(time), 3, 3))
     change = centre_of_pressure_rows(units, model.wrench[:, _PLANAR], threshold)
     cop_sd = np.sqrt(np.sum((change * model.wrench_sd[:, _PLANAR]) ** 2, axis=1))
-    columns = make_columns(
-        inputs.time,
-        COMPONENTS,
-        {"{}": (model.measured, cop), "{}_model": (model.wrench, model_cop), "sd_{}_model": (model.wrench_sd, cop_sd)},
-        torque=model.torque,
-        torque_sd=model.torque_sd,
-        in_fit=fit.in_fit,
+    series = {
+        "{}": (model.measured, cop),
+        "{}_model": (model.wrench, model_cop),
+        "sd_{}_model": (model.wrench_sd, cop_sd),
+    }
+    columns = make_dynamics_columns(
+        time, COMPONENTS, series, torque=model.torque, torque_sd=model.torque_sd, in_fit=fit.in_fit
     )
 
     # dynamics.h5
-    base = make_base(
+    data = make_datasets(
         structure.names,
         found.base,
-        found.base_sd,
         found.covariance,
+        sd=found.base_sd,
         units=structure.units,
         regrouping=structure.mapping,
+        full_names=name_parameters_in_space(len(found.full) // 10),
+        full=found.full,
         excitation=excited,
         prior_share=np.zeros(len(found.base)),
     )
@@ -110,7 +129,7 @@ def _identify(context: Context, inputs: SpatialInputs, trial: SpatialTrial) -> t
         name: agreement(model.wrench[:, k], model.measured[:, k], fit.in_fit) for k, name in enumerate(COMPONENTS)
     }
     apart = agreement(model_cop, cop, fit.in_fit)
-    facts = _make_common_facts(inputs.chain, None) | {
+    facts = _make_common_facts(chain, None) | {
         "condition_number": fit.condition,
         "condition_number_scaled": fit.condition_scaled,
         "clock_offset_s": fit.total_offset if fit.offset_known else None,
@@ -130,38 +149,55 @@ def _identify(context: Context, inputs: SpatialInputs, trial: SpatialTrial) -> t
         "frames": structure.frames[:, :3, :3].tolist(),
         "moments_about_m": trial.recorded.base[:3, 3].tolist(),
     }
-    data = make_data(base, name_parameters_in_space(len(found.full) // 10), found.full)
-    reasons = find_cautions_in_space(trial, found, excited, _ADVICE) + _check_explained_force(found)
-    return Table(DYNAMICS_TABLE, columns), Tree(DYNAMICS_TREE, data, facts, reasons)
+
+    # cautions, also about a motion of the chain that does not explain the low-passed horizontal force of the plate
+    out = Findings(find_cautions_in_space(trial, found, excited, _ADVICE))
+    target = fit.target[:, [0, 2]] - fit.target[:, [0, 2]].mean(axis=0)
+    rest = (fit.target - fit.design[..., : len(found.base)] @ found.base)[:, [0, 2]]
+    share = 1.0 - float(np.var(rest, axis=0).sum() / max(float(np.sum(target**2) / len(target)), 1e-300))
+    if share < _EXPLAINED:
+        out.say(
+            "wrench-unexplained",
+            f"the motion of the chain explains {100 * max(share, 0.0):.0f} % of the variance of the horizontal force "
+            f"on the plate, expected at least {100 * _EXPLAINED:.0f} %: the plate does not carry this base, or another "
+            "object on the plate moves; do not use the parameters",
+            share,
+            _EXPLAINED,
+        )
+    return Table(DYNAMICS_TABLE, columns), Tree(DYNAMICS_TREE, data, facts, tuple(out.reasons))
 
 
-def _explain_obstacle(context: Context, inputs: SpatialInputs) -> tuple[Table, Tree]:
+def _explain_obstacle(
+    context: Context, skeleton: SpatialSkeleton, time: FloatArray, wrench: FloatArray, obstacle: NotIdentifiable
+) -> tuple[Table, Tree]:
     """Return dynamics.parquet and dynamics.h5 of a trial without an identification."""
-    obstacle, segments = inputs.obstacle, len(inputs.segments)
-    assert obstacle is not None
-    absent = np.full((len(inputs.time), len(COMPONENTS)), np.nan)
-    torque = np.full((len(inputs.time), sum(joint.dimension for joint in inputs.chain.joints)), np.nan)
-    columns = make_columns(
-        inputs.time,
-        COMPONENTS,
-        {
-            "{}": (inputs.wrench, centre_of_pressure(inputs.wrench[:, _PLANAR], read_cop_threshold(context))),
-            "{}_model": (absent, absent[:, 0]),
-            "sd_{}_model": (absent, absent[:, 0]),
-        },
-        torque=torque,
-        torque_sd=torque,
-        in_fit=np.zeros(len(inputs.time), dtype=np.bool_),
-    )
+    chain, segments = skeleton.chain, len(skeleton.segments)
+    absent = np.full((len(time), len(COMPONENTS)), np.nan)
+    torque = np.full((len(time), sum(joint.dimension for joint in chain.joints)), np.nan)
+    series = {
+        "{}": (wrench, centre_of_pressure(wrench[:, _PLANAR], read_cop_threshold(context))),
+        "{}_model": (absent, absent[:, 0]),
+        "sd_{}_model": (absent, absent[:, 0]),
+    }
+    nowhere = np.zeros(len(time), dtype=np.bool_)
+    columns = make_dynamics_columns(time, COMPONENTS, series, torque=torque, torque_sd=torque, in_fit=nowhere)
     # the only base parameter is the mass
     names, regrouping = name_parameters_in_space(segments), np.zeros((1, 10 * segments))
     regrouping[0, ::10] = 1.0
     mass, unknown = np.array([np.nan if obstacle.mass is None else obstacle.mass]), np.full((1, 1), np.nan)
-    base = make_base(["+".join(names[::10])], mass, unknown[0], unknown, units=["kg"], regrouping=regrouping)
-    data = make_data(base, names, np.full(10 * segments, np.nan))
+    data = make_datasets(
+        ["+".join(names[::10])],
+        mass,
+        unknown,
+        sd=unknown[0],
+        units=["kg"],
+        regrouping=regrouping,
+        full_names=names,
+        full=np.full(10 * segments, np.nan),
+    )
     expected = context.trial.protocol in ("reach", "curl")  # usually recorded without plates
     reasons = (Reason(obstacle.code, obstacle.why, level="ok" if expected else "caution"),)
-    facts = _make_common_facts(inputs.chain, obstacle.why)
+    facts = _make_common_facts(chain, obstacle.why)
     return Table(DYNAMICS_TABLE, columns), Tree(DYNAMICS_TREE, data, facts, reasons)
 
 
@@ -181,89 +217,53 @@ def _make_common_facts(chain: SpatialChain, why: str | None) -> dict[str, Any]:
     return {**NO_FACTS, "why": why, "motion": motion, "rivals": {}, "torques": torques}
 
 
-def _check_explained_force(found: SpatialIdentification) -> tuple[Reason, ...]:
-    """Return a caution if the motion of the chain does not explain the low-passed horizontal force of the plate."""
-    fit, base = found.fit, found.base
-    target = fit.target[:, [0, 2]] - fit.target[:, [0, 2]].mean(axis=0)
-    rest = (fit.target - fit.design[..., : len(base)] @ base)[:, [0, 2]]
-    share = 1.0 - float(np.var(rest, axis=0).sum() / max(float(np.sum(target**2) / len(target)), 1e-300))
-    if share >= _EXPLAINED:
-        return ()
-    return (
-        Reason(
-            "wrench-unexplained",
-            f"the motion of the chain explains {100 * max(share, 0.0):.0f} % of the variance of the horizontal force "
-            f"on the plate, expected at least {100 * _EXPLAINED:.0f} %: the plate does not carry this base, or another "
-            "object on the plate moves; do not use the parameters",
-            value=share,
-            limit=_EXPLAINED,
-        ),
-    )
-
-
 _AT_REST = 5e-3, np.radians(1.0)  # m and rad: a base at rest moves less than this in 95 % of the frames
 _PLATE_WIDTH = 0.5  # m: an error of a corner's position rotates the plate by twice this error divided by its width
 _POSITION_SD = 0.005  # m: default standard deviation of the plate's position
 _PERSON, _OF_PERSONS = "thorax", ("reach", "curl")
 
 
-@dataclass(frozen=True)
-class SpatialInputs:
-    """Inputs of the identification of a trial in space."""
+def _prepare(
+    context: Context, skeleton: SpatialSkeleton, time: FloatArray, wrench: FloatArray, clock: CoarseClock
+) -> SpatialTrial | NotIdentifiable:
+    """Return the prepared trial, or the reason why nothing can be identified.
 
-    time: FloatArray  # (T,) sample times, s
-    chain: SpatialChain  # chain of the trial
-    segments: tuple[str, ...]  # names of the segments, base first
-    # (T, 6) measured wrench of the ground about the origin of the trial's axes, N and N·m; NaN where unknown
-    wrench: FloatArray
-    trial: SpatialTrial | None = None  # prepared trial; None if it could not be prepared
-    obstacle: NotIdentifiable | None = None  # reason why nothing can be identified; None if there is none
-
-
-def read_spatial_inputs(context: Context) -> SpatialInputs:
-    """Return a trial in space, prepared if possible; StoreError if poses and wrench have different times."""
+    ``wrench`` (T, 6) is that of the ground about the origin of the trial's axes, N and N·m; NaN where unknown.
+    """
     settings: IdentifyDimSettings = context.settings
-    poses = context.table("poses.parquet")
-    table, clock = read_wrench(context)
-    time = read_common_time(context, "poses.parquet")
-    skeleton = SpatialSkeleton.from_tree(context.tree("chain.h5"))
-    wrench = np.full((table.length, len(COMPONENTS)), np.nan)
-    if set(COMPONENTS) <= set(table.names):  # a plate may measure fewer components
-        wrench = np.where(table["plate_ok"][:, None], table.stack(COMPONENTS), np.nan)
-    inputs = SpatialInputs(time, skeleton.chain, skeleton.segments, wrench)
+    poses, facts = context.table("poses.parquet"), context.table("wrench.parquet").facts
+    chain, segments = skeleton.chain, skeleton.segments
     if not find_complete_rows(wrench).any():
-        facts = context.table("wrench.parquet").facts
         why = facts.get("unusable") or facts.get("why") or "the recording has no usable force plate"
-        text = f"the inertial parameters need the ground's wrench: {why}"
-        return replace(inputs, obstacle=NotIdentifiable("no-wrench", text))
+        return NotIdentifiable("no-wrench", f"the inertial parameters need the ground's wrench: {why}")
 
     # the plates must measure only bodies of the chain
-    person = context.trial.protocol in _OF_PERSONS or inputs.segments[0] == _PERSON
-    if person or not all(joint.known and not joint.glide.any() for joint in inputs.chain.joints):
+    person = context.trial.protocol in _OF_PERSONS or segments[0] == _PERSON
+    if person or not all(joint.known and not joint.glide.any() for joint in chain.joints):
         carrier = (
             "a person's thorax" if person else "connected to the chain by joints whose centres are unknown or move"
         )
-        text = (
+        return NotIdentifiable(
+            "base-not-carried",
             f"the base is {carrier}, so the plates also measure segments without markers; the parameters are "
-            "identified only if a plate carries the base, as under a robot"
+            "identified only if a plate carries the base, as under a robot",
         )
-        return replace(inputs, obstacle=NotIdentifiable("base-not-carried", text))
-    base = _find_base_at_rest(poses, inputs)
+    # prefix of each segment's columns in poses.parquet
+    prefixes = [name if f"{name}_qw" in poses.names else f"segment_{k}" for k, name in enumerate(segments)]
+    base = _find_base_at_rest(*_read_segment_poses(poses, prefixes[0]))
     if isinstance(base, NotIdentifiable):
-        return replace(inputs, obstacle=base)
+        return base
 
     # motion of the other segments
-    moving = range(1, len(inputs.segments))
-    each = [_read_segment_poses(poses, inputs.segments, k) for k in moving]
-    names = [_find_column_prefix(poses, inputs.segments, k) for k in moving]
+    names = prefixes[1:]
+    each = [_read_segment_poses(poses, name) for name in names]
     omega, alpha = (
         np.stack([poses.stack([f"{name}_{rate}_{axis}" for axis in "xyz"]) for name in names], axis=1)
         for rate in ("omega", "alpha")
     )
-    centre = table.facts.get("centre_m")
     record = SpatialRecord(
         time=time,
-        chain=inputs.chain,
+        chain=chain,
         base=base,
         rotation=np.stack([rotation for rotation, _, _ in each], axis=1),
         omega=omega,
@@ -271,10 +271,10 @@ def read_spatial_inputs(context: Context) -> SpatialInputs:
         alpha_sd=poses.stack([f"sd_{name}_alpha" for name in names]),
         observed=np.logical_and.reduce([seen for _, _, seen in each]),
         wrench=wrench,
-        plate=None if centre is None else np.array(centre),
+        plate=None if facts.get("centre_m") is None else np.array(facts["centre_m"]),
         clock=clock,
     )
-    record = replace(record, averaged=recording.compute_averaging_width(table.facts["analog_rate_hz"], record.rate))
+    record = replace(record, averaged=recording.compute_averaging_width(facts["analog_rate_hz"], record.rate))
     fitted = FitSettings(
         components=tuple(range(len(COMPONENTS))),
         cutoff=settings.cutoff_hz,
@@ -285,27 +285,11 @@ def read_spatial_inputs(context: Context) -> SpatialInputs:
         gravity=settings.gravity,
     )
     trial = prepare_in_space(record, fitted)
-    return replace(inputs, trial=trial, obstacle=_check_excitation(settings, trial))
+    return _check_excitation(settings, trial) or trial
 
 
-def read_calibration(settings: IdentifyDimSettings) -> SpatialCalibration:
-    """Return the standard deviations of the errors of scale of plate and cameras, from the settings."""
-    position = _POSITION_SD if settings.plate_position_sd_m is None else settings.plate_position_sd_m
-    return SpatialCalibration(
-        gain=settings.plate_gain_sd,
-        moments=settings.plate_moments_sd,
-        force=settings.plate_zero_sd_n,
-        moment=settings.plate_zero_sd_nm,
-        position=position,
-        yaw=2 * position / _PLATE_WIDTH,
-        lengths=settings.camera_scale_sd,
-        tilt=float(np.radians(settings.camera_tilt_sd_deg)),
-    )
-
-
-def _find_base_at_rest(poses: Table, inputs: SpatialInputs) -> FloatArray | NotIdentifiable:
+def _find_base_at_rest(rotation: FloatArray, origin: FloatArray, observed: BoolArray) -> FloatArray | NotIdentifiable:
     """Return the pose (4, 4) of the base, or the reason why it is unknown or not at rest."""
-    rotation, origin, observed = _read_segment_poses(poses, inputs.segments, 0)
     observed = observed & np.isfinite(origin).all(axis=1) & np.isfinite(rotation).all(axis=(1, 2))
     if not observed.any():
         return NotIdentifiable("base-unseen", "the pose of the base is never known: put three markers on it")
@@ -325,14 +309,8 @@ def _find_base_at_rest(poses: Table, inputs: SpatialInputs) -> FloatArray | NotI
     )
 
 
-def _find_column_prefix(poses: Table, segments: tuple[str, ...], k: int) -> str:
-    """Return the prefix of a segment's columns in poses.parquet: its name, or ``segment_k``."""
-    return segments[k] if f"{segments[k]}_qw" in poses.names else f"segment_{k}"
-
-
-def _read_segment_poses(poses: Table, segments: tuple[str, ...], k: int) -> tuple[FloatArray, FloatArray, BoolArray]:
+def _read_segment_poses(poses: Table, name: str) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Return rotations (T, 3, 3) and origins (T, 3), m, of a segment, and True (T,) where it is observed."""
-    name = _find_column_prefix(poses, segments, k)
     scalar, vector = poses[f"{name}_qw"], poses.stack([f"{name}_q{axis}" for axis in "xyz"])
     cross = so3.hat(vector)
     rotation = np.eye(3) + 2 * scalar[:, None, None] * cross + 2 * cross @ cross

@@ -1,4 +1,4 @@
-"""Inputs from the artefacts, reference bodies, place of a balance board, and what can be identified at all."""
+"""Inputs from the artefacts, reference bodies, place of a balance board, checks of sensors, what can be identified."""
 
 from __future__ import annotations
 
@@ -10,19 +10,30 @@ import numpy as np
 
 from mocap_id import recording
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.fit import LEAST_SECONDS, determines_parameters, fit, select_samples
+from mocap_id.dynamics.fit import LEAST_SECONDS, Fit, determines_parameters, fit, select_samples
 from mocap_id.dynamics.instrument_errors import KinematicError, propagate_to_parameters
-from mocap_id.dynamics.prediction import WrenchAgreement, compare_wrenches
-from mocap_id.dynamics.preparation import CoarseClock, FitSettings, PreparedTrial, TrialData, measure_arcs, prepare
+from mocap_id.dynamics.prediction import compare_wrenches
+from mocap_id.dynamics.preparation import (
+    CoarseClock,
+    FitSettings,
+    PreparedTrial,
+    SampledWrench,
+    TrialData,
+    blank_incomplete,
+    measure_arcs,
+    prepare,
+    profile_offset,
+)
 from mocap_id.dynamics.priors import TableName, compute_foot_sd, compute_reference_sd, estimate_height, look_up_table
 from mocap_id.dynamics.regressor import SEAT, WRENCH_COMPONENTS, ExternalWrench
+from mocap_id.dynamics.scale_check import WrenchGain, estimate_gains
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.protocols.body_names import GROUND
 from mocap_id.protocols.movement import Movement, find_facing
 from mocap_id.protocols.reference_body import ReferenceBody, build_reference_body, make_empty_reference
 from mocap_id.protocols.repetitions import measure_standing_angles
 from mocap_id.stages import skin_motion
-from mocap_id.stages.base import Context
+from mocap_id.stages.base import Context, Findings
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.store import Table
 from mocap_id.store.views import Skeleton, joint_columns
@@ -32,11 +43,6 @@ _SEARCH = 0.15  # s: range of the fit's search around the coarse offset, whose e
 _VERTICAL = (1, 2)  # Fy and tauz
 _THIGH = "thigh"
 _THIGH_NUMBER = 2  # number of the thigh in a chain whose base is the foot
-
-
-def read_skeleton(context: Context) -> Skeleton:
-    """Return the chain in chain.h5."""
-    return Skeleton.from_tree(context.tree("chain.h5"))
 
 
 def read_trial_data(context: Context, chain: Skeleton) -> TrialData:
@@ -127,7 +133,7 @@ def read_cop_threshold(context: Context) -> float:
 def _read_external_wrenches(
     context: Context, table: Table, segments: Sequence[str], measures: str
 ) -> tuple[ExternalWrench, ...]:
-    """Return the external wrenches whose key `measures` is ``measures``: "contact" or "beyond"."""
+    """Return the external wrenches with this key `measures`: "contact" or "beyond"."""
     settings, wrenches = context.settings, []
     for fact in table.facts.get("external") or ():
         if fact.get("measures", "contact") != measures:
@@ -165,11 +171,6 @@ def _find_thigh(names: Sequence[str]) -> int:
     return names.index(_THIGH) if _THIGH in names else min(_THIGH_NUMBER, len(names) - 1)
 
 
-def read_joint_names(context: Context) -> tuple[str, ...]:
-    """Return the names of the joints of the chain; joints without names are numbered."""
-    return read_skeleton(context).joint_names
-
-
 def read_kinematic_error(context: Context) -> KinematicError:
     """Return the effect of skin motion on the joint centres and angles of the chain."""
     skin = skin_motion.read_skin_tree(context.tree("skin.h5"))
@@ -205,12 +206,13 @@ def build_reference_bodies(context: Context, recorded: TrialData, movement: Move
     settings, subject, chain = context.settings, context.trial.subject, recorded.centres
     if context.trial.protocol != "sit-to-stand":
         return ReferenceBodies(make_empty_reference(len(chain), None), ())
-    if read_skeleton(context).segments[:1] == (GROUND,):
-        return ReferenceBodies(
-            make_empty_reference(len(chain), "the tables are for people whose feet are flat on the ground"), ()
-        )
-    if not np.isfinite(recorded.q).all(axis=1).any():
-        return ReferenceBodies(make_empty_reference(len(chain), "no sample has all joint angles"), ())
+    why = None
+    if context.tree("chain.h5").texts("segments/name")[:1] == (GROUND,):
+        why = "the tables are for people whose feet are flat on the ground"
+    elif not np.isfinite(recorded.q).all(axis=1).any():
+        why = "no sample has all joint angles"
+    if why is not None:
+        return ReferenceBodies(make_empty_reference(len(chain), why), ())
     mass = context.table("wrench.parquet").facts.get("mass_kg")
     if mass is None and movement.contact is not None and np.isfinite(movement.contact.weight):
         mass = movement.contact.weight / settings.gravity
@@ -242,35 +244,26 @@ def compare_references(
 ) -> dict[str, Any] | None:
     """Return JSON about the reference bodies and the errors of their wrench, by table; None without reference bodies.
 
-    Parameters
-    ----------
-    regressor : (T, 3, 4(n + 1)) array
-        Regressor of the full parameters.
-    measured : (T, 3) array
-        Wrench of the ground, N and N·m.
-    samples : (T,) bool array
-        Samples to compare.
-    threshold : float
-        Largest vertical force without a centre of pressure, N.
-    external : (T, 3) array
-        Other external wrenches on the body, N and N·m.
+    The full ``regressor`` (T, 3, 4(n + 1)) minus the ``external`` wrenches on the body (T, 3) is compared with the
+    ``measured`` wrench of the ground (T, 3), N and N·m, in some ``samples`` (T,). There is no centre of pressure up to
+    the vertical force ``threshold``, N.
     """
     if not bodies.every:
         return None
     found = {}
     for body in bodies.every:
-        compared = compare_wrenches(regressor @ body.parameters - external, measured, samples, threshold)
         found[str(body.table)] = {
             "height_m": body.height,
             "mass_kg": body.mass,
             "assumed": list(body.assumed),
-            **describe_comparison(compared),
+            **describe_errors(regressor @ body.parameters - external, measured, samples, threshold),
         }
     return found
 
 
-def describe_comparison(compared: WrenchAgreement) -> dict[str, Any]:
-    """Return JSON about a comparison of wrenches and centres of pressure."""
+def describe_errors(model: FloatArray, measured: FloatArray, samples: BoolArray, threshold: float) -> dict[str, Any]:
+    """Return JSON about the errors of a wrench (T, 3) and its centre of pressure in some samples (T,)."""
+    compared = compare_wrenches(model, measured, samples, threshold)
     wrench = {name: None if one is None else asdict(one) for name, one in compared.wrench.items()}
     return {"wrench": wrench, "cop_rms_m": compared.cop_rms}
 
@@ -311,36 +304,31 @@ def locate_board(
     return prepared, {"shift_m": total, "sd_m": shift[1], "by": "model", "mirrored_misfit": worse}
 
 
-def explain_board(context: Context, facts: dict[str, Any]) -> tuple[Reason, ...]:
-    """Return cautions about the board's direction and position, from the facts of dynamics.h5."""
+def explain_board(out: Findings, context: Context, facts: dict[str, Any]) -> None:
+    """Add cautions about the board's direction and position, from the facts of dynamics.h5."""
     fact = facts.get("board")
     if fact is None:
-        return ()
-    board, reasons = context.table("wrench.parquet").facts["board"], []
-    worse, fitted = fact["mirrored_misfit"], facts["wrench"]["tauz"]
+        return
+    board, worse = context.table("wrench.parquet").facts["board"], fact["mirrored_misfit"]
+    fitted = facts["wrench"]["tauz"]
     poor = fitted is None or fitted["r2"] < _FITTED
     if worse < 1.0 or (worse < _CLEARLY and poor) if worse is not None else not board["top_sure"]:
-        reasons.append(
-            Reason(
-                "board-direction-unsure",
-                f"the top of the balance board is assumed to point {board['top']}, as seen by the person, but this is "
-                f"not certain: if it points {_OPPOSITE[board['top']]}, tauz and all parameters are wrong. Give or "
-                "check `top:` beside `balance_board:`",
-                value=worse,
-                limit=_CLEARLY,
-            )
+        out.say(
+            "board-direction-unsure",
+            f"the top of the balance board is assumed to point {board['top']}, as seen by the person, but this is "
+            f"not certain: if it points {_OPPOSITE[board['top']]}, tauz and all parameters are wrong. Give or "
+            "check `top:` beside `balance_board:`",
+            worse,
+            _CLEARLY,
         )
     if fact["by"] == "feet":
-        reasons.append(
-            Reason(
-                "board-place-unknown",
-                "the position of the balance board along the motion is known only to about 3 cm, from the feet: the "
-                "first moment of the base segment, the centre of pressure and the torques contain this error. Give "
-                "`centre_m:` beside `balance_board:`",
-                value=fact["sd_m"],
-            )
+        out.say(
+            "board-place-unknown",
+            "the position of the balance board along the motion is known only to about 3 cm, from the feet: the "
+            "first moment of the base segment, the centre of pressure and the torques contain this error. Give "
+            "`centre_m:` beside `balance_board:`",
+            fact["sd_m"],
         )
-    return tuple(reasons)
 
 
 def _change_moment(
@@ -386,6 +374,97 @@ def _estimate_shift(context: Context, prepared: PreparedTrial, movement: Movemen
     rest = away - excess * response
     misfit = float(rest @ np.linalg.solve(spread, rest)) / max(len(used) - 1, 1)
     return -excess, float(np.sqrt(_REPEATED_SD**2 + max(misfit, 1.0) / precision)), misfit
+
+
+_SENSOR_RANGE = 1.0  # s, largest clock offset of a sensor that is tried, in both directions
+_SENSOR_LEAST = 2.0  # s, shortest duration of the samples for this
+_SENSOR_LATE, _SENSOR_BETTER = 0.02, 1.2  # smallest offset that is reported, s, and smallest ratio of the residuals
+
+
+def check_chair(prepared: PreparedTrial) -> tuple[PreparedTrial, tuple[Reason, ...]]:
+    """Return the trial, without the chair's wrench if it contradicts the body's motion, and a note or caution.
+
+    Without a plate under the chair, the trial is unchanged and the tuple is empty.
+    """
+    recorded = prepared.recorded
+    if recorded.seat is None:
+        return prepared, ()
+    everything = np.ones(len(recorded.time), dtype=bool)
+    determined = determines_parameters(prepared, everything)
+    gains = estimate_gains(prepared, fit(prepared, everything)) if determined else ()
+    wrong = [gain for gain in gains if gain.name == SEAT and gain.contradicts]
+    if not wrong:
+        text = (
+            f"the chair is on its own force plate: its wrench on segment {recorded.seat.segment} is measured, so "
+            "samples with contact are also used for the identification"
+        )
+        return prepared, (Reason("seat-measured", text, level="ok"),)
+    without = replace(recorded, external=tuple(each for each in recorded.external if each.name != SEAT))
+    gain = _find_worst(wrong)
+    text = (
+        f"the forces of ground and chair add up best with the chair's {gain.component} times {gain.value:.2f} ± "
+        f"{gain.sd:.2f}, expected 1: its plate does not measure the wrench of the chair on the body (wrong sign, "
+        "corners or units, another object on the plate, or a chair leg beside it). It was left out, with all samples "
+        "with contact"
+    )
+    reason = Reason("seat-contradiction", text, value=gain.value, limit=1.0)
+    return prepare(without, prepared.settings), (reason,)
+
+
+def check_sensors(prepared: PreparedTrial, found: Fit) -> tuple[Reason, ...]:
+    """Return a caution for every sensor whose wrench or clock contradicts the motion of the body."""
+    wrong = [gain for gain in estimate_gains(prepared, found) if gain.name != SEAT and gain.contradicts]
+    clocks = tuple(_check_clock(prepared, found, each) for each in prepared.recorded.external if not each.by_plates)
+    return tuple(reason for reason in clocks if reason is not None) + tuple(
+        Reason(
+            "external-contradiction",
+            f"the forces add up best with the {gain.component} of `{name}` times {gain.value:.2f} ± {gain.sd:.2f}, "
+            "expected 1: check its sign (`force: on-sensor`), its axes, its point of application (`at:`), its segment "
+            "and its clock (`clock_offset_s:`) under `external:`. It was used without a change",
+            value=gain.value,
+            limit=1.0,
+        )
+        for name in dict.fromkeys(gain.name for gain in wrong)
+        for gain in [_find_worst([each for each in wrong if each.name == name])]
+    )
+
+
+def _check_clock(prepared: PreparedTrial, found: Fit, sensor: ExternalWrench) -> Reason | None:
+    """Return a caution if the forces add up clearly better with another clock offset of a sensor."""
+    components, time = list(prepared.settings.components), prepared.recorded.time
+    filtered = prepared.lowpass(blank_incomplete(sensor.wrench))[:, components]
+    sampled = SampledWrench.of(time, filtered)
+    around = np.linspace(-_SENSOR_RANGE, _SENSOR_RANGE, 21)
+    known = np.isfinite(sampled(time[found.samples] - around[:, None])).all(axis=(0, 2))
+    samples = found.samples[known]
+    if len(samples) * prepared.lowpass.step < _SENSOR_LEAST * prepared.recorded.rate:
+        return None
+    rest = prepared.filtered_measured(samples, time[samples] - found.offset)[:, components] - filtered[samples]
+    rows = found.design[known, :, :-1]
+
+    def measured(times: FloatArray) -> FloatArray:
+        return (rest + sampled(times)) * found.weights
+
+    every = np.ones(len(components))
+    offset, at_end = profile_offset(rows, measured, time[samples], every, _SENSOR_RANGE, prior=found.prior)
+    flat = rows.reshape(-1, rows.shape[-1])
+    targets = np.stack([measured(time[samples] - each).reshape(-1) for each in (0.0, offset)], axis=1)
+    left = np.linalg.norm(targets - flat @ np.linalg.lstsq(flat, targets, rcond=None)[0], axis=0)
+    if at_end or abs(offset) <= _SENSOR_LATE or left[0] < _SENSOR_BETTER * left[1]:
+        return None
+    return Reason(
+        "external-clock",
+        f"the forces add up best if the clock of `{sensor.name}` is moved by {offset:+.2f} s, expected at most ± "
+        f"{_SENSOR_LATE:g} s (residual {left[0] / left[1]:.1f} times as large without). It was not moved: add this "
+        "time to its `clock_offset_s:` under `external:`, and check its start",
+        value=offset,
+        limit=_SENSOR_LATE,
+    )
+
+
+def _find_worst(wrong: Sequence[WrenchGain]) -> WrenchGain:
+    """Return the gain whose deviation from 1 has the largest effect relative to its limit."""
+    return max(wrong, key=lambda gain: abs(gain.value - 1.0) * gain.size / gain.limit)
 
 
 MASS_CONTRADICTS = 0.2
@@ -461,7 +540,7 @@ def judge_mass(context: Context, mass: float | None) -> Reason | None:
     The height is that in the configuration, or else follows from shank and thigh. Without one of these, or if the given
     mass of the person confirms the mass, the result is None.
     """
-    subject, chain = context.trial.subject, read_skeleton(context)
+    subject, chain = context.trial.subject, Skeleton.from_tree(context.tree("chain.h5"))
     if mass is None or context.trial.protocol == "robot-joint":
         return None
     if subject.mass is not None and abs(mass / subject.mass - 1.0) <= MASS_CONTRADICTS:

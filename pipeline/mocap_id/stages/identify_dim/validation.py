@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from mocap_id.dynamics.measured_motion import (
     measure_stretch,
     merge_segments,
 )
-from mocap_id.dynamics.prediction import Agreement, agreement, centre_of_pressure
+from mocap_id.dynamics.prediction import agreement, centre_of_pressure
 from mocap_id.dynamics.preparation import FitSettings, LowPass, PreparedTrial, TrialData, prepare
 from mocap_id.dynamics.priors import BodyPrior, build_even_prior, build_table_prior, split_torso
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
@@ -42,10 +42,9 @@ from mocap_id.kinematics.cluster_poses import BENDS_M, LEAST_MARKERS, REMAINING
 from mocap_id.kinematics.joint import count_positions
 from mocap_id.protocols.movement import Movement
 from mocap_id.protocols.reference_body import ReferenceBody
-from mocap_id.stages.base import Context
-from mocap_id.stages.identify_dim.trial_data import read_skeleton
+from mocap_id.stages.base import Context, Findings
 from mocap_id.store import Table
-from mocap_id.verdict import Reason
+from mocap_id.store.views import Skeleton
 
 SERIES = (*WRENCH_COMPONENTS, "cop_x")
 """Compared quantities, in the order of the columns of `dynamics.parquet`."""
@@ -54,133 +53,125 @@ _FAR = 1.5  # times the error within the fit; expected with fewer than three ind
 _NOTICEABLE = 1e-4  # share of the measured variance; with a smaller mean square error, the model is practically exact
 
 
-@dataclass(frozen=True)
-class Validation:
-    """Predictions of left-out repetitions."""
-
-    repetitions: int  # number of repetitions
-    held_out: LeftOutPrediction | None  # predictions; None if no repetition could be left out
-    why: str | None  # reason why there are no predictions; None if there are
-
-
-def validate(prepared: PreparedTrial, movement: Movement, found: Identification, model: FloatArray) -> Validation:
-    """Return predictions of each repetition by a model that is fitted to the other repetitions.
+def validate(
+    prepared: PreparedTrial, movement: Movement, found: Identification, model: FloatArray
+) -> LeftOutPrediction | str:
+    """Return predictions of each repetition by a model fitted to the other repetitions, or why there are none.
 
     ``model`` (T, 3) is the wrench of the model of the whole fit; a component with only NaN is not predicted.
     """
     spans = find_spans(movement)
     if len(spans) < 2:
         many = "no repetition was found" if not spans else "only one repetition was found"
-        return Validation(len(spans), None, f"{many}, and at least two are needed to predict one from the others")
+        return f"{many}, and at least two are needed to predict one from the others"
     part = number_parts(prepared.recorded.time, np.array(spans))
     left_out = predict_left_out(prepared, movement.free, found.fit, part, found.refit)
     if left_out is None:
-        return Validation(len(spans), None, "no subset of the repetitions determines the parameters")
+        return "no subset of the repetitions determines the parameters"
     determined, samples = np.isfinite(model).any(axis=0), left_out.samples.copy()
     judged = np.flatnonzero(samples)
     samples[judged[~shorten_rests(prepared.recorded.dq[judged])]] = False
-    predicted = np.where(determined, left_out.wrench, np.nan)
-    return Validation(len(spans), replace(left_out, samples=samples, wrench=predicted), None)
+    return replace(left_out, samples=samples, wrench=np.where(determined, left_out.wrench, np.nan))
 
 
-def make_facts(
-    validation: Validation,
+def describe_validation(
+    movement: Movement,
+    left_out: LeftOutPrediction | str,
     model: FloatArray,
     reference: FloatArray,
+    *,
     measured: FloatArray,
     threshold: float,
-    *,
     filtered: bool = False,
 ) -> dict[str, Any]:
     """Return the errors for left-out repetitions, and those of the whole fit and the reference body for these samples.
 
-    Parameters
-    ----------
-    model, reference, measured : (T, 3) arrays
-        Wrenches of model, reference body and plate, N and N·m, with clock offset and bias of the whole fit corrected.
-    threshold : float
-        Largest vertical force without a centre of pressure, N.
-    filtered : bool
-        True if these arrays are filtered by the fit's low-pass. The filtered predictions are then compared, and the
-        facts also contain ``unfiltered``.
+    ``model``, ``reference`` and ``measured`` (T, 3) are the wrenches of model, reference body and plate, N and N·m,
+    with clock offset and bias of the whole fit corrected. There is no centre of pressure up to the vertical force
+    ``threshold``, N. If these arrays are ``filtered`` by the fit's low-pass, the filtered predictions are compared, and
+    the facts also contain ``unfiltered`` and ``inside``.
     """
-    left_out = validation.held_out
-    if left_out is None:
+    repetitions = len(find_spans(movement))
+    if isinstance(left_out, str):
         nothing = dict.fromkeys(("folds", "samples", "model", "in_sample", "reference", "clock_offset_s", "inside"))
-        return {"repetitions": validation.repetitions, **nothing, "why": validation.why}
+        return {"repetitions": repetitions, **nothing, "why": left_out}
+    samples = left_out.samples
 
-    def compared(wrench: FloatArray, with_: FloatArray) -> dict[str, Any]:
-        errors = _compute_errors(wrench, with_, left_out.samples, threshold)
+    def compare(wrench: FloatArray, with_: FloatArray) -> dict[str, Any]:
+        pressures = centre_of_pressure(wrench, threshold), centre_of_pressure(with_, threshold)
+        pairs = [*zip(wrench.T, with_.T, strict=True), pressures]
+        errors = {name: agreement(*pair, samples) for name, pair in zip(SERIES, pairs, strict=True)}
         return {name: None if error is None else asdict(error) for name, error in errors.items()}
 
-    predicted = (left_out.filtered, left_out.filtered_measured) if filtered else (left_out.wrench, left_out.measured)
+    inside: dict[str, float] | None = None
+    if filtered:
+        # shares of the samples in their 95 % intervals, whose widths come from the errors in the other repetitions
+        predicted = left_out.filtered, left_out.filtered_measured
+        cop = centre_of_pressure(predicted[0], threshold) - centre_of_pressure(predicted[1], threshold)
+        series = np.column_stack([predicted[0] - predicted[1], cop])
+        seen = [k for k in range(series.shape[1]) if np.isfinite(series[samples, k]).any()]
+        series = series[:, seen]
+        within = np.full(series.shape, np.nan)
+        for k in np.unique(left_out.part[samples]):
+            own, others = samples & (left_out.part == k), samples & (left_out.part != k)
+            if others.any():
+                sd = np.sqrt(np.nanmean(series[others] ** 2, axis=0))
+                within[own] = np.where(np.isfinite(series[own]), np.abs(series[own]) <= NORMAL_95 * sd, np.nan)
+        if not np.isnan(within).all():
+            inside = dict(zip([SERIES[k] for k in seen], np.nanmean(within, axis=0).tolist(), strict=True))
+    else:
+        predicted = left_out.wrench, left_out.measured
     return {
-        "repetitions": validation.repetitions,
+        "repetitions": repetitions,
         "folds": len(left_out.base),
-        "samples": int(left_out.samples.sum()),
-        "model": compared(*predicted),
-        "unfiltered": compared(left_out.wrench, left_out.measured) if filtered else None,
-        "in_sample": compared(model, measured),
-        "reference": compared(reference, measured) if np.isfinite(reference[left_out.samples]).any() else None,
+        "samples": int(samples.sum()),
+        "model": compare(*predicted),
+        "unfiltered": compare(left_out.wrench, left_out.measured) if filtered else None,
+        "in_sample": compare(model, measured),
+        "reference": compare(reference, measured) if np.isfinite(reference[samples]).any() else None,
         "clock_offset_s": left_out.offset.tolist(),
-        "inside": _measure_coverage(left_out, threshold) if filtered else None,
+        "inside": inside,
         "why": None,
     }
 
 
-def _measure_coverage(left_out: LeftOutPrediction, threshold: float) -> dict[str, float] | None:
-    """Return the shares of left-out samples that are in their 95 % intervals, by quantity; None if unknown.
-
-    The widths of the intervals in a repetition are estimated from the errors in the other repetitions.
-    """
-    off = left_out.filtered - left_out.filtered_measured
-    cop = centre_of_pressure(left_out.filtered, threshold) - centre_of_pressure(left_out.filtered_measured, threshold)
-    series = np.column_stack([off, cop])
-    seen = [k for k in range(series.shape[1]) if np.isfinite(series[left_out.samples, k]).any()]
-    series = series[:, seen]
-    within = np.full(series.shape, np.nan)
-    for k in np.unique(left_out.part[left_out.samples]):
-        own, others = left_out.samples & (left_out.part == k), left_out.samples & (left_out.part != k)
-        if others.any():
-            sd = np.sqrt(np.nanmean(series[others] ** 2, axis=0))
-            within[own] = np.where(np.isfinite(series[own]), np.abs(series[own]) <= NORMAL_95 * sd, np.nan)
-    if np.isnan(within).all():
-        return None
-    return dict(zip([SERIES[k] for k in seen], np.nanmean(within, axis=0).tolist(), strict=True))
-
-
-def explain_validation(found: Mapping[str, Any]) -> tuple[Reason, ...]:
-    """Return cautions about the model, from the facts of :func:`make_facts`."""
+def explain_validation(out: Findings, found: Mapping[str, Any]) -> None:
+    """Add cautions about the model, from the facts of :func:`describe_validation`."""
     if found["model"] is None:
-        return ()
-    own, within, table = ({k: _rms(found[name], k) for k in SERIES} for name in ("model", "in_sample", "reference"))
+        return
+    # rms errors; NaN if unknown, so that comparisons with it are false
+    rms: list[dict[str, float]] = []
+    for kind in ("model", "in_sample", "reference"):
+        errors = [found[kind] and found[kind][name] for name in SERIES]
+        values = [float(np.hypot(each["bias"], each["sd"])) if each else float("nan") for each in errors]
+        rms.append(dict(zip(SERIES, values, strict=True)))
+    own, within, table = rms
     worse = {k: own[k] / table[k] for k in _JUDGED if own[k] > table[k]}
     noticeable = [k for k in SERIES if found["model"][k] is not None and found["model"][k]["r2"] < 1 - _NOTICEABLE]
     far = {k: own[k] / within[k] for k in noticeable if own[k] > _FAR * within[k] > 0.0}
-    reasons = []
+
+    def list_ratios(ratios: Mapping[str, float]) -> str:
+        words = {"cop_x": "the centre of pressure"}
+        return ", ".join(f"{ratio:.2f} ({words.get(name, name)})" for name, ratio in ratios.items())
+
     if worse:
-        reasons.append(
-            Reason(
-                "held-out-worse",
-                "the model does not predict left-out repetitions better than the reference body from height and mass: "
-                f"the ratio of the errors is {_list_ratios(worse)}. This recording does not allow an individual model "
-                "of these quantities: errors of markers, loose joints or limbs without markers are larger than the "
-                "difference between the person and the reference body",
-                value=max(worse.values()),
-                limit=1.0,
-            )
+        out.say(
+            "held-out-worse",
+            "the model does not predict left-out repetitions better than the reference body from height and mass: "
+            f"the ratio of the errors is {list_ratios(worse)}. This recording does not allow an individual model "
+            "of these quantities: errors of markers, loose joints or limbs without markers are larger than the "
+            "difference between the person and the reference body",
+            max(worse.values()),
+            1.0,
         )
     if far:
-        reasons.append(
-            Reason(
-                "held-out-far",
-                "the model predicts left-out repetitions much worse than fitted repetitions: the ratio of the errors "
-                f"is {_list_ratios(far)}. The parameters depend on peculiarities of single repetitions",
-                value=max(far.values()),
-                limit=_FAR,
-            )
+        out.say(
+            "held-out-far",
+            "the model predicts left-out repetitions much worse than fitted repetitions: the ratio of the errors "
+            f"is {list_ratios(far)}. The parameters depend on peculiarities of single repetitions",
+            max(far.values()),
+            _FAR,
         )
-    return tuple(reasons)
 
 
 def find_spans(movement: Movement) -> list[tuple[float, float]]:
@@ -194,25 +185,6 @@ def find_spans(movement: Movement) -> list[tuple[float, float]]:
     return spans
 
 
-def _compute_errors(
-    model: FloatArray, measured: FloatArray, samples: BoolArray, threshold: float
-) -> dict[str, Agreement | None]:
-    pressures = centre_of_pressure(model, threshold), centre_of_pressure(measured, threshold)
-    pairs = [*zip(model.T, measured.T, strict=True), pressures]
-    return {name: agreement(*pair, samples) for name, pair in zip(SERIES, pairs, strict=True)}
-
-
-def _rms(errors: Mapping[str, Any] | None, name: str) -> float:
-    """Return the rms error of a quantity; NaN if unknown, so that comparisons with it are false."""
-    error = None if errors is None else errors[name]
-    return float("nan") if error is None else float(np.hypot(error["bias"], error["sd"]))
-
-
-def _list_ratios(ratios: Mapping[str, float]) -> str:
-    words = {"cop_x": "the centre of pressure"}
-    return ", ".join(f"{ratio:.2f} ({words.get(name, name)})" for name, ratio in ratios.items())
-
-
 _RATE = 50.0  # Hz; smallest reduced rate
 _SKIN = 0.05  # m/s², rms acceleration of a gap above the noise that skin often causes; it reaches twice as much
 _CLEARLY = 0.2  # clear decrease of the cost, the sum of the logarithms of errors of Fx, Fy, tauz: 7 % of each
@@ -220,73 +192,57 @@ _SURELY = 0.1  # m/s², rms acceleration of a gap that skin does not cause
 _STRETCHED = 0.5  # stretch above the noise of a hip that surely gives way, in limits of the noise: 1.12 limits in all
 _STRETCHED_SKIN = 7.0  # 1/s², the same, relative to the rms distance of the markers from rigid bodies due to skin
 
+Predictor: TypeAlias = Callable[[Cutoffs], LeftOutPrediction | None]
+"""Function of :func:`make_predictor`."""
 
-class RepetitionPredictor:
-    """Predictor of each repetition of a trial by a model fitted to the other repetitions.
 
-    Parameters
-    ----------
-    prepared : PreparedTrial
-        Trial on the pinned chain.
-    movement : Movement
-        Repetitions and usable samples.
-    bodies : MeasuredBodies
-        Bodies with measured poses.
-    prior : BodyPrior
-        Prior of the bodies' parameters.
+def make_predictor(prepared: PreparedTrial, movement: Movement, bodies: MeasuredBodies, prior: BodyPrior) -> Predictor:
+    """Return a function that predicts each repetition by a model fitted to the other repetitions.
+
+    ``prepared`` is the trial on the pinned chain, ``prior`` that of the parameters of ``bodies``. The function predicts
+    with measured poses filtered by the cut-offs that it is given; None if this is impossible. Its later calls use the
+    clock offset and weights of the first call.
     """
+    recorded, poses = prepared.recorded, bodies.poses
+    step = max(1, int(recorded.rate / _RATE))
+    some = slice(None, None, step)
+    smooth = LowPass(_RATE / 4, recorded.rate) if step > 1 else (lambda signal: signal)
+    series = np.concatenate([poses.position, poses.angle[..., None]], axis=-1)
+    series = np.stack([smooth(series[:, k]) for k in range(series.shape[1])], axis=1)[some]
+    thinned = TrialData(
+        time=recorded.time[some],
+        q=recorded.q[some],
+        dq=recorded.dq[some],
+        ddq=recorded.ddq[some],
+        ddq_sd=recorded.ddq_sd[some],
+        observed=bodies.observed[some],
+        wrench=smooth(recorded.wrench)[some],
+        centres=recorded.centres,
+        external=tuple(replace(each, wrench=smooth(each.wrench)[some]) for each in recorded.external),
+        averaged=recorded.averaged,
+    )
+    filtered = PoseFilter(replace(poses, time=poses.time[some], position=series[..., :2], angle=series[..., 2]))
+    free = movement.free[some].copy()
+    usable = np.flatnonzero(free & np.isfinite(thinned.dq).all(axis=1))
+    free[usable[~shorten_rests(thinned.dq[usable])]] = False
+    spans, part = find_spans(movement), np.zeros(len(recorded.time), dtype=np.int64)
+    part = (number_parts(recorded.time, np.array(spans)) if len(spans) > 1 else part)[some]
+    first: Fit | None = None
 
-    def __init__(self, prepared: PreparedTrial, movement: Movement, bodies: MeasuredBodies, prior: BodyPrior) -> None:
-        recorded, poses = prepared.recorded, bodies.poses
-        step = max(1, int(recorded.rate / _RATE))
-        some = slice(None, None, step)
-        smooth = LowPass(_RATE / 4, recorded.rate) if step > 1 else (lambda signal: signal)
-        series = np.concatenate([poses.position, poses.angle[..., None]], axis=-1)
-        series = np.stack([smooth(series[:, k]) for k in range(series.shape[1])], axis=1)[some]
-        self._recorded = TrialData(
-            time=recorded.time[some],
-            q=recorded.q[some],
-            dq=recorded.dq[some],
-            ddq=recorded.ddq[some],
-            ddq_sd=recorded.ddq_sd[some],
-            observed=recorded.observed[some],
-            wrench=smooth(recorded.wrench)[some],
-            centres=recorded.centres,
-            external=tuple(replace(each, wrench=smooth(each.wrench)[some]) for each in recorded.external),
-            averaged=recorded.averaged,
-        )
-        self._poses = PoseFilter(replace(poses, time=poses.time[some], position=series[..., :2], angle=series[..., 2]))
-        self._observed, self._free = bodies.observed[some], movement.free[some].copy()
-        usable = np.flatnonzero(self._free & np.isfinite(self._recorded.dq).all(axis=1))
-        self._free[usable[~shorten_rests(self._recorded.dq[usable])]] = False
-        spans, part = find_spans(movement), np.zeros(len(recorded.time), dtype=np.int64)
-        self._part = (number_parts(recorded.time, np.array(spans)) if len(spans) > 1 else part)[some]
-        self._settings, self._prior = prepared.settings, prior
-        self._first: Fit | None = None
-        self._found: dict[Cutoffs, LeftOutPrediction | None] = {}
+    def predict(cutoffs: Cutoffs) -> LeftOutPrediction | None:
+        nonlocal first
+        ready = prepare(replace(thinned, measured=filtered.motion(cutoffs)), prepared.settings, prior)
+        found = fit(ready, free, first)
+        first = first or found
+        return predict_left_out(ready, free, found, part, CompressedProblem.free_solution)
 
-    def predict_on_poses(self, cutoffs: Cutoffs) -> LeftOutPrediction | None:
-        """Predict left-out repetitions with measured poses filtered by ``cutoffs``; None if this is impossible.
-
-        Later calls use the clock offset and weights of the first call. Only the prediction with the usual cut-offs is
-        stored, because it is needed twice and a prediction takes as much memory as a trial.
-        """
-        if cutoffs in self._found:
-            return self._found[cutoffs]
-        moved = replace(self._recorded, measured=self._poses.motion(cutoffs), observed=self._observed)
-        ready = prepare(moved, self._settings, self._prior)
-        found = fit(ready, self._free, self._first)
-        self._first = self._first or found
-        predicted = predict_left_out(ready, self._free, found, self._part, CompressedProblem.free_solution)
-        if cutoffs == USUAL:
-            self._found[cutoffs] = predicted
-        return predicted
+    return predict
 
 
 def pin_joints_that_hold(
-    bodies: MeasuredBodies, make_predictor: Callable[[MeasuredBodies], RepetitionPredictor], hip: int | None = None
+    bodies: MeasuredBodies, predict_with: Callable[[MeasuredBodies], Predictor], hip: int | None = None
 ) -> MeasuredBodies:
-    """Return the bodies, pinned at all joints but those whose two sides surely separate.
+    """Return the bodies, so far without pins, pinned at all joints but those whose two sides surely separate.
 
     A gap above the noise of the cameras may be a gap of the joint or skin that slides. If the joint holds, its pin
     makes the motion and the parameters more accurate, most of all the torques; the gap of a joint that does not hold
@@ -295,18 +251,10 @@ def pin_joints_that_hold(
     are predicted clearly better with the same bodies, prior and search of cut-offs. A gap that is smaller than those
     that skin often causes needs more. If no repetition can be left out, the gap alone decides.
 
-    A hip is open, whatever the left-out repetitions say, if the distance from the knee on the shank to the hip on the
-    trunk changes surely: skin of the thigh, which causes most gaps, does not change it. The left-out repetitions often
-    do not show such a hip, because other parameters of the bodies replace the missing motion.
-
-    Parameters
-    ----------
-    bodies : MeasuredBodies
-        Bodies without pins.
-    make_predictor
-        Function that returns the predictor of repetitions for bodies.
-    hip : int, optional
-        Number of the hip, from 0; None without a hip.
+    The ``hip``, a joint from 0, is open, whatever the left-out repetitions say, if the distance from the knee on the
+    shank to the hip on the trunk changes surely: skin of the thigh, which causes most gaps, does not change it. The
+    left-out repetitions often do not show such a hip, because other parameters of the bodies replace the missing
+    motion.
     """
     opened = [joint for joint in bodies.loose if joint == hip and _stretches(bodies, joint)]
 
@@ -314,7 +262,7 @@ def pin_joints_that_hold(
         return close_gaps(bodies.poses, [joint for joint in bodies.poses.joints if joint not in joints])
 
     def predict(*joints: int) -> float:
-        return choose_cutoffs(make_predictor(replace(bodies, poses=close_others(*joints))).predict_on_poses).cost
+        return choose_cutoffs(predict_with(replace(bodies, poses=close_others(*joints)))).cost
 
     pinned = predict(*opened)
     for joint in bodies.loose:
@@ -391,32 +339,27 @@ class MeasuredBodies:
 def find_measured_bodies(context: Context, recorded: TrialData) -> Iterator[MeasuredBodies]:
     """Yield the measured bodies, with short gaps bridged, for each possible division of the person into bodies.
 
-    Pelvis and trunk may be two bodies or one. A division is possible if every segment is in a body with a known pose.
+    Pelvis and trunk may be two bodies or one. A division is possible if every segment is in a body with a known pose:
+    in at least 80 % of the samples with known joint states. Except for the base, the body needs markers at more than
+    two positions, because two points follow only the skin.
     """
     table, camera = context.table("poses.parquet"), context.tree("skin.h5").facts["camera_sd_m"]
+    known, usable = find_complete_rows(recorded.ddq), []
     segments = [set(body["segments"]) for body in table.facts["bodies"]]
-    usable = [k for k in range(len(segments)) if _has_pose(table, k, recorded)]
+    for k, body in enumerate(table.facts["bodies"]):
+        visible = table[f"markers_{k + 1}"][known] >= LEAST_MARKERS
+        if not len(visible) or float(np.mean(visible)) < _OFTEN:
+            continue
+        if 0 in segments[k] or count_positions(as_complex(np.array(list(body["markers"].values())))) > 2:
+            usable.append(k)
     several = [k for k in usable if len(segments[k]) > 1]
-    single = [k for k in usable if k not in several]
-    divisions = [single]
+    divisions = [[k for k in usable if k not in several]]
     for whole in several:
         parts = [k for k in usable if k != whole and segments[k] and segments[k] <= segments[whole]]
         divisions.append([k for k in usable if k not in parts])
     for used in divisions:
         if set().union(*(segments[k] for k in used)) == set(range(len(recorded.centres) + 1)):
             yield bridge_gaps(read_bodies(table, recorded.centres, used, camera))
-
-
-def _has_pose(table: Table, k: int, recorded: TrialData) -> bool:
-    """Return whether body ``k`` has a known pose in at least 80 % of the samples with known joint states.
-
-    Except for the base, the body needs markers at more than two positions, because two points follow only the skin.
-    """
-    visible = table[f"markers_{k + 1}"][find_complete_rows(recorded.ddq)] >= LEAST_MARKERS
-    if not len(visible) or float(np.mean(visible)) < _OFTEN:
-        return False
-    body = table.facts["bodies"][k]
-    return 0 in body["segments"] or count_positions(as_complex(np.array(list(body["markers"].values())))) > 2
 
 
 def bridge_gaps(bodies: MeasuredBodies) -> MeasuredBodies:
@@ -436,14 +379,9 @@ def pin_joints(bodies: MeasuredBodies) -> MeasuredBodies:
 def read_bodies(table: Table, centres: FloatArray, used: Sequence[int], camera: float = 0.0) -> MeasuredBodies:
     """Return bodies of poses.parquet as measured: gaps are not bridged, joints not pinned, and ``gap`` is empty.
 
-    Parameters
-    ----------
-    centres : (n, 2) array
-        Joint centres in the axes of the previous segment, m.
-    used : sequence of int
-        Indices of the bodies; together, they contain every segment of the chain once.
-    camera : float
-        Standard deviation of the cameras' white noise in each coordinate of a marker, m.
+    ``centres`` (n, 2) are the joint centres in the axes of the previous segment, m. The bodies with the indices
+    ``used`` contain together every segment of the chain once. ``camera`` is the standard deviation of the cameras'
+    white noise in each coordinate of a marker, m.
     """
     bodies = [table.facts["bodies"][k] for k in used]
     owner = {segment: k for k, body in enumerate(bodies) for segment in body["segments"]}
@@ -454,16 +392,13 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int], camera: 
     def series(name: str) -> FloatArray:
         return table.stack([f"{name}_{k + 1}" for k in used])
 
-    before, after, placed = centres.copy(), np.zeros_like(centres), {}
+    before, after, shift, placed = centres.copy(), np.zeros_like(centres), np.zeros((len(centres), 2)), {}
     for body in bodies:
+        joint = min(body["segments"], default=0) - 1  # the joint before the first segment of the body
         if "joint_m" in body:
-            joint = min(body["segments"]) - 1
             (before[joint], after[joint]), placed[joint] = body["joint_m"], float(body["joint_sd_m"])
-    shift = np.zeros((len(centres), 2))  # of the joint before the first segment of a body
-    for body in bodies:
-        first = min(body["segments"], default=0)
-        if first > 0:
-            shift[first - 1] = body.get("joint_shift_m", [0.0, 0.0])
+        if joint >= 0:
+            shift[joint] = body.get("joint_shift_m", [0.0, 0.0])
     poses = BodyPoses(
         time=table["time"],
         position=np.stack([series("x"), series("y")], axis=-1),
@@ -491,18 +426,10 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int], camera: 
 def make_body_prior(
     bodies: MeasuredBodies, q: FloatArray, movement: Movement, table: ReferenceBody, mass: float
 ) -> BodyPrior:
-    """Return the prior of the bodies' parameters from the reference body, or with equal masses if there is none.
+    """Return the prior of the bodies' parameters from a reference body, or with equal masses if there is none.
 
-    Parameters
-    ----------
-    q : (T, n) array
-        Joint angles of the chain, rad.
-    movement : Movement
-        Movement whose usable samples give the mean positions of the bodies.
-    table : ReferenceBody
-        Reference body with the chain; its parameters are NaN if there is none.
-    mass : float
-        Mass of the person, kg.
+    ``q`` (T, n) are the joint angles of the chain, rad; the usable samples of ``movement`` give the mean positions of
+    the bodies. ``table`` is the reference body with the chain, with NaN if there is none; ``mass`` is the person's, kg.
     """
     poses, reference, samples = bodies.poses, table.parameters, movement.free
     times = np.array(find_spans(movement))
@@ -538,24 +465,35 @@ _STILL = 1e-9  # rad, smallest half of an arc
 _SAMPLES = 500  # approximate number of samples used
 
 
-def compute_centre_covariance(context: Context, bodies: MeasuredBodies, q: FloatArray) -> FloatArray:
-    """Return the covariance (n, 2, 2) of each joint centre relative to the previous joint, m².
+def estimate_centre_errors(context: Context, bodies: MeasuredBodies, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the errors of the joint centres, from the joint angles ``q`` (T, n) in the samples of the fit, rad.
 
-    ``q`` (T, n) are the joint angles in the samples of the fit, rad.
+    The results are the covariance (n, 2, 2) of each centre relative to the previous joint, m², and the standard
+    deviation (n,) of each centre in one direction, relative to the markers around it, m.
+
+    The covariance of a centre from the joint fit also contains the error of the previous centre, which the standard
+    deviation does not. The ankles of moving feet have the standard deviations of
+    :mod:`mocap_id.kinematics.cluster_poses`. Both results include motion between both sides of the joint. At the hip,
+    it includes the effect of a bending trunk. If the pelvis rotates relative to the trunk, the joint fit estimates a
+    centre between hip and lumbar spine, with small residuals, but the marker next to the hip moves relative to the
+    trunk. If the hip moves in the same way and in phase with its angle, this motion divided by the change of the angle
+    estimates the error of the centre. The shift of the joint (:mod:`mocap_id.kinematics.cluster_poses`) corrects a part
+    of this error.
     """
-    return read_skeleton(context).covariance + _estimate_motion_variance(context, bodies, q)[:, None, None] * np.eye(2)
-
-
-def compute_position_sd(context: Context, bodies: MeasuredBodies, q: FloatArray) -> FloatArray:
-    """Return the standard deviation (n,) of each joint centre in one direction, relative to the markers around it, m.
-
-    The covariance of a centre from the joint fit also contains the error of the previous centre, which is removed. The
-    ankles of moving feet have the standard deviations of :mod:`mocap_id.kinematics.cluster_poses`.
-    """
-    own = remove_previous_errors(np.einsum("jkk->j", read_skeleton(context).covariance) / 2)
+    tree = context.tree("chain.h5")
+    skeleton, residual = Skeleton.from_tree(tree), tree.numbers("markers/residual")
+    loose = {joint: gap for joint, gap in bodies.gap.items() if not gap.pinned}
+    moving = np.zeros(q.shape[1]) + estimate_hidden_gaps(bodies.poses, [*loose])
+    for joint, gap in loose.items():
+        moving[joint] += gap.size**2 / 8
+        own = np.flatnonzero(skeleton.marker_segment == joint + 1)
+        if skeleton.joints[joint] == _BENT:
+            nearest = own[np.argmin(np.linalg.norm(skeleton.local[own], axis=1))]
+            moving[joint] += (REMAINING * residual[nearest] / np.nanstd(q[:, joint])) ** 2
+    alone = remove_previous_errors(np.einsum("jkk->j", skeleton.covariance) / 2)
     for joint, sd in bodies.placed.items():
-        own[joint] = sd**2
-    return np.asarray(np.sqrt(own + _estimate_motion_variance(context, bodies, q)))
+        alone[joint] = sd**2
+    return skeleton.covariance + moving[:, None, None] * np.eye(2), np.asarray(np.sqrt(alone + moving))
 
 
 def remove_previous_errors(relative: FloatArray) -> FloatArray:
@@ -621,24 +559,3 @@ def _estimate_gap(gap: FloatArray, turned: FloatArray, angle: FloatArray) -> tup
         return shapes, 0.0
     seen = basis[:, size > _SHAPED * size[0]].T @ left[:, -1]
     return shapes, min(float(np.sqrt(np.sum(seen**2) / share)), _LARGEST * half)
-
-
-def _estimate_motion_variance(context: Context, bodies: MeasuredBodies, q: FloatArray) -> FloatArray:
-    """Return the variance (n,) of each joint centre due to motion between both sides of the joint, m² per coordinate.
-
-    At the hip, it includes the effect of a bending trunk. If the pelvis rotates relative to the trunk, the joint fit
-    estimates a centre between hip and lumbar spine, with small residuals, but the marker next to the hip moves relative
-    to the trunk. If the hip moves in the same way and in phase with its angle, this motion divided by the change of the
-    angle estimates the error of the centre. The shift of the joint (:mod:`mocap_id.kinematics.cluster_poses`)
-    corrects a part of this error.
-    """
-    skeleton, residual = read_skeleton(context), context.tree("chain.h5").numbers("markers/residual")
-    loose = {joint: gap for joint, gap in bodies.gap.items() if not gap.pinned}
-    variance = np.zeros(q.shape[1]) + estimate_hidden_gaps(bodies.poses, [*loose])
-    for joint, gap in loose.items():
-        variance[joint] += gap.size**2 / 8
-        own = np.flatnonzero(skeleton.marker_segment == joint + 1)
-        if skeleton.joints[joint] == _BENT:
-            nearest = own[np.argmin(np.linalg.norm(skeleton.local[own], axis=1))]
-            variance[joint] += (REMAINING * residual[nearest] / np.nanstd(q[:, joint])) ** 2
-    return variance
