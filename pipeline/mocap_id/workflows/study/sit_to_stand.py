@@ -429,7 +429,6 @@ def _count_repetitions(trial: TrialResult, *, complete: bool = False) -> int | N
     return None if repetitions is None else sum(bool(one["complete"]) or not complete for one in repetitions)
 
 
-
 def _length_columns(segment: str) -> list[ResultColumn]:
     """Return the columns of a segment's length, its standard deviation, its reference, and the difference."""
     return [
