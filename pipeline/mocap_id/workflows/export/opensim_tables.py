@@ -23,8 +23,7 @@ from mocap_id.workflows.export.files import (
     opensim_bodies,
     opensim_joints,
 )
-from mocap_id.workflows.export.opensim_model import model_joints, read_model_parts
-from mocap_id.workflows.export.opensim_parts import element, format_document
+from mocap_id.workflows.export.opensim_model import element, format_document, model_joints, read_model_parts
 from mocap_id.workflows.run_folder import RunFolder
 
 _IN_PLANE = ("Fx", "Fy", "tauz")
