@@ -82,11 +82,6 @@ def check_trials(
     """Recompute trials in temporary folders, and return their comparison with a baseline.
 
     ``named`` is as for :func:`mocap_id.workflows.batch.find_trials`; ``tell`` is called with each finished trial.
-
-    Raises
-    ------
-    ConfigError
-        A name matches no trial, or a trial's file is invalid.
     """
     results, messages = _recompute(named, backend, tell)
     changes, missing = [], Expected(None)
@@ -118,10 +113,7 @@ def update(
 def _recompute(
     named: Sequence[str], backend: Backend, tell: TrialCallback
 ) -> tuple[dict[str, Mapping[str, Expected]], Mapping[str, str]]:
-    """Return the results by trial, and the messages of failed or refused trials by trial.
-
-    A trial without a summary has only the exit code.
-    """
+    """Return the results by trial (only the exit code without a summary), and messages of failed or refused trials."""
     trials = find_readable_trials(named)
     twice = {trial.name for trial in trials if sum(other.name == trial.name for other in trials) > 1}
     if twice:
@@ -157,13 +149,7 @@ class Baseline:
 
     @classmethod
     def read(cls, file: Path) -> Baseline:
-        """Read a baseline.
-
-        Raises
-        ------
-        RecordingError
-            The file is missing, cannot be read, or is not a baseline.
-        """
+        """Read a baseline."""
         try:
             data = json.loads(file.read_text("utf-8"))
             if (data["schema"], data["version"]) != (_SCHEMA, _VERSION):

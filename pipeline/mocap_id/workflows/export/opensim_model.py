@@ -124,13 +124,8 @@ class BodyInertia:
 _PLACEHOLDER = BodyInertia(1.0, (0.0, 0.0, 0.0), (0.01, 0.01, 0.01, 0.0, 0.0, 0.0))
 
 
-@dataclass(frozen=True)
-class ModelInertia:
-    """Inertia of every segment, base first, and a text that describes where it comes from."""
-
-    bodies: tuple[BodyInertia, ...]
-    known: bool  # false for placeholders
-    source: str
+Inertias: TypeAlias = tuple[tuple[BodyInertia, ...], str]
+"""Inertia of every segment, base first, and a text that describes where it comes from."""
 
 
 def convert_planar_inertia(block: FloatArray) -> BodyInertia:
@@ -139,8 +134,6 @@ def convert_planar_inertia(block: FloatArray) -> BodyInertia:
     The inertia about the centre of mass is Izz - (mx² + my²) / m. It is set for all three axes, because Ixx and Iyy do
     not affect planar motion. A negative value, which rounding may cause, is set to zero.
 
-    Examples
-    --------
     >>> convert_planar_inertia(np.array([2.0, 0.0, 1.0, 0.75]))
     BodyInertia(mass=2.0, centre=(0.0, 0.5, 0.0), inertia=(0.25, 0.25, 0.25, 0.0, 0.0, 0.0))
     """
@@ -155,8 +148,6 @@ def convert_planar_inertia(block: FloatArray) -> BodyInertia:
 def convert_spatial_inertia(block: FloatArray) -> BodyInertia:
     """Return the inertia about the centre of mass, from m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the origin.
 
-    Examples
-    --------
     >>> convert_spatial_inertia(np.array([2.0, 0.0, 1.0, 0.0, 0.75, 0.1, 0.75, 0.0, 0.0, 0.0])).inertia
     (0.25, 0.1, 0.25, 0.0, 0.0, 0.0)
     """
@@ -171,72 +162,58 @@ def convert_spatial_inertia(block: FloatArray) -> BodyInertia:
     return BodyInertia(mass, tuple((moment / mass).tolist()), tuple(own.tolist()))
 
 
-def read_planar_inertia(run: RunFolder, count: int) -> ModelInertia:
-    """Return the identified inertia of ``count`` segments; if there is none, that of the table, or placeholders."""
-    for name, describe in (("value", _describe_identified), ("reference", _describe_reference)):
-        values = _read_blocks(run, name)
-        if values.size and np.isfinite(values).all():
-            blocks = values.reshape(count, len(PLANAR_PARAMETERS))
-            return ModelInertia(tuple(map(convert_planar_inertia, blocks)), True, describe(run))
-    return _use_placeholders(run, count)
+def _read_planar_inertia(run: RunFolder, count: int) -> Inertias | None:
+    """Return the identified inertia of ``count`` segments, or else that of the table; None if there is none."""
+    tree, facts = run.tree("dynamics.h5"), run.facts("dynamics.h5")
+    value, reference = (
+        np.zeros(0) if tree is None else tree.numbers(f"full/{name}").reshape(-1) for name in ("value", "reference")
+    )
+    table = facts.get("reference_table")
+    table_name = "the allometric table" if table is None else f"the allometric table `{table}`"
+    if tree is not None and value.size and np.isfinite(value).all():
+        motion = facts.get("motion") or {}
+        rest = "one of the physically possible bodies" if table is None else table_name
+        verdicts = tree.texts("base/verdict")
+        counts = ", ".join(f"{verdicts.count(kind)} {kind}" for kind in dict.fromkeys(verdicts))
+        source = (
+            f"the {len(tree.texts('base/name'))} base parameters ({counts}) are identified. Their division into m, mx, "
+            f"my and Izz of the segments is not identified: it is that of {rest}. Torques and ground wrench do not "
+            "depend on the division"
+        )
+        if motion.get("used"):
+            source = (
+                f"parameters of {', '.join(motion['bodies'])}, identified on their measured poses and transferred to "
+                "the chain of pin joints. Parameters that the recording does not determine are taken from "
+                f"{motion['prior'] if table is None else table_name}, so the mass of a single segment is not "
+                "meaningful. Torques and modelled wrench of the run belong to these bodies, not to this chain"
+            )
+    elif reference.size and np.isfinite(reference).all():
+        value, why = reference, facts.get("why") or "no wrench"
+        source = f"parameters of {table_name}, for the subject's height and mass; none was identified ({why})"
+    else:
+        return None
+    return tuple(map(convert_planar_inertia, value.reshape(count, len(PLANAR_PARAMETERS)))), source
 
 
-def read_spatial_inertia(run: RunFolder, count: int) -> ModelInertia:
+def _read_spatial_inertia(run: RunFolder, count: int) -> Inertias:
     """Return the identified inertia of ``count`` segments in space, base first; placeholders if there is none."""
-    values, width = _read_blocks(run, "value"), len(LINK_PARAMETERS)
+    tree, width = run.tree("dynamics.h5"), len(LINK_PARAMETERS)
+    values = np.zeros(0) if tree is None else tree.numbers("full/value").reshape(-1)
     if values.size not in (width * count, width * (count - 1)) or not np.isfinite(values).all():
         return _use_placeholders(run, count)
     bodies = list(map(convert_spatial_inertia, values.reshape(-1, width)))
     base = [_PLACEHOLDER] * (count - len(bodies))
     also = "; the base has a placeholder" if base else ""
-    source = f"one of the physically possible bodies with the identified base parameters{also}"
-    return ModelInertia((*base, *bodies), True, source)
+    return (*base, *bodies), f"one of the physically possible bodies with the identified base parameters{also}"
 
 
-def _read_blocks(run: RunFolder, name: str) -> FloatArray:
-    tree = run.tree("dynamics.h5")
-    return np.zeros(0) if tree is None else tree.numbers(f"full/{name}").reshape(-1)
-
-
-def _use_placeholders(run: RunFolder, count: int) -> ModelInertia:
+def _use_placeholders(run: RunFolder, count: int) -> Inertias:
     source = (
         f"placeholders of {_PLACEHOLDER.mass:g} kg and {_PLACEHOLDER.inertia[0]:g} kg·m² for each segment, because "
         f"OpenSim loads no chain without mass. No parameters were identified ({run.why_missing('dynamics.h5')}). Use "
         "this model for kinematics only"
     )
-    return ModelInertia((_PLACEHOLDER,) * count, False, source)
-
-
-def _describe_identified(run: RunFolder) -> str:
-    tree = run.tree("dynamics.h5")
-    assert tree is not None
-    verdicts = tree.texts("base/verdict")
-    facts = run.facts("dynamics.h5")
-    table, motion = facts.get("reference_table"), facts.get("motion") or {}
-    if motion.get("used"):
-        return (
-            f"parameters of {', '.join(motion['bodies'])}, identified on their measured poses and transferred to the "
-            "chain of pin joints. Parameters that the recording does not determine are taken from "
-            f"{motion['prior'] if table is None else _name_table(run)}, so the mass of a single segment is not "
-            "meaningful. Torques and modelled wrench of the run belong to these bodies, not to this chain"
-        )
-    rest = "one of the physically possible bodies" if table is None else _name_table(run)
-    counts = ", ".join(f"{verdicts.count(kind)} {kind}" for kind in dict.fromkeys(verdicts))
-    return (
-        f"the {len(tree.texts('base/name'))} base parameters ({counts}) are identified. Their division into m, mx, my "
-        f"and Izz of the segments is not identified: it is that of {rest}. Torques and ground wrench do not depend on "
-        "the division"
-    )
-
-
-def _describe_reference(run: RunFolder) -> str:
-    why = run.facts("dynamics.h5").get("why") or "no wrench"
-    return f"parameters of {_name_table(run)}, for the subject's height and mass; none was identified ({why})"
-
-
-def _name_table(run: RunFolder) -> str:
-    table = run.facts("dynamics.h5").get("reference_table")
-    return "the allometric table" if table is None else f"the allometric table `{table}`"
+    return (_PLACEHOLDER,) * count, source
 
 
 # The model in the plane.
@@ -257,11 +234,13 @@ def export_model(run: RunFolder, out: ExportFiles) -> None:
         out.note(f"osim: no model: {run.why_missing('chain.h5')}")
         return
     skeleton = Skeleton.from_tree(tree)
-    segments, inertia = opensim_bodies(skeleton.segments), read_planar_inertia(run, len(skeleton.segments))
+    segments = opensim_bodies(skeleton.segments)
+    known = _read_planar_inertia(run, len(segments))
+    inertias, source = known or _use_placeholders(run, len(segments))
     # Bodies; a cylinder along the y axis of each, from its joint to the next joint or to the tip, shows where it is.
     lengths = np.linalg.norm(np.vstack([skeleton.centres, skeleton.tip]), axis=1)
-    bodies = [body_element(segments[0], inertia.bodies[0])]
-    for name, body, length in zip(segments[1:], inertia.bodies[1:], lengths[1:], strict=True):
+    bodies = [body_element(segments[0], inertias[0])]
+    for name, body, length in zip(segments[1:], inertias[1:], lengths[1:], strict=True):
         half = length / 2
         stick = element("Cylinder", name="stick", socket_frame="..", radius=[_RADIUS], half_height=[half])
         shown = element("attached_geometry", stick)
@@ -276,18 +255,18 @@ def export_model(run: RunFolder, out: ExportFiles) -> None:
     angles = np.zeros((0, len(coordinates))) if states is None else JointStates.from_table(states).angles
     for j, (joint, coordinate) in enumerate(zip(opensim_joints(skeleton), coordinates, strict=True)):
         parent, frame = segments[int(skeleton.parents[j])], f"{joint}_centre"
-        known = angles[np.isfinite(angles[:, j]), j]
+        taken = angles[np.isfinite(angles[:, j]), j]
         pin = element(
             "PinJoint",
             name=joint,
             socket_parent_frame=frame,
             socket_child_frame=f"/bodyset/{segments[j + 1]}",
-            coordinates=[coordinate_element(coordinate, known[0] if len(known) else 0.0, _widen(known))],
+            coordinates=[coordinate_element(coordinate, taken[0] if len(taken) else 0.0, _widen(taken))],
             frames=[offset_frame(frame, f"/bodyset/{parent}", [*skeleton.centres[j], 0.0])],
         )
         joints.append(pin)
     comments = (
-        f"Inertial parameters: {inertia.source}.",
+        f"Inertial parameters: {source}.",
         "Ixx and Iyy do not affect planar motion and are unknown: they are set to Izz. "
         "Centres of mass lie in the plane z = 0.",
     )
@@ -296,12 +275,12 @@ def export_model(run: RunFolder, out: ExportFiles) -> None:
         run, "the plane frame", comments, bodies=bodies, joints=joints, markers=markers
     )
     out.files[f"{run.name}_ik.xml"] = format_kinematics_setup(run, skeleton.markers)
-    if states is not None and inertia.known:
+    if states is not None and known is not None:
         table = run.table("wrench.parquet")
         has_forces = table is not None and bool(np.isfinite(table["Fy"]).any())
         setup = format_dynamics_setup(run, (MODEL, ANGLES, "_opensim_id.sto"), LOADS if has_forces else None)
         out.files[f"{run.name}_id.xml"] = setup
-    out.note(f"osim: inertial parameters: {inertia.source}")
+    out.note(f"osim: inertial parameters: {source}")
 
 
 def format_model(
@@ -343,10 +322,9 @@ def planar_joint(name: str, body: str, coordinates: Sequence[Element]) -> Elemen
 def place_markers(
     run: RunFolder, bodies: Sequence[str], markers: Sequence[str], segment: IntArray, local: FloatArray
 ) -> Iterator[Element]:
-    """Yield markers in the frames of their bodies, at their median distance from the plane.
+    """Yield M markers in the frames of their bodies, at their median distance from the plane.
 
-    ``bodies`` are names in OpenSim, and ``markers`` are M names in the recording. ``segment`` (M,) is the index of each
-    marker's body, and ``local`` (M, 2) its position in the body's frame, m.
+    ``bodies`` are names in OpenSim, ``segment`` (M,) the index of each marker's body, and ``local`` (M, 2) its place.
     """
     names, depth = rename_markers(run), measure_depths(run)
     for label, body, position in zip(markers, segment, local, strict=True):
@@ -373,8 +351,7 @@ def format_kinematics_setup(run: RunFolder, markers: Sequence[str]) -> bytes:
 def format_dynamics_setup(run: RunFolder, endings: tuple[str, str, str], loads: str | None = None) -> bytes:
     """Return the set-up file of inverse dynamics.
 
-    ``endings`` are the endings of the file names of the model, the coordinates and OpenSim's output. ``loads`` is that
-    of the external loads; None if there are none.
+    ``endings`` are those of the files of the model, the coordinates and OpenSim's output, ``loads`` that of the loads.
     """
     model, coordinates, forces = (run.name + ending for ending in endings)
     external = {} if loads is None else {"external_loads_file": run.name + loads}
@@ -479,8 +456,6 @@ def euler_angles(rotations: FloatArray) -> FloatArray:
 
     The angles have no jumps by 2π over time.
 
-    Examples
-    --------
     >>> turned = so3.exp(np.array([[0.3, 0.0, 0.0]])) @ so3.exp(np.array([[0.0, 0.0, -0.2]]))
     >>> euler_angles(turned).round(6)
     array([[ 0.3,  0. , -0.2]])
@@ -521,9 +496,9 @@ def export_spatial_model(run: RunFolder, out: ExportFiles) -> None:
         return
     skeleton, chain = parts[0], parts[0].chain
     segments, girdles = opensim_bodies(skeleton.segments), [name for name in name_girdles(skeleton) if name]
-    inertia = read_spatial_inertia(run, len(segments))
+    inertias, source = _read_spatial_inertia(run, len(segments))
     light = BodyInertia(LEAST_MASS, (0.0,) * 3, (0.0,) * 6)
-    bodies = [*zip(segments, inertia.bodies, strict=True), *((name, light) for name in girdles)]
+    bodies = [*zip(segments, inertias, strict=True), *((name, light) for name in girdles)]
     # A marker that moves with a glide is on the girdle's body.
     labels = rename_markers(run)
     markers = [
@@ -537,13 +512,13 @@ def export_spatial_model(run: RunFolder, out: ExportFiles) -> None:
     out.files[run.name + MODEL] = format_model(
         run,
         "the frame of the trial",
-        [f"Inertial parameters: {inertia.source}."],
+        [f"Inertial parameters: {source}."],
         bodies=(body_element(name, body) for name, body in bodies),
         joints=map(_joint_element, model_joints(*parts)),
         markers=markers,
     )
     out.files[f"{run.name}_ik.xml"] = format_kinematics_setup(run, skeleton.markers)
-    out.note(f"osim: inertial parameters: {inertia.source}")
+    out.note(f"osim: inertial parameters: {source}")
     if girdles:
         out.note("osim: the glide of a joint is a separate coordinate, which does not depend on the elevation")
 

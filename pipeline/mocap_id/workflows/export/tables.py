@@ -52,10 +52,17 @@ def export_tables(run: RunFolder, out: ExportFiles) -> None:
     """
     tree = run.tree("chain.h5")
     chain = None if tree is None else Skeleton.from_tree(tree)
+    dynamics = run.table("dynamics.parquet")
+    torques = {
+        f"{sd}tau_{j}": f"{joint} torque{words}"
+        for j, joint in enumerate(() if chain is None else chain.joints, start=1)
+        for sd, words in (("", ""), ("sd_", " sd"))
+    }
     tables = {
         "markers": _marker_table(run),
         "states": _state_table(run, chain),
-        "dynamics": _dynamics_table(run, chain),
+        # Without dynamics.parquet, only the measured wrench.
+        "dynamics": _artefact_table(run, "wrench.parquet" if dynamics is None else "dynamics.parquet", torques),
         "skeleton": None if chain is None else _skeleton_table(chain),
         "parameters": parameter_table(run),
         "events": _artefact_table(run, "events.parquet"),
@@ -114,13 +121,13 @@ def _add_unit(name: str, unit: str) -> str:
     return name if unit in ("", "1") else f"{name} ({unit})"
 
 
-def _artefact_table(run: RunFolder, file: str) -> pd.DataFrame | None:
-    """Return an artefact's table with units in its headers; None if the artefact is missing or is no table."""
-    table = run.artefacts.get(file)
-    if not isinstance(table, Table):
+def _artefact_table(run: RunFolder, file: str, names: Mapping[str, str] | None = None) -> pd.DataFrame | None:
+    """Return an artefact's table with units in its headers, and other ``names`` of columns; None if it is missing."""
+    table = run.table(file)
+    if table is None:
         return None
-    units = _read_units(table)
-    return table.frame.rename(columns=lambda name: _add_unit(str(name), units.get(str(name), "")))
+    units, heads = _read_units(table), names or {}
+    return table.frame.rename(columns=lambda one: _add_unit(heads.get(str(one), str(one)), units.get(str(one), "")))
 
 
 def _read_units(table: Table) -> dict[str, str]:
@@ -138,25 +145,14 @@ def _marker_table(run: RunFolder) -> pd.DataFrame | None:
 
 
 def _state_table(run: RunFolder, chain: Skeleton | None) -> pd.DataFrame | None:
-    table = run.artefacts.get("states.parquet")
-    if not isinstance(table, Table) or chain is None:
+    table = run.table("states.parquet")
+    if table is None or chain is None:
         return None
     units, columns = _read_units(table), {"time (s)": table["time"]}
     for j, joint in enumerate(chain.joints, start=1):
         for symbol, word in _STATES.items():
             columns[_add_unit(f"{joint} {word}", units[f"{symbol}_{j}"])] = table[f"{symbol}_{j}"]
     return pd.DataFrame(columns)
-
-
-def _dynamics_table(run: RunFolder, chain: Skeleton | None) -> pd.DataFrame | None:
-    """Return wrenches and torques with the joints' names; without dynamics.parquet, only the measured wrench."""
-    table = _artefact_table(run, "dynamics.parquet")
-    if table is None:
-        return _artefact_table(run, "wrench.parquet")
-    for j, joint in enumerate(() if chain is None else chain.joints, start=1):
-        names = {f"tau_{j} (N*m)": f"{joint} torque (N*m)", f"sd_tau_{j} (N*m)": f"{joint} torque sd (N*m)"}
-        table = table.rename(columns=names)
-    return table
 
 
 def _skeleton_table(chain: Skeleton) -> pd.DataFrame:
