@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mocap_id.dynamics.regressor import planar_regressor
-from mocap_id.workflows.export.opensim_parts import convert_planar_inertia
+from mocap_id.workflows.export.opensim_model import convert_planar_inertia
 
 
 def vector(node: ElementTree.Element, path: str) -> np.ndarray:

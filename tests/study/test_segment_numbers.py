@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from mocap_id.workflows.study import run_study
-from mocap_id.workflows.study.segment_numbers import Evidence, choose_counts, describe_counts
+from mocap_id.workflows.study.study import Evidence, choose_counts, describe_counts
 
 
 def people(**subjects: str) -> list[Any]:

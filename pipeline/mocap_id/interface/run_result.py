@@ -160,7 +160,7 @@ class Run:
 
         Raises StoreError with the reason if there are none.
         """
-        from mocap_id.workflows.export.spreadsheets import parameter_table  # noqa: PLC0415  needs pandas
+        from mocap_id.workflows.export.tables import parameter_table  # noqa: PLC0415  needs pandas
 
         table = parameter_table(self._files)
         if table is None or table.empty:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -79,16 +79,8 @@ def advise_movement(
 ) -> Advice:
     """Return the movement that most reduces the standard deviations of the trial's parameters.
 
-    ``path`` and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.
-
-    Raises
-    ------
-    RecordingError
-        No parameters were identified on the trial.
-    ConfigError
-        An option names a joint that does not exist.
-    Refused, NumericalError, StoreError
-        As for :func:`mocap_id.workflows.identified_trial.open_identified_trial`.
+    ``path`` and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`. RecordingError is raised if no
+    parameters were identified on the trial, and ConfigError if an option names a joint that does not exist.
     """
     options = AdviceOptions() if options is None else options
     identified = open_identified_trial(path, progress)
@@ -110,7 +102,16 @@ def advise_movement(
     prepared, movement, model = outcome
     joints = Skeleton.from_tree(context.tree("chain.h5")).joint_names
     own, centres = get_recorded_trajectory(prepared.recorded, model.fit.in_fit), prepared.recorded.centres
-    predictor = CovariancePredictor(IdentifiedBody(prepared, model), own, _make_error_predictor(context))
+    skin_tree, frames = context.tree("skin.h5"), context.table("states.parquet").length
+    skin, camera = skin_motion.read_skin_tree(skin_tree), float(skin_tree.facts["camera_sd_m"])
+
+    def predict_errors(q: FloatArray) -> KinematicError:
+        """Return the errors of the chain for a recording with other postures (F, n), rad."""
+        predicted = predict_skin(skin, q, camera, frames, _POSTURES)
+        centres, turned = predicted.stored_chain_errors()
+        return KinematicError(lambda angles: predicted.errors(angles)[0] + turned, centres)
+
+    predictor = CovariancePredictor(IdentifiedBody(prepared, model), own, predict_errors)
 
     # The limits, from the recorded movement and the options.
     is_robot = trial.protocol == "robot-joint"
@@ -157,20 +158,6 @@ def advise_movement(
     )
 
 
-def _make_error_predictor(context: Context) -> Callable[[FloatArray], KinematicError]:
-    """Return a function that predicts the errors of the chain for a recording with other postures (F, n), rad."""
-    tree = context.tree("skin.h5")
-    skin, camera = skin_motion.read_skin_tree(tree), float(tree.facts["camera_sd_m"])
-    frames = context.table("states.parquet").length
-
-    def predict(q: FloatArray) -> KinematicError:
-        predicted = predict_skin(skin, q, camera, frames, _POSTURES)
-        centres, turned = predicted.stored_chain_errors()
-        return KinematicError(lambda angles: predicted.errors(angles)[0] + turned, centres)
-
-    return predict
-
-
 Support = tuple[float, float] | Literal["bolted"] | None
 
 
@@ -208,13 +195,7 @@ class AdviceOptions:
                 raise ConfigError(f"advise: {name} is {value!r}; expected {expected}")
 
     def replace_limits(self, limits: MovementLimits, joints: Sequence[str]) -> MovementLimits:
-        """Return ``limits`` with the limits that the options contain in place of the observed ones.
-
-        Raises
-        ------
-        ConfigError
-            An option names a joint that is not in ``joints``.
-        """
+        """Return ``limits`` with the limits that the options contain in place of the observed ones."""
         low, high, one = limits.low.copy(), limits.high.copy(), np.ones(len(joints))
         for name, ends in self.angles.items():
             if name not in joints:
@@ -230,26 +211,14 @@ class AdviceOptions:
 
 
 def parse_angle_range(text: str) -> tuple[str, tuple[float, float]]:
-    """Return a joint and its range in degrees from a text such as ``hip=-10:60``.
-
-    Raises
-    ------
-    ConfigError
-        The text does not have this form.
-    """
+    """Return a joint and its range in degrees from a text such as ``hip=-10:60``."""
     name, _, rest = text.partition("=")
     expected = "JOINT=LOW:HIGH in degrees, such as hip=-10:60"
     return name.strip(), _parse_range(rest if name else "", f"--angle {text!r}", expected)
 
 
 def parse_support(text: str) -> Support:
-    """Return ``bolted``, or the range of the centre of pressure in m, from a text such as ``-8:3`` in cm.
-
-    Raises
-    ------
-    ConfigError
-        The text does not have this form.
-    """
+    """Return ``bolted``, or the range of the centre of pressure in m, from a text such as ``-8:3`` in cm."""
     if text == "bolted":
         return "bolted"
     low, high = _parse_range(
@@ -348,6 +317,11 @@ def _describe_benefit(advised: Advice, proposal: Proposal) -> str:
 def make_output(advised: Advice) -> Result:
     """Return the files to write: ``advice.json``, and the best new movement as CSV and as a figure."""
     design, limits = advised.design, advised.limits
+
+    def describe(proposal: Proposal) -> dict[str, Any]:
+        head = {"text": proposal.words, "designed": proposal.designed, "objective": to_finite(proposal.value)}
+        return head | _describe_prediction(advised, proposal.predicted)
+
     sensor = None
     if advised.sensor_sd is not None:
         rows = zip(advised.names, advised.sensor_sd, design.size, strict=True)
@@ -374,16 +348,25 @@ def make_output(advised: Advice) -> Result:
             "support_m": None if limits.support is None else list(limits.support),
         },
         "now": _describe_prediction(advised, design.now),
-        "simple": [_describe_proposal(advised, each) for each in design.simple],
-        "designed": None if design.designed is None else _describe_proposal(advised, design.designed),
+        "simple": [describe(each) for each in design.simple],
+        "designed": None if design.designed is None else describe(design.designed),
         "sensor": sensor,
     }
-    return Result("advice", "advice.json", content, other_files=lambda: _draw_movement(advised), indent=2)
 
+    def draw_movement() -> dict[str, bytes]:
+        """Return the movement as figure, and as CSV: time, and angle, velocity and acceleration of every joint."""
+        movement = design.best_standalone
+        if movement is None:
+            return {}
+        path = movement.trajectory
+        heads = [f"{joint.replace(' ', '_')}_{unit}" for unit in ("rad", "rad_s", "rad_s2") for joint in advised.joints]
+        rows, stream = np.column_stack([path.time - path.time[0], path.q, path.dq, path.ddq]), io.StringIO()
+        np.savetxt(stream, rows, fmt="%.6f", delimiter=",", header=",".join(["time_s", *heads]), comments="")
+        title = f"A movement to record after {advised.trial}"
+        figure = render("movement", title, lambda: draw(path, advised.joints, advised.limits, movement.words))
+        return {"movement.csv": stream.getvalue().encode(), **figure}
 
-def _describe_proposal(advised: Advice, proposal: Proposal) -> dict[str, Any]:
-    head = {"text": proposal.words, "designed": proposal.designed, "objective": to_finite(proposal.value)}
-    return head | _describe_prediction(advised, proposal.predicted)
+    return Result("advice", "advice.json", content, other_files=draw_movement, indent=2)
 
 
 def _describe_prediction(advised: Advice, predicted: PredictedUncertainty) -> dict[str, Any]:
@@ -404,20 +387,3 @@ def _describe_prediction(advised: Advice, predicted: PredictedUncertainty) -> di
             for i, name in enumerate(advised.names)
         ],
     }
-
-
-def _draw_movement(advised: Advice) -> dict[str, bytes]:
-    """Return the best new movement as figure, and as CSV: time_s, and angle, velocity and acceleration of every joint.
-
-    The units are s, rad, rad/s and rad/s².
-    """
-    movement = advised.design.best_standalone
-    if movement is None:
-        return {}
-    path = movement.trajectory
-    heads = [f"{joint.replace(' ', '_')}_{unit}" for unit in ("rad", "rad_s", "rad_s2") for joint in advised.joints]
-    rows, stream = np.column_stack([path.time - path.time[0], path.q, path.dq, path.ddq]), io.StringIO()
-    np.savetxt(stream, rows, fmt="%.6f", delimiter=",", header=",".join(["time_s", *heads]), comments="")
-    title = f"A movement to record after {advised.trial}"
-    figure = render("movement", title, lambda: draw(path, advised.joints, advised.limits, movement.words))
-    return {"movement.csv": stream.getvalue().encode(), **figure}

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
-from pydantic import BaseModel
 
 from mocap_id import plain_files
 from mocap_id.config import Trial, load
@@ -31,6 +30,8 @@ from mocap_id.workflows.parallel import Backend, DaskBackend, LocalBackend, OnEr
 from mocap_id.workflows.trial_outcome import SUMMARY_COLUMNS, TrialOutcome, read_entry, read_summary
 
 _TRIAL_FILES = ("*.yaml", "*.yml")
+_DESCRIBED_BY = ({"trial", "recording"}, {"trial", "imus"}, {"study", "subjects", "trials"})
+"""Keys of which a file with trials has all of one set."""
 
 
 @dataclass(frozen=True)
@@ -44,25 +45,24 @@ class UnreadableFile:
 def find_trials(named: Sequence[str], *, runs: bool = False) -> tuple[list[Trial], list[UnreadableFile]]:
     """Return the named trials, each once, and the files that cannot be read as trials.
 
-    Parameters
-    ----------
-    named : sequence of str
-        Files of trials or studies; folders with such files at any depth; patterns such as ``lab/*/trial.yaml`` (``**``
-        matches folders at any depth).
-    runs : bool
-        Whether a folder also stands for the trials whose run folders it contains; their files may be elsewhere.
-
-    Raises
-    ------
-    ConfigError
-        A name matches nothing, or two trials have the same run folder.
+    The names are files of trials or studies; folders with such files at any depth; patterns such as
+    ``lab/*/trial.yaml`` (``**`` matches folders at any depth). If ``runs``, a folder also stands for the trials whose
+    run folders it contains; their files may be elsewhere. ConfigError is raised if a name matches nothing, or if two
+    trials have the same run folder.
     """
     trials: dict[Path, Trial] = {}
     unreadable: list[UnreadableFile] = []
     model = build_trial_model()  # once, because making it takes as long as reading a file
     for file, source in dict(one for name in named for one in _find_files(name, runs)).items():
         try:
-            for trial in _read_trials(file, source, model):
+            content = read(file) if source is None else source
+            if not isinstance(content.data, dict):
+                found = [load(file)]  # raises ConfigError with a message about the content
+            elif "study" in content.data:
+                found = [one.trial for one in load_study(file).trials]
+            else:
+                found = [compose(content, model=model)]
+            for trial in found:
                 other = trials.setdefault(trial.out.resolve(), trial)
                 if (other.file.resolve(), other.name) != (trial.file.resolve(), trial.name):
                     raise _SharedFolder(
@@ -93,8 +93,18 @@ def _find_files(name: str, runs: bool) -> Iterator[tuple[Path, Source | None]]:
     path = Path(name).expanduser()
     files: dict[Path, Source | None]
     if path.is_dir():
-        below = sorted(file for pattern in _TRIAL_FILES for file in path.absolute().rglob(pattern))
-        files = dict(one for file in below for one in _read_if_trial(file))
+        files = {}
+        for file in sorted(file for pattern in _TRIAL_FILES for file in path.absolute().rglob(pattern)):
+            # The files that describe trials, and unreadable files that are named ``trial``.
+            try:
+                source = read(file)
+            except ConfigError:
+                if file.stem == "trial":
+                    files[file] = None
+                continue
+            keys = source.data.keys() if isinstance(source.data, dict) else set()
+            if any(needed <= keys for needed in _DESCRIBED_BY):
+                files[file] = source
         known = {file.resolve() for file in files}
         for record in sorted(path.absolute().rglob(OWNER_FILE)) if runs else ():
             owner = read_owner(record.parents[1])
@@ -112,30 +122,6 @@ def _find_files(name: str, runs: bool) -> Iterator[tuple[Path, Source | None]]:
             f"{plain_files.suggest(path)}"
         )
     yield from files.items()
-
-
-def _read_if_trial(file: Path) -> Iterator[tuple[Path, Source | None]]:
-    """Yield a YAML file with its content if it describes trials; with None if it is unreadable but named ``trial``."""
-    try:
-        source = read(file)
-    except ConfigError:
-        if file.stem == "trial":
-            yield file, None
-    else:
-        keys = source.data.keys() if isinstance(source.data, dict) else set()
-        if {"trial", "recording"} <= keys or {"trial", "imus"} <= keys or {"study", "subjects", "trials"} <= keys:
-            yield file, source
-
-
-def _read_trials(file: Path, source: Source | None, model: type[BaseModel]) -> Iterator[Trial]:
-    """Yield the trial of a trial's file, or the trials of a study's file."""
-    source = read(file) if source is None else source
-    if isinstance(source.data, dict) and "study" in source.data:
-        yield from (one.trial for one in load_study(file).trials)
-    elif isinstance(source.data, dict):
-        yield compose(source, model=model)
-    else:
-        yield load(file)  # raises ConfigError with a message about the content
 
 
 _log = logging.getLogger(__name__)
@@ -215,22 +201,11 @@ def run_batch(
     begin: Callable[[int], None] = lambda trials: None,
     tell: Callable[[TrialRun], None] = lambda run: None,
 ) -> Batch:
-    """Run all trials that are not up to date, and write one table of all trials.
+    """Run all trials that are not up to date, and write one Parquet ``table`` of all trials.
 
-    Parameters
-    ----------
-    named : sequence of str
-        As for :func:`mocap_id.workflows.batch.find_trials`.
-    table : Path
-        Parquet file of the table.
-    backend : Backend, optional
-        Where trials run; by default, and always for a single trial, this process.
-    on_error : {"continue", "stop"}
-        With ``stop``, no trial starts after one that failed or was refused.
-    begin : callable, optional
-        Called with the number of trials before the first trial runs.
-    tell : callable, optional
-        Called with the result of each finished trial.
+    ``named`` is as for :func:`find_trials`. Trials run in this process by default, and always if there is only one.
+    With ``on_error="stop"``, no trial starts after one that failed or was refused. ``begin`` is called with the number
+    of trials before the first trial runs, and ``tell`` with each finished trial.
 
     Raises
     ------

@@ -38,18 +38,9 @@ def list_entries() -> Mapping[str, CodeEntry]:
 
 
 def explain_code(code: str) -> CodeEntry:
-    """Return the explanation of a code.
+    """Return the explanation of a verdict's code, an exit code (``4``, ``exit-4``) or the name of an error.
 
-    Parameters
-    ----------
-    code : str
-        Code of a verdict (``segments-unsure``; case and underscores are ignored), an exit code (``4``, ``exit-4``), or
-        the name of an error (``StoreError``).
-
-    Raises
-    ------
-    ConfigError
-        The code is unknown; the message names similar codes.
+    Case and underscores are ignored. The ConfigError for an unknown code names similar codes.
     """
     known = list_entries()
     name = code.strip().lower().replace("_", "-").replace(" ", "-")

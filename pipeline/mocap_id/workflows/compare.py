@@ -89,23 +89,14 @@ class RunComparison:
 
 def format_rows(rows: Sequence[Difference]) -> bytes:
     """Return the content of a CSV file with the rows."""
-    columns = list(Difference.__dataclass_fields__)
-    return (
-        pd.DataFrame([asdict(row) for row in rows], columns=columns).to_csv(index=False, lineterminator="\n").encode()
-    )
+    table = pd.DataFrame([asdict(row) for row in rows], columns=list(Difference.__dataclass_fields__))
+    return table.to_csv(index=False, lineterminator="\n").encode()
 
 
 def compare_runs(a: Path, b: Path, progress: runner.Progress = lambda step: None) -> RunComparison:
-    """Return the comparison of two runs.
+    """Return the comparison of two runs; StoreError is raised if a run has no summary.
 
-    Paths and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.
-
-    Raises
-    ------
-    StoreError
-        A folder contains no run, a damaged run, or a run without a summary.
-    ConfigError, RecordingError, NumericalError
-        As for :func:`mocap_id.runner.run`.
+    Paths, ``progress`` and other errors are as for :func:`mocap_id.workflows.run_folder.open_run`.
     """
     first, second = open_run(a, progress), open_run(b, progress)
     for run in (first, second):
@@ -210,7 +201,14 @@ def _is_equal(one: Any, other: Any) -> bool:
 def compare_results(a: Summary, b: Summary) -> Iterator[Difference]:
     """Yield the differences between two summaries."""
     yield Difference("verdict", "level", a["verdict"]["level"], b["verdict"]["level"])
-    for key, one, other in _pair(*map(_number_reasons, (a["verdict"], b["verdict"]))):
+    reasons = dict[str, Summary](), dict[str, Summary]()  # by code; a repeated code gets a number
+    for numbered, verdict in zip(reasons, (a["verdict"], b["verdict"]), strict=True):
+        for reason in (*verdict["reasons"], *verdict.get("notes", ())):
+            key, number = reason["code"], 2
+            while key in numbered:
+                key, number = f"{reason['code']} {number}", number + 1
+            numbered[key] = reason
+    for key, one, other in _pair(*reasons):
         if not one or not other:
             name = f"{key} {'lost' if one else 'gained'}"
             yield Difference("verdict", name, one.get("message"), other.get("message"))
@@ -274,17 +272,6 @@ def _compare_key(
 ) -> Difference:
     """Return the difference of the numbers at ``key`` in two entries; ``sd`` is the key of the standard deviation."""
     return compare_numbers(section, name, a.get(key), b.get(key), unit, sds=(a.get(sd), b.get(sd)))
-
-
-def _number_reasons(verdict: Summary) -> dict[str, Summary]:
-    """Return the reasons for a verdict by code; a repeated code gets a number."""
-    reasons: dict[str, Summary] = {}
-    for reason in (*verdict["reasons"], *verdict.get("notes", ())):
-        key, number = reason["code"], 2
-        while key in reasons:
-            key, number = f"{reason['code']} {number}", number + 1
-        reasons[key] = reason
-    return reasons
 
 
 def _list_components(joint: Summary) -> dict[str, Summary]:

@@ -36,14 +36,9 @@ OPENSIM = "MOCAP_ID_OPENSIM_PYTHON"
 
 
 def check_installation(folder: Path, *, simulate: Callable[[Path], Path] | None = None) -> Iterator[Finding]:
-    """Run all checks and yield their findings.
+    """Run all checks, for a working folder, and yield their findings.
 
-    Parameters
-    ----------
-    folder : Path
-        The working folder.
-    simulate : callable, optional
-        Writes a small trial to a new folder and returns the path of its YAML file. The whole pipeline is run on it.
+    ``simulate`` writes a small trial to a new folder, on which the whole pipeline is run, and returns its YAML file.
     """
     yield from check_packages()
 
@@ -288,8 +283,6 @@ def check_package(name: str, least: str | None) -> Finding:
 def parse_version(version: str) -> tuple[int, ...]:
     """Return the leading numbers of a version, for comparison.
 
-    Examples
-    --------
     >>> parse_version("1.10.2rc1") >= parse_version("1.9")
     True
     """

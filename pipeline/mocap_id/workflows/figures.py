@@ -22,27 +22,21 @@ _UNREADABLE = (ArithmeticError, AttributeError, LookupError, RecursionError, Typ
 def write_figures(source: Path, out: Path | None = None, pdf_fonts: PdfFonts = "type-3") -> tuple[Path, ...]:
     """Draw every figure of a page as SVG and PDF, write the captions, and return the paths of all files.
 
-    Parameters
-    ----------
-    source : Path
-        A page, or the folder of a trial's run, a study, a robot study or a sensitivity study.
-    out : Path, optional
-        Folder in which the folder ``figures`` is made; by default the folder of the page.
-    pdf_fonts : {"type-3", "truetype"}
-        Fonts in the PDF.
-
-    Raises
-    ------
-    ConfigError
-        There is no page.
-    StoreError
-        The page contains no figures, or the folder cannot be written or contains the figures of another page.
+    ``source`` is a page, or the folder of a trial's run, a study, a robot study or a sensitivity study. The folder
+    ``figures`` is made in ``out``, by default in the folder of the page. ConfigError is raised if there is no page,
+    StoreError if the page has no figures, or if the folder contains the figures of another page or cannot be written.
     """
     from mocap_id.reporting import paper_figures  # noqa: PLC0415  imports matplotlib
 
-    page = _find_page(source)
+    page = source if source.is_file() else next((source / name for name in _PAGES if (source / name).is_file()), None)
+    if page is None:
+        raise ConfigError(
+            f"{source}: there is no page; expected the folder of a trial or study, which contains one of "
+            f"{', '.join(_PAGES)}"
+        )
+    drawings = read_page_figures(page)
     with _explain_unreadable(page):
-        files = paper_figures.make_figure_files(_read_drawings(page), pdf_fonts)
+        files = paper_figures.make_figure_files(drawings, pdf_fonts)
     folder, owner = page.parent if out is None else out, find_owner_of_files(page.parent)
     if out is None:
         write_files(folder, files)
@@ -51,20 +45,14 @@ def write_figures(source: Path, out: Path | None = None, pdf_fonts: PdfFonts = "
     return tuple(folder / file for file in files)
 
 
-def read_page_figures(source: Path) -> Drawings:
-    """Return the figures of a page as data; ``source`` and the exceptions are as for :func:`write_figures`."""
-    page = _find_page(source)
+def read_page_figures(page: Path) -> Drawings:
+    """Return the figures of a page as data; StoreError is raised if it has none."""
     with _explain_unreadable(page):
-        return _read_drawings(page)
-
-
-def _read_drawings(page: Path) -> Drawings:
-    return read_figures(plain_files.read(page).decode("utf-8", "replace"))
+        return read_figures(plain_files.read(page).decode("utf-8", "replace"))
 
 
 @contextmanager
 def _explain_unreadable(page: Path) -> Iterator[None]:
-    """Raise StoreError if a page cannot be read, or contains no valid figures."""
     try:
         yield
     except OSError as error:
@@ -73,15 +61,3 @@ def _explain_unreadable(page: Path) -> Iterator[None]:
         raise StoreError(
             f"{page} contains no figures that this version can draw: repeat the command that wrote the page"
         ) from error
-
-
-def _find_page(source: Path) -> Path:
-    if source.is_file():
-        return source
-    page = next((source / name for name in _PAGES if (source / name).is_file()), None)
-    if page is None:
-        raise ConfigError(
-            f"{source}: there is no page; expected the folder of a trial or study, which contains one of "
-            f"{', '.join(_PAGES)}"
-        )
-    return page

@@ -59,20 +59,10 @@ class MovingBodies:
 def read_measured_bodies(
     poses: Table, chain: Skeleton, motion: Mapping[str, Any], bands: Cutoffs, gravity: float
 ) -> MovingBodies:
-    """Return bodies whose motion follows from their measured, low-pass filtered poses; short gaps are filled.
+    """Return bodies whose motion follows from their measured poses; short gaps are filled.
 
-    Parameters
-    ----------
-    poses : Table
-        Content of poses.parquet.
-    chain : Skeleton
-        Chain of the trial.
-    motion : mapping of str to Any
-        Fact ``motion`` of dynamics.h5, which names the bodies and the joints that are pinned.
-    bands : (x, y, angle)
-        Cut-off frequencies, Hz.
-    gravity : float
-        Gravity, m/s².
+    The ``poses`` are low-pass filtered with the cut-off frequencies ``bands`` (x, y, angle), Hz. ``motion`` is a fact
+    of dynamics.h5, which names the bodies and the joints that are pinned.
     """
     ready = bridge_gaps(read_bodies(poses, chain.centres, motion["used"]))
     pinned = [chain.joint_names.index(name) for name, gap in motion["joints"].items() if gap["pinned"]]
@@ -149,17 +139,8 @@ class IdentifiedTrial:
 def open_identified_trial(path: Path, progress: runner.Progress = lambda step: None) -> IdentifiedTrial:
     """Open a trial, and return it with its motion and identified dynamics.
 
-    ``path`` and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`; only results up to
-    `identify-dim` are computed.
-
-    Raises
-    ------
-    Refused
-        The trial was refused.
-    StoreError
-        The folder lacks an artefact, or contains artefacts of different runs.
-    ConfigError, RecordingError, NumericalError
-        As for :func:`mocap_id.runner.run`.
+    ``path``, ``progress`` and the errors are as for :func:`mocap_id.workflows.run_folder.open_run_to`; only results up
+    to `identify-dim` are computed.
     """
     folder, _ = open_run_to(path, _LAST, progress)
     parameters = check_provenance(folder, _FILES)["dynamics.h5"].origin.parameters
@@ -214,13 +195,9 @@ def match_bodies(source: IdentifiedTrial, target: IdentifiedTrial) -> MovingBodi
     Two trials of a person may have chains with different segments, and a marker may belong to the foot in one and to
     the shank in the other. Parameters belong to the marker groups of the trial on which they were identified. The
     target's markers are therefore grouped as in the source: each group keeps its mass and has its own measured pose.
+    ConfigError is raised if the target's markers do not determine the pose of a body.
 
     No joint is pinned. Joint torques are about the target's joints; they are NaN for joints that the source lacks.
-
-    Raises
-    ------
-    ConfigError
-        The target's markers do not determine the pose of a body, which the message names.
     """
     frames, view = source.skeleton, target.planar
     columns = {label: column for column, label in enumerate(view.labels)}
@@ -250,25 +227,9 @@ def match_bodies(source: IdentifiedTrial, target: IdentifiedTrial) -> MovingBodi
             centres=np.zeros((0, 2)),
         )
     )
-    motion, centres = _add_joints(filter_motion(poses, target.bands), frames, target)
-    placed, every = np.concatenate([pose.local for pose in clusters]), np.array(own, dtype=np.int64)
-    skeleton = replace(
-        frames,
-        centres=centres,
-        markers=tuple(frames.markers[i] for i in every),
-        segment=frames.segment[every],
-        local=np.column_stack([placed.real, placed.imag]),
-    )
-    return MovingBodies(skeleton, motion, target.chain.gravity)
-
-
-def _add_joints(motion: PlanarMotion, frames: BodyFrames, target: IdentifiedTrial) -> tuple[PlanarMotion, FloatArray]:
-    """Return the motion with the target's joints, and the centre (n, 2) of each joint in the body before it, m.
-
-    A centre is NaN if the target does not have the joint.
-    """
+    motion = filter_motion(poses, target.bands)
     # The target's n' joints and the K bodies that are beyond each (n', K): a body is in the target's segment to which
-    # most of its markers belong.
+    # most of its markers belong. The centre of each joint, in the body before it, is NaN if the target lacks the joint.
     chain, joint = target.chain.skeleton, target.bodies.motion.joint  # (T, n', 2)
     joints = len(chain.centres)
     segment_of = dict(zip(chain.markers, chain.segment.tolist(), strict=True))
@@ -284,4 +245,13 @@ def _add_joints(motion: PlanarMotion, frames: BodyFrames, target: IdentifiedTria
             known = centre[np.isfinite(centre).all(axis=1)]
             if len(known):
                 shared[j], centres[row] = True, known.mean(axis=0)
-    return replace(motion, joint=np.where(shared[:, None], joint, np.nan), beyond=beyond), centres
+    motion = replace(motion, joint=np.where(shared[:, None], joint, np.nan), beyond=beyond)
+    placed, every = np.concatenate([pose.local for pose in clusters]), np.array(own, dtype=np.int64)
+    skeleton = replace(
+        frames,
+        centres=centres,
+        markers=tuple(frames.markers[i] for i in every),
+        segment=frames.segment[every],
+        local=np.column_stack([placed.real, placed.imag]),
+    )
+    return MovingBodies(skeleton, motion, target.chain.gravity)

@@ -303,30 +303,29 @@ class _WorkerCount:
 
     def __call__(self) -> int:
         now = time.monotonic()
-        if now >= self._again:
-            with contextlib.suppress(OSError):  # the submitted trials report an unreachable scheduler
-                self._count(self._client.nthreads())
-            self._again = now + _COUNTING_INTERVAL
-        return self._width
-
-    def _count(self, threads: Mapping[str, int]) -> None:
-        new = sorted(set(threads) - self._known)
-        versions = self._client.run(_get_version, workers=new, on_error="ignore") if new else {}
-        for worker, version in versions.items():  # without workers that have left
-            if version != __version__:
-                raise ConfigError(
-                    f"Dask worker {worker} has mocap-id {version}, but this machine has {__version__}: install the "
-                    "same version on both"
+        if now < self._again:
+            return self._width
+        with contextlib.suppress(OSError):  # the submitted trials report an unreachable scheduler
+            threads: Mapping[str, int] = self._client.nthreads()
+            new = sorted(set(threads) - self._known)
+            versions = self._client.run(_get_version, workers=new, on_error="ignore") if new else {}
+            for worker, version in versions.items():  # without workers that have left
+                if version != __version__:
+                    raise ConfigError(
+                        f"Dask worker {worker} has mocap-id {version}, but this machine has {__version__}: install the "
+                        "same version on both"
+                    )
+            self._known = set(threads)
+            if not threads and self._again and not self._has_warned:  # at first, workers may still be starting
+                self._has_warned = True
+                address = self._client.scheduler.address
+                _log.warning(
+                    f"no worker has joined the Dask scheduler at {address}: the trials wait for one. "
+                    f"Start it with `dask worker {address} --nthreads 1`, or wait for the queueing system"
                 )
-        self._known = set(threads)
-        if not threads and self._again and not self._has_warned:  # at the first count, workers may still be starting
-            self._has_warned = True
-            address = self._client.scheduler.address
-            _log.warning(
-                f"no worker has joined the Dask scheduler at {address}: the trials wait for one. "
-                f"Start it with `dask worker {address} --nthreads 1`, or wait for the queueing system"
-            )
-        self._width = max(2 * sum(threads.values()), _LEAST_SUBMITTED)
+            self._width = max(2 * sum(threads.values()), _LEAST_SUBMITTED)
+        self._again = now + _COUNTING_INTERVAL
+        return self._width
 
 
 def _get_version() -> str:
@@ -395,17 +394,8 @@ def run_trials(
 ) -> tuple[TrialRun, ...]:
     """Run every trial that is not up to date, and return the results in the order of the trials.
 
-    Parameters
-    ----------
-    trials : sequence of Trial
-    backend : Backend
-        Where the trials run.
-    tell : callable
-        Called with the result of each trial as soon as the trial finishes.
-    on_error : {"continue", "stop"}
-        With ``stop``, no trial starts after one that failed or was refused; running trials are allowed to finish.
-    run : callable, optional
-        Runs one trial; :func:`run_trial` by default.
+    ``tell`` is called with the result of each trial as soon as it finishes. With ``on_error="stop"``, no trial starts
+    after one that failed or was refused; running trials are allowed to finish.
     """
     results: dict[int, TrialRun] = {}
     waiting = deque(enumerate(trials))

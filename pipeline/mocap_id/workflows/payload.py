@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 
 from mocap_id import runner
-from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.space import identification as dynamics
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.results.columns import to_finite
-from mocap_id.store import Tree
 from mocap_id.store.views import SpatialSkeleton
-from mocap_id.workflows.run_folder import RunFolder, open_run
+from mocap_id.workflows.run_folder import open_run
 
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 UNITS = ("kg", *["kg*m"] * 3, *["kg*m^2"] * 6)
@@ -58,22 +56,34 @@ class FoundPayload:
 def find_payload(
     loaded: Path, empty: Path, segment: str | None = None, progress: runner.Progress = lambda step: None
 ) -> FoundPayload:
-    """Return the parameters of a payload, identified from two trials with the same chain.
+    """Return the parameters of the payload of ``segment``, by default the last, from two trials with the same chain.
 
-    ``loaded`` is the trial with the payload, and ``empty`` is the trial without it. ``segment`` carries the payload;
-    the default is the last segment. Paths and ``progress`` are as for
-    :func:`mocap_id.workflows.run_folder.open_run`.
-
-    Raises
-    ------
-    ConfigError
-        A trial has no parameters in space, the trials have different chains, or there is no such segment.
-    StoreError, RecordingError, NumericalError
-        As for :func:`mocap_id.workflows.run_folder.open_run`.
+    Paths and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`. ConfigError is raised if a trial
+    has no parameters in space, if the trials have different chains, or if there is no such segment.
     """
     runs = [open_run(path, progress) for path in (loaded, empty)]
-    trees = [_read_dynamics(run) for run in runs]
-    mapping = _read_mapping(runs, trees)
+    trees = []
+    for run in runs:
+        if not run.in_space:
+            raise ConfigError(f"{run.source}: the trial is in the plane; a payload needs trials with `space: 3d`")
+        tree = run.tree("dynamics.h5")
+        if tree is None or "error_modes" not in tree.facts:
+            raise ConfigError(f"{run.source}: the trial has no inertial parameters: {run.why_missing('dynamics.h5')}")
+        if "unit_covariance" not in tree.facts:
+            raise ConfigError(
+                f"{run.source}: an earlier version of the program made this run: run the trial again from its YAML file"
+            )
+        trees.append(tree)
+    # The mappings (b, 10K) from the full to the b base parameters, which must be the same.
+    errors, other_errors = ([name for name, _ in tree.facts["error_modes"]] for tree in trees)
+    mapping, other = (np.asarray(tree.array("base/regrouping"), dtype=np.float64) for tree in trees)
+    frames, other_frames = (np.asarray(tree.facts["frames"]) for tree in trees)
+    same = mapping.shape == other.shape and frames.shape == other_frames.shape and errors == other_errors
+    if not same or max(np.abs(mapping - other).max(), np.abs(frames - other_frames).max()) > _SAME:
+        raise ConfigError(
+            f"{runs[0].source} and {runs[1].source} have different chains, so their parameters cannot be subtracted: "
+            f"write `calibration:` with the YAML file of {runs[1].name} into the file of the trial with the payload"
+        )
     chain = runs[0].tree("chain.h5")
     segments = SpatialSkeleton.from_tree(chain).segments if chain else ()
     carrier = segments[-1] if segment is None else segment
@@ -94,31 +104,3 @@ def find_payload(
         reasons = run.summary.get("verdict", {}).get("reasons", ())
         cautions[run.name] = tuple(reason["code"] for reason in reasons if reason["level"] != "ok")
     return FoundPayload(runs[0].name, runs[1].name, carrier, found, cautions)
-
-
-def _read_dynamics(run: RunFolder) -> Tree:
-    """Return dynamics.h5 of a trial in space; raise ConfigError if it has no usable inertial parameters."""
-    if not run.in_space:
-        raise ConfigError(f"{run.source}: the trial is in the plane; a payload needs trials with `space: 3d`")
-    tree = run.tree("dynamics.h5")
-    if tree is None or "error_modes" not in tree.facts:
-        raise ConfigError(f"{run.source}: the trial has no inertial parameters: {run.why_missing('dynamics.h5')}")
-    if "unit_covariance" not in tree.facts:
-        raise ConfigError(
-            f"{run.source}: an earlier version of the program made this run: run the trial again from its YAML file"
-        )
-    return tree
-
-
-def _read_mapping(runs: list[RunFolder], trees: list[Tree]) -> FloatArray:
-    """Return the mapping (b, 10K) from the full to the b base parameters; raise ConfigError if the chains differ."""
-    errors, other_errors = ([name for name, _ in tree.facts["error_modes"]] for tree in trees)
-    one, other = (np.asarray(tree.array("base/regrouping"), dtype=np.float64) for tree in trees)
-    frames, other_frames = (np.asarray(tree.facts["frames"]) for tree in trees)
-    same = one.shape == other.shape and frames.shape == other_frames.shape and errors == other_errors
-    if not same or max(np.abs(one - other).max(), np.abs(frames - other_frames).max()) > _SAME:
-        raise ConfigError(
-            f"{runs[0].source} and {runs[1].source} have different chains, so their parameters cannot be subtracted: "
-            f"write `calibration:` with the YAML file of {runs[1].name} into the file of the trial with the payload"
-        )
-    return one

@@ -43,15 +43,9 @@ _log = logging.getLogger(__name__)
 def make_trial(recording: Path | Recording, given: Mapping[str, Any], save: Path | None = None) -> Trial:
     """Write a YAML file for the trial of a recording, and return the trial.
 
-    Parameters
-    ----------
-    recording : Path or Recording
-        Arrays in memory are written to ``recording.c3d`` in the run folder, or to ``recording.trc`` and
-        ``recording.mot`` if the plates have no corners.
-    given : mapping
-        Keys of the trial, and ``forces``. Paths may be relative to the working folder.
-    save : Path, optional
-        The file to write; by default ``trial.yaml`` in the run folder.
+    Arrays in memory are written to ``recording.c3d`` in the run folder, or to ``recording.trc`` and ``recording.mot``
+    if the plates have no corners. ``given`` are keys of the trial, and ``forces``; paths may be relative to the working
+    folder. The file is ``save``, by default ``trial.yaml`` in the run folder.
 
     Raises
     ------
@@ -188,8 +182,11 @@ def _complete(recording: Path, given: dict[str, Any], out: Path) -> Trial:
             _log.warning("%s: the forces are from %s beside it", recording.name, forces.name)
 
     def build(more: Mapping[str, Any]) -> Trial:
-        plain = json.loads(json.dumps({**keys, **more, "out": str(out)}, default=_convert))
-        return compose(Source(Path.cwd() / recording.name, plain, {}))
+        # A number of numpy becomes a Python number, and any other value a text.
+        plain = json.dumps(
+            {**keys, **more, "out": str(out)}, default=lambda one: one.item() if hasattr(one, "item") else str(one)
+        )
+        return compose(Source(Path.cwd() / recording.name, json.loads(plain), {}))
 
     try:
         guessed, files = _guess(recording, forces if forces is None else Path(str(forces)), keys)
@@ -209,12 +206,8 @@ def _complete(recording: Path, given: dict[str, Any], out: Path) -> Trial:
 def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
     """Return guesses for the keys that ``given`` lacks, and the files of the recording by role.
 
-    The guesses include the key ``guessed``, unless the given protocol determines the space.
-
-    Raises
-    ------
-    ConfigError
-        Neither protocol nor space is given, and the movement is none that has a protocol.
+    The guesses include the key ``guessed``, unless the given protocol determines the space. ConfigError is raised if
+    neither protocol nor space is given, and the movement is none that has a protocol.
     """
     skeleton = read_joints(recording)
     files = {"markers" if skeleton is None else "skeleton": str(recording)}
@@ -262,11 +255,6 @@ def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tu
             named = PurePosixPath(*recording.parts[-2:])  # a folder further up may be called L by chance
             guessed["side"] = reach.choose_sides(named)[0]
     return {name: value for name, value in guessed.items() if given.get(name) is None}, files
-
-
-def _convert(value: Any) -> Any:
-    """Return a number of numpy as a Python number, and any other value as text."""
-    return value.item() if hasattr(value, "item") else str(value)
 
 
 def _add_head(lines: str) -> str:

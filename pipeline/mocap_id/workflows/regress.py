@@ -86,11 +86,6 @@ def check_trials(
     """Recompute trials in temporary folders, and return their comparison with a baseline.
 
     ``named`` is as for :func:`mocap_id.workflows.batch.find_trials`; ``tell`` is called with each finished trial.
-
-    Raises
-    ------
-    ConfigError
-        A name matches no trial, or a trial's file is invalid.
     """
     trials = _find_trials(named)
     results, messages = _recompute(trials, backend, tell)
@@ -121,21 +116,16 @@ def update(
 ) -> Baseline:
     """Return the baseline with the current results of the named trials; other trials and tolerances are kept.
 
-    Raises
-    ------
-    ConfigError
-        A name matches no trial, or a trial's file is invalid.
-    StoreError
-        The baseline contains the results of another recording with a trial's name.
+    Raises StoreError if the baseline contains the results of another recording with a trial's name.
     """
     trials = _find_trials(named)
     recordings = _hash_recordings(trials)
-    for trial in trials:
-        if baseline.recordings.get(trial.name, recordings.get(trial.name)) != recordings.get(trial.name):
+    for name, digest in recordings.items():
+        if baseline.recordings.get(name, digest) != digest:
             raise StoreError(
-                f"{trial.file}: the baseline contains the results of another recording with the name "
-                f"{trial.name}, and this one would replace them. Give one of the trials another `name:`. If this is "
-                f'the same recording, exported again, delete the entry of {trial.name} in "recordings" of the baseline'
+                f"the baseline contains the results of another recording with the name {name}, and this one would "
+                "replace them. Give one of the trials another name (`trial:`). If this is the same recording, exported "
+                f'again, delete the entry of {name} in "recordings" of the baseline'
             )
     results, _ = _recompute(trials, backend, tell)
     return Baseline({**baseline.trials, **results}, baseline.tolerances, {**baseline.recordings, **recordings})
@@ -195,13 +185,7 @@ class Baseline:
 
     @classmethod
     def read(cls, file: Path) -> Baseline:
-        """Read a baseline.
-
-        Raises
-        ------
-        RecordingError
-            The file is missing, cannot be read, or is not a baseline.
-        """
+        """Read a baseline."""
         try:
             data = json.loads(file.read_text("utf-8"))
             if (data["schema"], data["version"]) != (_SCHEMA, _VERSION):

@@ -78,14 +78,9 @@ def open_run(path: Path, progress: runner.Progress = lambda step: None) -> RunFo
     """Open a run, read all its artefacts, and return them.
 
     If ``path`` is a trial's YAML file, missing or outdated results are computed first. If it is a run folder, it is
-    read and not changed. ``progress`` is called with each step of a run.
-
-    Raises
-    ------
-    StoreError
-        The folder has no artefacts, a damaged artefact, or artefacts of different runs.
-    ConfigError, RecordingError, NumericalError
-        As for :func:`mocap_id.runner.run`. A refused trial raises nothing; its run folder describes the refusal.
+    read and not changed. ``progress`` is called with each step of a run. StoreError is raised if the folder has no
+    artefacts, a damaged artefact, or artefacts of different runs, and the errors of :func:`mocap_id.runner.run`. A
+    refused trial raises nothing; its run folder describes the refusal.
     """
     if not path.exists():
         raise ConfigError(
@@ -100,15 +95,11 @@ def open_run(path: Path, progress: runner.Progress = lambda step: None) -> RunFo
 
 
 def open_lazily(path: Path) -> RunFolder:
-    """Open a run folder; each artefact is read when it is used.
+    """Open a run folder; each artefact is read when it is used, and ``provenance`` is empty.
 
-    ``provenance`` is empty. Reading an artefact raises StoreError if the artefact is damaged, or if it was made from
-    inputs that differ from the inputs in the folder.
-
-    Raises
-    ------
-    StoreError
-        The folder has neither artefacts nor a summary. A trial that the first stage refused has only a summary.
+    Reading an artefact raises StoreError if it is damaged, or if it was made from inputs that differ from those in the
+    folder. StoreError is also raised if the folder has neither artefacts nor a summary. A trial that the first stage
+    refused has only a summary.
     """
     folder = Folder(path)
     if not (path / SUMMARY).is_file():
@@ -162,14 +153,8 @@ def open_run_to(path: Path, stage: str, progress: runner.Progress = lambda step:
     """Return the run folder of a trial with its results up to one stage, and the trial.
 
     ``path`` and ``progress`` are as for :func:`open_run`; ``stage`` is the last stage that must have run. The trial is
-    None if ``path`` is a folder, whose results are not checked.
-
-    Raises
-    ------
-    Refused
-        The trial was refused.
-    ConfigError, RecordingError, NumericalError, StoreError
-        As for :func:`mocap_id.runner.run`.
+    None if ``path`` is a folder, whose results are not checked. Refused is raised if the trial was refused, and the
+    errors of :func:`mocap_id.runner.run`.
     """
     if path.is_dir():
         return Folder(path), None
@@ -181,12 +166,9 @@ def open_run_to(path: Path, stage: str, progress: runner.Progress = lambda step:
 
 
 def check_provenance(folder: Folder, files: Iterable[str]) -> dict[str, Provenance]:
-    """Check that artefacts of a folder belong together, and return their provenance by file name.
+    """Return the provenance of artefacts by file name.
 
-    Raises
-    ------
-    StoreError
-        An artefact is missing or damaged, or was made from an input that differs from the input in the folder.
+    StoreError is raised if one is missing or damaged, or was made from an input that differs from that in the folder.
     """
     provenance = {file: folder.provenance(file) for file in files}
     for file, own in provenance.items():

@@ -21,7 +21,6 @@ from mocap_id.dynamics.least_squares import variance
 from mocap_id.dynamics.parameter_transfer import (
     LEAST_MARKERS,
     LEAST_SPREAD,
-    BodyFrames,
     Registration,
     register_bodies,
     transfer_covariance,
@@ -56,7 +55,7 @@ _MASS_DIFFERENCE = 0.05  # fraction of the standing mass, as for the verdict of 
 class BodyErrors:
     """The errors of one body on a trial."""
 
-    name: str  # ``own``, ``own, held out``, ``transferred``, or the name of the allometric table
+    name: str  # OWN, HELD_OUT, TRANSFERRED, or the name of the allometric table
     errors: Mapping[str, Agreement | None]  # model minus measurement for each of :data:`SERIES`; None if unknown
     # each joint torque minus the torque of the trial's own model, N·m, from joint 1; None if unknown. The tuple of the
     # own model is empty
@@ -74,18 +73,15 @@ class TrialTransfer:
     registration: Registration  # pose of the model's bodies in the trial's bodies
     # evidence for the transfer, without the trial's forces; None if there is no allometric body to compare with
     support: Support | None
-    # stated standard deviation of the transferred body's prediction for each of :data:`SERIES`, N, N·m and m, rms over
-    # the samples; NaN if unknown
-    stated: Mapping[str, float]
+    stated: Mapping[str, float]  # stated sd of the prediction for each of :data:`SERIES`, rms; NaN if unknown
     inside: Mapping[str, float]  # fraction of the samples within the stated 95 % intervals; NaN if unknown
     reasons: tuple[Reason, ...]  # reasons against the use of the result
 
     @property
     def supported(self) -> bool | None:
-        """Whether the recordings support the transferred model for this trial; None if unknown.
+        """Whether the recordings support the transferred model for this trial.
 
-        False if there is a reason against the transfer. Unknown if there is no such reason, but the forces or the
-        allometric body that could confirm the transfer are missing.
+        None if no reason is against it, but the forces or the allometric body that could confirm it are missing.
         """
         if any(reason.code != _UNCONFIRMED for reason in self.reasons):
             return False
@@ -153,10 +149,7 @@ class Transfer:
     def as_frame(self) -> pd.DataFrame:
         """Return a data frame with one row for each trial and body.
 
-        The columns are trial, model (the trial on which the body was identified), body, samples and condition_number;
-        mean, sd and rms of the error (model minus measurement) of Fx, Fy (N), tauz (N·m) and cop_x (m); mean and sd of
-        each joint torque tau_1 … minus the torque of the trial's own model (N·m); the largest residual of the
-        registration (m); and whether the recordings support the transfer (missing if unknown).
+        The errors are model minus measurement; a torque tau_1 … is minus the torque of the trial's own model.
         """
         joints = max((len(body.torques) for trial in self.trials for body in trial.bodies), default=0)
         unknown, rows = {"mean": math.nan, "sd": math.nan, "rms": math.nan}, []
@@ -214,16 +207,9 @@ def _describe_error(error: Agreement | None) -> dict[str, float] | None:
 def transfer_model(model: Path, trials: Sequence[Path], progress: runner.Progress = lambda step: None) -> Transfer:
     """Predict ``trials`` with the model that was identified on the trial ``model``, and return the errors.
 
-    Paths and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.
-
-    Raises
-    ------
-    ConfigError
-        Two trials have too few common markers on a body, or the person faces opposite directions.
-    RecordingError
-        The model's trial has no identified body.
-    Refused, NumericalError, StoreError
-        As for :func:`mocap_id.workflows.identified_trial.open_identified_trial`.
+    Paths and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`. RecordingError is raised if the
+    model's trial has no identified body, ConfigError as by :func:`apply_model`, and the errors of
+    :func:`mocap_id.workflows.identified_trial.open_identified_trial`.
     """
     source = open_identified_trial(model, progress)
     if not np.isfinite(source.parameters).all():
@@ -243,43 +229,12 @@ def apply_model(source: IdentifiedTrial, target: IdentifiedTrial) -> TrialTransf
     whatever segments the target has. The transferred and the allometric body are compared with the forces in the
     frequency band of the target's own fit, with the clock offset of this fit.
 
-    Raises
-    ------
-    ConfigError
-        As for :func:`transfer`.
+    ConfigError is raised if the trials have too few common markers on a body, or if the person faces opposite
+    directions.
     """
     by_segments = source.measured is None and len(source.skeleton.segments) == len(target.chain.skeleton.segments)
     moving = target.chain if by_segments else match_bodies(source, target)
-    registration = _register(source, target, moving.skeleton)
-    transferred = TransferredBody.of(source, moving, registration)
-    samples = target.dynamics["in_fit"].to_numpy(dtype=np.bool_)
-    bodies = errors_at_home(target, _compare_full(target, TRANSFERRED, moving, transferred.parameters, samples))
-    sd = stated_sd(source, target, transferred)
-    shares = share_inside(predict_series(target, moving, transferred.parameters), _read_measured(target), sd, samples)
-    support = find_support(source, target, transferred)
-    return TrialTransfer(
-        trial=target.name,
-        samples=int(samples.sum()),
-        condition=target.facts.get("condition_number"),
-        bodies=bodies,
-        registration=registration,
-        support=support,
-        stated={name: root_mean_square(sd[samples, k]) for k, name in enumerate(SERIES)},
-        inside=shares,
-        reasons=(
-            *_list_doubts(support, registration, source.skeleton),
-            *_list_reasons(source, target, registration, bodies),
-            *warn_if_worse_than_stated(shares),
-        ),
-    )
-
-
-def _register(source: IdentifiedTrial, target: IdentifiedTrial, here: BodyFrames) -> Registration:
-    """Return the registration of the model's bodies in the target's bodies ``here``.
-
-    ConfigError is raised if a body has too few common markers, or if the markers are mirrored.
-    """
-    there = source.skeleton
+    here, there = moving.skeleton, source.skeleton
     registration = register_bodies(there, here)
     for k, name in enumerate(here.segments[1:], start=1):
         if registration.markers[k] < LEAST_MARKERS or registration.spread[k] < LEAST_SPREAD:
@@ -297,7 +252,26 @@ def _register(source: IdentifiedTrial, target: IdentifiedTrial, here: BodyFrames
             f"{target.source}: the person faces opposite directions in trials {target.name} and {source.name}, because "
             "only the mirrored markers fit: set `planarise: {facing: …}` in one of the two trials"
         )
-    return registration
+    transferred = TransferredBody.of(source, moving, registration)
+    samples = target.dynamics["in_fit"].to_numpy(dtype=np.bool_)
+    bodies = errors_at_home(target, _compare_full(target, TRANSFERRED, moving, transferred.parameters, samples))
+    sd = stated_sd(source, target, transferred)
+    shares = share_inside(predict_series(target, moving, transferred.parameters), _read_measured(target), sd, samples)
+    support = find_support(source, target, transferred)
+    return TrialTransfer(
+        trial=target.name,
+        samples=int(samples.sum()),
+        condition=target.facts.get("condition_number"),
+        bodies=bodies,
+        registration=registration,
+        support=support,
+        stated={name: root_mean_square(sd[samples, k]) for k, name in enumerate(SERIES)},
+        inside=shares,
+        reasons=(
+            *_list_reasons(source, target, registration, support, bodies),
+            *warn_if_worse_than_stated(shares),
+        ),
+    )
 
 
 def errors_at_home(target: IdentifiedTrial, *others: BodyErrors) -> tuple[BodyErrors, ...]:
@@ -344,9 +318,48 @@ def _compare_series(model: FloatArray, measured: FloatArray, samples: BoolArray)
 
 
 def _list_reasons(
-    source: IdentifiedTrial, target: IdentifiedTrial, registration: Registration, bodies: Sequence[BodyErrors]
+    source: IdentifiedTrial,
+    target: IdentifiedTrial,
+    registration: Registration,
+    support: Support | None,
+    bodies: Sequence[BodyErrors],
 ) -> Iterator[Reason]:
     """Yield reasons against the use of the transferred body."""
+    # Those that do not use the target's forces.
+    if support is not None:
+        worse = {name: ratio for name, ratio in support.at_home.items() if ratio > 1.0}
+        if worse:
+            yield Reason(
+                "transfer-not-at-home",
+                f"on left-out repetitions of its own trial, the model predicts no better than the allometric body in "
+                f"{_name_ratios(worse)}: there is no individual information to transfer",
+                value=max(worse.values()),
+                limit=1.0,
+            )
+        times = {name: support.apart[name] / support.sd[name] for name in _DISTINCT}
+        near = {name: ratio for name, ratio in times.items() if not ratio >= _TIMES}
+        if near:
+            listed = ", ".join(f"{name} ({ratio:.1f} standard deviations)" for name, ratio in near.items())
+            yield Reason(
+                "transfer-not-told-apart",
+                "on this movement the prediction of the transferred body does not differ enough from the prediction of "
+                f"the allometric body in {listed}; at least {_TIMES:g} are needed. The model's trial determines too "
+                "little for this movement",
+                value=min(near.values()),
+                limit=_TIMES,
+            )
+    distances = np.nan_to_num(registration.joint)
+    if len(distances) and distances.max() > _JOINTS:
+        joint = int(distances.argmax())
+        below, above = (source.skeleton.segments[k] for k in source.skeleton.between[joint])
+        yield Reason(
+            "transfer-joints",
+            f"the positions of the joint between {below} and {above} in the two trials differ by "
+            f"{1e3 * registration.joint[joint]:.0f} mm relative to the same markers: in one trial, the joint does not "
+            "bend enough or the markers moved on the skin",
+            value=float(registration.joint[joint]),
+            limit=_JOINTS,
+        )
     if not target.dynamics["in_fit"].any():
         yield Reason(
             "transfer-nothing",
@@ -378,14 +391,17 @@ def _list_reasons(
     ratios = {name: rms_error(errors[TRANSFERRED][name]) / rms_error(table.get(name)) for name in SERIES}
     worse = {name: ratio for name, ratio in ratios.items() if ratio > 1.0}
     if worse:
-        listed = ", ".join(f"{name} (error ratio {ratio:.2f})" for name, ratio in worse.items())
         yield Reason(
             "transfer-worse",
-            f"for {listed}, the body of trial {source.name} predicts this trial worse than the allometric body, which "
-            "uses only height and mass: these two recordings do not support an individual model",
+            f"for {_name_ratios(worse)}, the body of trial {source.name} predicts this trial worse than the allometric "
+            "body, which uses only height and mass: these two recordings do not support an individual model",
             value=max(worse.values()),
             limit=1.0,
         )
+
+
+def _name_ratios(ratios: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} (error ratio {ratio:.2f})" for name, ratio in ratios.items())
 
 
 def rms_error(error: Agreement | None) -> float:
@@ -398,7 +414,6 @@ class TransferredBody:
     """The identified body of one trial, transferred to the bodies of another trial."""
 
     bodies: MovingBodies  # K bodies of the other trial with their motion
-    registration: Registration  # pose of the model's bodies in these K bodies
     parameters: FloatArray  # (4K,)
     covariance: FloatArray  # (4K, 4K) covariance of the parameters; NaN if unknown
 
@@ -406,7 +421,7 @@ class TransferredBody:
     def of(cls, source: IdentifiedTrial, bodies: MovingBodies, registration: Registration) -> TransferredBody:
         """Return the model of the source, transferred to ``bodies`` with the registration of its own bodies."""
         parameters = transfer_parameters(source.parameters, registration)
-        return cls(bodies, registration, parameters, transfer_covariance(source.covariance, registration))
+        return cls(bodies, parameters, transfer_covariance(source.covariance, registration))
 
 
 @dataclass(frozen=True)
@@ -458,16 +473,9 @@ def stated_sd(source: IdentifiedTrial, target: IdentifiedTrial, transferred: Tra
 
 
 def share_inside(model: FloatArray, measured: FloatArray, sd: FloatArray, samples: BoolArray) -> dict[str, float]:
-    """Return the fraction of samples whose measurement is within the stated 95 % interval, for each of :data:`SERIES`.
+    """Return the fraction of ``samples`` (T,) whose measurement (T, 4) is in the stated 95 % interval, by series.
 
-    The fraction is NaN if no sample is known.
-
-    Parameters
-    ----------
-    model, measured, sd : (T, 4) arrays
-        Prediction, measurement, and stated standard deviation of the prediction.
-    samples : (T,) bool array
-        Samples that are counted.
+    ``sd`` (T, 4) are the stated standard deviations of the prediction. A fraction is NaN if no sample is known.
     """
     times = np.abs(model - measured)[samples] / sd[samples]
     known = np.isfinite(times)
@@ -512,45 +520,6 @@ def _find_parameters_sd(target: IdentifiedTrial, transferred: TransferredBody) -
     pressure = centre_of_pressure_rows(rows, rows @ transferred.parameters, target.cop_threshold)
     rows = np.concatenate([rows, pressure[:, None]], axis=1)
     return np.sqrt(variance(rows, transferred.covariance))
-
-
-def _list_doubts(support: Support | None, registration: Registration, skeleton: BodyFrames) -> Iterator[Reason]:
-    """Yield the reasons against the transfer of the bodies of a ``skeleton`` that do not use the target's forces."""
-    if support is not None:
-        worse = {name: ratio for name, ratio in support.at_home.items() if ratio > 1.0}
-        if worse:
-            listed = ", ".join(f"{name} (error ratio {ratio:.2f})" for name, ratio in worse.items())
-            yield Reason(
-                "transfer-not-at-home",
-                f"on left-out repetitions of its own trial, the model predicts no better than the allometric body in "
-                f"{listed}: there is no individual information to transfer",
-                value=max(worse.values()),
-                limit=1.0,
-            )
-        times = {name: support.apart[name] / support.sd[name] for name in _DISTINCT}
-        near = {name: ratio for name, ratio in times.items() if not ratio >= _TIMES}
-        if near:
-            listed = ", ".join(f"{name} ({ratio:.1f} standard deviations)" for name, ratio in near.items())
-            yield Reason(
-                "transfer-not-told-apart",
-                "on this movement the prediction of the transferred body does not differ enough from the prediction of "
-                f"the allometric body in {listed}; at least {_TIMES:g} are needed. The model's trial determines too "
-                "little for this movement",
-                value=min(near.values()),
-                limit=_TIMES,
-            )
-    distances = np.nan_to_num(registration.joint)
-    if len(distances) and distances.max() > _JOINTS:
-        worst = int(distances.argmax())
-        below, above = (skeleton.segments[k] for k in skeleton.between[worst])
-        yield Reason(
-            "transfer-joints",
-            f"the positions of the joint between {below} and {above} in the two trials differ by "
-            f"{1e3 * registration.joint[worst]:.0f} mm relative to the same markers: in one trial, the joint does not "
-            "bend enough or the markers moved on the skin",
-            value=float(registration.joint[worst]),
-            limit=_JOINTS,
-        )
 
 
 def _read_error(errors: Mapping[str, Any] | None, name: str) -> float:

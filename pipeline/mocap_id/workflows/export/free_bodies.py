@@ -27,13 +27,15 @@ from mocap_id.workflows.export.files import (
 )
 from mocap_id.workflows.export.opensim_model import (
     LEAST_RANGE,
+    body_element,
+    convert_planar_inertia,
+    coordinate_element,
     format_dynamics_setup,
     format_model,
     place_markers,
     planar_joint,
     read_gravity,
 )
-from mocap_id.workflows.export.opensim_parts import body_element, convert_planar_inertia, coordinate_element
 from mocap_id.workflows.export.opensim_tables import add_motion
 from mocap_id.workflows.identified_trial import MovingBodies, read_measured_bodies
 from mocap_id.workflows.run_folder import RunFolder

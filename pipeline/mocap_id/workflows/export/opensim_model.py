@@ -9,13 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
+from xml.etree import ElementTree
 
 import numpy as np
 
 from mocap_id import __version__
 from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.dynamics.regressor import LINK_PARAMETERS, PLANAR_PARAMETERS
 from mocap_id.geometry import so3
+from mocap_id.geometry.so3 import hat
 from mocap_id.store.views import JointStates, SegmentPoses, Skeleton, SpatialSkeleton
 from mocap_id.workflows.export.files import (
     ANGLES,
@@ -24,27 +27,196 @@ from mocap_id.workflows.export.files import (
     MEASURED_MARKERS,
     MODEL,
     ExportFiles,
+    make_legal,
     name_coordinates,
     opensim_bodies,
     opensim_joints,
 )
-from mocap_id.workflows.export.markers import measure_depths, rename_markers
-from mocap_id.workflows.export.opensim_parts import (
-    LEAST_MASS,
-    BodyInertia,
-    Element,
-    body_element,
-    comment,
-    coordinate_element,
-    element,
-    format_document,
-    format_numbers,
-    marker_element,
-    offset_frame,
-    read_planar_inertia,
-    read_spatial_inertia,
-)
+from mocap_id.workflows.export.tables import measure_depths, rename_markers
 from mocap_id.workflows.run_folder import RunFolder
+
+Element: TypeAlias = "ElementTree.Element[Any]"
+_VERSION = "40500"  # version of the documents, readable by OpenSim 4.5 and later
+
+
+def element(tag: str, *children: Element, name: str | None = None, text: str | None = None, **content: Any) -> Element:
+    """Return an element, with a ``name`` attribute if given.
+
+    It has these ``children``, and then one for each keyword: with a text, with numbers, or with children of its own.
+    """
+    made = ElementTree.Element(tag, {} if name is None else {"name": name})
+    made.text = text
+    made.extend(children)
+    for key, value in content.items():
+        child = ElementTree.SubElement(made, key)
+        if isinstance(value, str):
+            child.text = value
+        elif all(isinstance(one, ElementTree.Element) for one in value):
+            child.extend(value)
+        else:
+            child.text = format_numbers(value)
+    return made
+
+
+def comment(text: str) -> Element:
+    """Return a comment, without the double hyphens that XML forbids."""
+    return ElementTree.Comment(f" {text.replace('--', '- -')} ")
+
+
+def format_numbers(values: Sequence[float]) -> str:
+    """Return numbers as text with all their digits, separated by blanks."""
+    return " ".join(f"{float(value) + 0.0:.17g}" for value in values)
+
+
+def body_element(name: str, inertia: BodyInertia, *components: Element) -> Element:
+    """Return a body with its mass, centre of mass, inertia and components such as geometry."""
+    content: dict[str, Any] = {"components": components} if components else {}
+    content |= {"mass": [inertia.mass], "mass_center": inertia.centre, "inertia": inertia.inertia}
+    return element("Body", name=name, **content)
+
+
+def marker_element(name: str, body: str, position: Sequence[float]) -> Element:
+    """Return a marker at a position (3,), m, in the frame of a body."""
+    return element("Marker", name=name, socket_parent_frame=f"/bodyset/{body}", location=position)
+
+
+def coordinate_element(name: str, default: float, span: tuple[float, float], *, locked: bool = False) -> Element:
+    """Return a coordinate of a joint with its default value and its range, rad or m."""
+    lock = {"locked": "true"} if locked else {}
+    return element("Coordinate", name=name, default_value=[default], range=span, **lock)
+
+
+def offset_frame(
+    name: str, parent: str, position: Sequence[float], angles: Sequence[float] = (0.0,) * 3, *components: Element
+) -> Element:
+    """Return a frame at a position (3,), m, in a parent frame, rotated by angles (3,), rad, about x, then y, then z."""
+    return element(
+        "PhysicalOffsetFrame",
+        *components,
+        name=name,
+        socket_parent=parent,
+        translation=position,
+        orientation=angles,
+    )
+
+
+def format_document(tag: str, trial: str, *children: Element, **content: Any) -> bytes:
+    """Return the content of a file with one object; its name is the trial's, changed if OpenSim does not accept it."""
+    file = ElementTree.Element("OpenSimDocument", {"Version": _VERSION})
+    file.append(element(tag, *children, name=make_legal([trial])[trial], **content))
+    ElementTree.indent(file, "\t")
+    text: bytes = ElementTree.tostring(file, encoding="utf-8", xml_declaration=True)
+    return text + b"\n"
+
+
+LEAST_MASS = 1e-9  # kg: OpenSim rejects a chain whose last body is massless
+
+
+@dataclass(frozen=True)
+class BodyInertia:
+    """Inertia of a body about its centre of mass."""
+
+    mass: float  # kg
+    centre: tuple[float, ...]  # (3,) centre of mass in the segment's frame, m
+    inertia: tuple[float, ...]  # (6,) Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass, kg·m²
+
+
+_PLACEHOLDER = BodyInertia(1.0, (0.0, 0.0, 0.0), (0.01, 0.01, 0.01, 0.0, 0.0, 0.0))
+
+
+Inertias: TypeAlias = tuple[tuple[BodyInertia, ...], str]
+"""Inertia of every segment, base first, and a text that describes where it comes from."""
+
+
+def convert_planar_inertia(block: FloatArray) -> BodyInertia:
+    """Return the inertia about the centre of mass, from m, mx, my, Izz about the origin (4,).
+
+    The inertia about the centre of mass is Izz - (mx² + my²) / m. It is set for all three axes, because Ixx and Iyy do
+    not affect planar motion. A negative value, which rounding may cause, is set to zero.
+
+    >>> convert_planar_inertia(np.array([2.0, 0.0, 1.0, 0.75]))
+    BodyInertia(mass=2.0, centre=(0.0, 0.5, 0.0), inertia=(0.25, 0.25, 0.25, 0.0, 0.0, 0.0))
+    """
+    mass, mx, my, inertia = (float(value) for value in block)
+    if mass <= 0.0:
+        mass, x, y, own = LEAST_MASS, 0.0, 0.0, max(inertia, 0.0)
+    else:
+        x, y, own = mx / mass, my / mass, max(inertia - (mx * mx + my * my) / mass, 0.0)
+    return BodyInertia(mass, (x, y, 0.0), (own, own, own, 0.0, 0.0, 0.0))
+
+
+def convert_spatial_inertia(block: FloatArray) -> BodyInertia:
+    """Return the inertia about the centre of mass, from m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the origin.
+
+    >>> convert_spatial_inertia(np.array([2.0, 0.0, 1.0, 0.0, 0.75, 0.1, 0.75, 0.0, 0.0, 0.0])).inertia
+    (0.25, 0.1, 0.25, 0.0, 0.0, 0.0)
+    """
+    mass, moment = float(block[0]), block[1:4]
+    if mass <= 0.0:
+        own = np.clip(block[4:], 0.0, None) * [1, 1, 1, 0, 0, 0]
+        return BodyInertia(LEAST_MASS, (0.0, 0.0, 0.0), tuple(own.tolist()))
+    xx, yy, zz, xy, xz, yz = block[4:]
+    about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    about_centre = about_origin + hat(moment) @ hat(moment) / mass
+    own = about_centre[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]] + 0.0
+    return BodyInertia(mass, tuple((moment / mass).tolist()), tuple(own.tolist()))
+
+
+def _read_planar_inertia(run: RunFolder, count: int) -> Inertias | None:
+    """Return the identified inertia of ``count`` segments, or else that of the table; None if there is none."""
+    tree, facts = run.tree("dynamics.h5"), run.facts("dynamics.h5")
+    value, reference = (
+        np.zeros(0) if tree is None else tree.numbers(f"full/{name}").reshape(-1) for name in ("value", "reference")
+    )
+    table = facts.get("reference_table")
+    table_name = "the allometric table" if table is None else f"the allometric table `{table}`"
+    if tree is not None and value.size and np.isfinite(value).all():
+        motion = facts.get("motion") or {}
+        rest = "one of the physically possible bodies" if table is None else table_name
+        verdicts = tree.texts("base/verdict")
+        counts = ", ".join(f"{verdicts.count(kind)} {kind}" for kind in dict.fromkeys(verdicts))
+        source = (
+            f"the {len(tree.texts('base/name'))} base parameters ({counts}) are identified. Their division into m, mx, "
+            f"my and Izz of the segments is not identified: it is that of {rest}. Torques and ground wrench do not "
+            "depend on the division"
+        )
+        if motion.get("used"):
+            source = (
+                f"parameters of {', '.join(motion['bodies'])}, identified on their measured poses and transferred to "
+                "the chain of pin joints. Parameters that the recording does not determine are taken from "
+                f"{motion['prior'] if table is None else table_name}, so the mass of a single segment is not "
+                "meaningful. Torques and modelled wrench of the run belong to these bodies, not to this chain"
+            )
+    elif reference.size and np.isfinite(reference).all():
+        value, why = reference, facts.get("why") or "no wrench"
+        source = f"parameters of {table_name}, for the subject's height and mass; none was identified ({why})"
+    else:
+        return None
+    return tuple(map(convert_planar_inertia, value.reshape(count, len(PLANAR_PARAMETERS)))), source
+
+
+def _read_spatial_inertia(run: RunFolder, count: int) -> Inertias:
+    """Return the identified inertia of ``count`` segments in space, base first; placeholders if there is none."""
+    tree, width = run.tree("dynamics.h5"), len(LINK_PARAMETERS)
+    values = np.zeros(0) if tree is None else tree.numbers("full/value").reshape(-1)
+    if values.size not in (width * count, width * (count - 1)) or not np.isfinite(values).all():
+        return _use_placeholders(run, count)
+    bodies = list(map(convert_spatial_inertia, values.reshape(-1, width)))
+    base = [_PLACEHOLDER] * (count - len(bodies))
+    also = "; the base has a placeholder" if base else ""
+    return (*base, *bodies), f"one of the physically possible bodies with the identified base parameters{also}"
+
+
+def _use_placeholders(run: RunFolder, count: int) -> Inertias:
+    source = (
+        f"placeholders of {_PLACEHOLDER.mass:g} kg and {_PLACEHOLDER.inertia[0]:g} kg·m² for each segment, because "
+        f"OpenSim loads no chain without mass. No parameters were identified ({run.why_missing('dynamics.h5')}). Use "
+        "this model for kinematics only"
+    )
+    return (_PLACEHOLDER,) * count, source
+
+
+# The model in the plane.
 
 LEAST_RANGE = 2 * np.pi  # every coordinate of a model can change at least by this in both directions, rad or m
 
@@ -62,11 +234,13 @@ def export_model(run: RunFolder, out: ExportFiles) -> None:
         out.note(f"osim: no model: {run.why_missing('chain.h5')}")
         return
     skeleton = Skeleton.from_tree(tree)
-    segments, inertia = opensim_bodies(skeleton.segments), read_planar_inertia(run, len(skeleton.segments))
+    segments = opensim_bodies(skeleton.segments)
+    known = _read_planar_inertia(run, len(segments))
+    inertias, source = known or _use_placeholders(run, len(segments))
     # Bodies; a cylinder along the y axis of each, from its joint to the next joint or to the tip, shows where it is.
     lengths = np.linalg.norm(np.vstack([skeleton.centres, skeleton.tip]), axis=1)
-    bodies = [body_element(segments[0], inertia.bodies[0])]
-    for name, body, length in zip(segments[1:], inertia.bodies[1:], lengths[1:], strict=True):
+    bodies = [body_element(segments[0], inertias[0])]
+    for name, body, length in zip(segments[1:], inertias[1:], lengths[1:], strict=True):
         half = length / 2
         stick = element("Cylinder", name="stick", socket_frame="..", radius=[_RADIUS], half_height=[half])
         shown = element("attached_geometry", stick)
@@ -81,18 +255,18 @@ def export_model(run: RunFolder, out: ExportFiles) -> None:
     angles = np.zeros((0, len(coordinates))) if states is None else JointStates.from_table(states).angles
     for j, (joint, coordinate) in enumerate(zip(opensim_joints(skeleton), coordinates, strict=True)):
         parent, frame = segments[int(skeleton.parents[j])], f"{joint}_centre"
-        known = angles[np.isfinite(angles[:, j]), j]
+        taken = angles[np.isfinite(angles[:, j]), j]
         pin = element(
             "PinJoint",
             name=joint,
             socket_parent_frame=frame,
             socket_child_frame=f"/bodyset/{segments[j + 1]}",
-            coordinates=[coordinate_element(coordinate, known[0] if len(known) else 0.0, _widen(known))],
+            coordinates=[coordinate_element(coordinate, taken[0] if len(taken) else 0.0, _widen(taken))],
             frames=[offset_frame(frame, f"/bodyset/{parent}", [*skeleton.centres[j], 0.0])],
         )
         joints.append(pin)
     comments = (
-        f"Inertial parameters: {inertia.source}.",
+        f"Inertial parameters: {source}.",
         "Ixx and Iyy do not affect planar motion and are unknown: they are set to Izz. "
         "Centres of mass lie in the plane z = 0.",
     )
@@ -101,12 +275,12 @@ def export_model(run: RunFolder, out: ExportFiles) -> None:
         run, "the plane frame", comments, bodies=bodies, joints=joints, markers=markers
     )
     out.files[f"{run.name}_ik.xml"] = format_kinematics_setup(run, skeleton.markers)
-    if states is not None and inertia.known:
+    if states is not None and known is not None:
         table = run.table("wrench.parquet")
         has_forces = table is not None and bool(np.isfinite(table["Fy"]).any())
         setup = format_dynamics_setup(run, (MODEL, ANGLES, "_opensim_id.sto"), LOADS if has_forces else None)
         out.files[f"{run.name}_id.xml"] = setup
-    out.note(f"osim: inertial parameters: {inertia.source}")
+    out.note(f"osim: inertial parameters: {source}")
 
 
 def format_model(
@@ -148,10 +322,9 @@ def planar_joint(name: str, body: str, coordinates: Sequence[Element]) -> Elemen
 def place_markers(
     run: RunFolder, bodies: Sequence[str], markers: Sequence[str], segment: IntArray, local: FloatArray
 ) -> Iterator[Element]:
-    """Yield markers in the frames of their bodies, at their median distance from the plane.
+    """Yield M markers in the frames of their bodies, at their median distance from the plane.
 
-    ``bodies`` are names in OpenSim, and ``markers`` are M names in the recording. ``segment`` (M,) is the index of each
-    marker's body, and ``local`` (M, 2) its position in the body's frame, m.
+    ``bodies`` are names in OpenSim, ``segment`` (M,) the index of each marker's body, and ``local`` (M, 2) its place.
     """
     names, depth = rename_markers(run), measure_depths(run)
     for label, body, position in zip(markers, segment, local, strict=True):
@@ -178,8 +351,7 @@ def format_kinematics_setup(run: RunFolder, markers: Sequence[str]) -> bytes:
 def format_dynamics_setup(run: RunFolder, endings: tuple[str, str, str], loads: str | None = None) -> bytes:
     """Return the set-up file of inverse dynamics.
 
-    ``endings`` are the endings of the file names of the model, the coordinates and OpenSim's output. ``loads`` is that
-    of the external loads; None if there are none.
+    ``endings`` are those of the files of the model, the coordinates and OpenSim's output, ``loads`` that of the loads.
     """
     model, coordinates, forces = (run.name + ending for ending in endings)
     external = {} if loads is None else {"external_loads_file": run.name + loads}
@@ -284,8 +456,6 @@ def euler_angles(rotations: FloatArray) -> FloatArray:
 
     The angles have no jumps by 2π over time.
 
-    Examples
-    --------
     >>> turned = so3.exp(np.array([[0.3, 0.0, 0.0]])) @ so3.exp(np.array([[0.0, 0.0, -0.2]]))
     >>> euler_angles(turned).round(6)
     array([[ 0.3,  0. , -0.2]])
@@ -326,9 +496,9 @@ def export_spatial_model(run: RunFolder, out: ExportFiles) -> None:
         return
     skeleton, chain = parts[0], parts[0].chain
     segments, girdles = opensim_bodies(skeleton.segments), [name for name in name_girdles(skeleton) if name]
-    inertia = read_spatial_inertia(run, len(segments))
+    inertias, source = _read_spatial_inertia(run, len(segments))
     light = BodyInertia(LEAST_MASS, (0.0,) * 3, (0.0,) * 6)
-    bodies = [*zip(segments, inertia.bodies, strict=True), *((name, light) for name in girdles)]
+    bodies = [*zip(segments, inertias, strict=True), *((name, light) for name in girdles)]
     # A marker that moves with a glide is on the girdle's body.
     labels = rename_markers(run)
     markers = [
@@ -342,13 +512,13 @@ def export_spatial_model(run: RunFolder, out: ExportFiles) -> None:
     out.files[run.name + MODEL] = format_model(
         run,
         "the frame of the trial",
-        [f"Inertial parameters: {inertia.source}."],
+        [f"Inertial parameters: {source}."],
         bodies=(body_element(name, body) for name, body in bodies),
         joints=map(_joint_element, model_joints(*parts)),
         markers=markers,
     )
     out.files[f"{run.name}_ik.xml"] = format_kinematics_setup(run, skeleton.markers)
-    out.note(f"osim: inertial parameters: {inertia.source}")
+    out.note(f"osim: inertial parameters: {source}")
     if girdles:
         out.note("osim: the glide of a joint is a separate coordinate, which does not depend on the elevation")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -23,8 +23,7 @@ from mocap_id.workflows.export.files import (
     opensim_bodies,
     opensim_joints,
 )
-from mocap_id.workflows.export.opensim_model import model_joints, read_model_parts
-from mocap_id.workflows.export.opensim_parts import element, format_document
+from mocap_id.workflows.export.opensim_model import element, format_document, model_joints, read_model_parts
 from mocap_id.workflows.run_folder import RunFolder
 
 _IN_PLANE = ("Fx", "Fy", "tauz")
@@ -47,10 +46,7 @@ def export_angles(run: RunFolder, out: ExportFiles) -> None:
 
 
 def export_states(run: RunFolder, out: ExportFiles) -> None:
-    """Add ``<trial>_states.sto`` (rad, rad/s) and ``<trial>_accelerations.sto`` (rad/s²).
-
-    The states have the full names of OpenSim, so that OpenSim can read the file as a states trajectory.
-    """
+    """Add ``<trial>_states.sto`` (rad, rad/s; OpenSim's full names) and ``<trial>_accelerations.sto`` (rad/s²)."""
     parts = _read_joint_states(run, out)
     if parts is not None:
         skeleton, motion = parts
@@ -118,11 +114,6 @@ def export_anatomical_angles(run: RunFolder, out: ExportFiles) -> None:
     add_motion(out, file, "joint angles", names, values, time=angles.time, in_degrees=True)
 
 
-def note_missing_states(_: RunFolder, out: ExportFiles) -> None:
-    """Note that there are no states in space, because they would need the speeds of OpenSim's coordinates."""
-    out.note("sto: not available in space: the CSV tables contain velocities and accelerations")
-
-
 def find_known_rows(file: str, values: FloatArray) -> tuple[BoolArray, tuple[str, ...]]:
     """Return which rows (T,) of ``values`` (T, K) have only known values, and notes on the other rows of ``file``.
 
@@ -183,7 +174,18 @@ def export_forces(run: RunFolder, out: ExportFiles) -> None:
         return
     loads: list[_Load] = [("ground_force", 0, table.stack(components))]
     if not run.in_space:
-        others = list(_read_other_loads(run))
+        # The wrenches of chair and force sensors that the identification used, at the cameras' times.
+        others: list[_Load] = []
+        found, facts = run.table("wrench.parquet"), run.facts("dynamics.h5")
+        segments = {str(fact["name"]): int(fact["segment"]) for fact in facts.get("external") or ()}
+        # The clock offset that is corrected in dynamics.parquet but not in wrench.parquet, s.
+        offset = float((facts.get("clock") or {}).get("applied_s") or 0.0)
+        for fact in run.facts("wrench.parquet").get("external") or ():
+            if found is not None and str(fact["name"]) in segments:
+                wrench = found.stack([f"{each}_{fact['columns']}" for each in _IN_PLANE])
+                if fact["clock"] == "plates":
+                    wrench = SampledWrench.of(found["time"], wrench)(found["time"] - offset)
+                others.append((str(fact["name"]), segments[str(fact["name"])], wrench))
         measured = {str(fact["name"]) for fact in run.facts("wrench.parquet").get("external") or ()}
         unused = sorted(measured - {name for name, _, _ in others})
         out.note(*(f"mot: {name} is omitted, because the identification did not use it" for name in unused))
@@ -217,24 +219,6 @@ def export_forces(run: RunFolder, out: ExportFiles) -> None:
         for name, segment, _ in loads
     ]
     out.files[run.name + LOADS] = format_document("ExternalLoads", run.name, objects=objects, datafile=file)
-
-
-def _read_other_loads(run: RunFolder) -> Iterator[_Load]:
-    """Yield the wrenches of chair and force sensors that the identification used, at the cameras' times."""
-    table, used = run.table("wrench.parquet"), run.facts("dynamics.h5").get("external") or ()
-    segments = {str(fact["name"]): int(fact["segment"]) for fact in used}
-    if table is None:
-        return
-    # The clock offset that is corrected in dynamics.parquet but not in wrench.parquet, s.
-    offset = float((run.facts("dynamics.h5").get("clock") or {}).get("applied_s") or 0.0)
-    for fact in run.facts("wrench.parquet").get("external") or ():
-        name = str(fact["name"])
-        if name not in segments:
-            continue
-        wrench = table.stack([f"{each}_{fact['columns']}" for each in _IN_PLANE])
-        if fact["clock"] == "plates":
-            wrench = SampledWrench.of(table["time"], wrench)(table["time"] - offset)
-        yield name, segments[name], wrench
 
 
 def convert_planar_wrench(wrench: FloatArray, threshold: float) -> FloatArray:

@@ -33,7 +33,6 @@ from mocap_id.store.views import joint_columns
 from mocap_id.workflows.run_folder import check_provenance, open_run_to
 
 Entry: TypeAlias = Literal["fit-joints", "ukf-smooth", "identify-dim"]
-Worse: TypeAlias = Literal["more", "less", "either"]
 Change: TypeAlias = "Callable[[RerunInputs, Perturbation], RerunInputs]"
 ChangeLog: TypeAlias = Callable[[ImuLog, float, np.random.Generator], ImuLog]
 """Changes a log by a level of the perturbation, with a generator of random numbers for this sensor."""
@@ -60,15 +59,10 @@ class Kind:
     targets: tuple[str, ...] = ()  # possible targets, or :data:`JOINTS`; empty if the kind acts on everything
     usual: tuple[str, ...] = ()  # default targets; empty if all targets are the default
     free: bool = False  # whether a target may be any number; ``targets`` are then the defaults
-    worse: Worse = "more"  # direction in which the levels get worse
+    worse: Literal["more", "less", "either"] = "more"  # direction in which the levels get worse
     random: bool = False  # whether the perturbation is drawn at random, from the seed
     change: Change | None = None  # returns the inputs with the perturbation; None for a kind that changes logs instead
     change_log: ChangeLog | None = None  # returns the log of one inertial sensor with the perturbation
-
-    @property
-    def is_count(self) -> bool:
-        """Whether the levels are counts."""
-        return not self.unit
 
 
 @dataclass(frozen=True)
@@ -98,7 +92,8 @@ class Perturbation:
 
 # The inputs of the stages that are run again.
 
-FIRST, LAST = "fit-joints", "identify-dim"
+FIRST: Entry = "fit-joints"
+LAST: Entry = "identify-dim"
 
 
 @dataclass(frozen=True)
@@ -169,28 +164,18 @@ def repeated_stages() -> tuple[Stage, ...]:
 def locate_trial(path: Path, progress: runner.Progress = lambda step: None) -> TrialSource:
     """Return the run folder and settings of a trial; if ``path`` is a YAML file, missing artefacts are computed first.
 
-    ``path`` and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.
-
-    Raises
-    ------
-    Refused
-        The trial was refused.
-    StoreError
-        The run folder lacks an artefact, or was made by a different version of the program.
-    ConfigError, RecordingError, NumericalError
-        As for :func:`mocap_id.runner.run`.
+    ``path``, ``progress`` and the errors are as for :func:`mocap_id.workflows.run_folder.open_run_to`. StoreError is
+    also raised if a different version of the program made the run folder.
     """
     folder, trial = open_run_to(path, LAST, progress)
-    if trial is None:
-        return _read_source(path)
-    keys = trial.keys.model_copy(update={"compare": None})
-    settings = {stage.name: trial.settings[stage.name] for stage in repeated_stages()}
-    return TrialSource(trial.name, folder.path, keys, settings)
-
-
-def _read_source(path: Path) -> TrialSource:
-    """Return the trial of a run folder, with the settings from which its artefacts were computed."""
-    folder, settings, parameters = Folder(path), {}, dict[str, Any]()
+    if trial is not None:
+        keys = trial.keys.model_copy(update={"compare": None})
+        return TrialSource(
+            trial.name, folder.path, keys, {stage.name: trial.settings[stage.name] for stage in repeated_stages()}
+        )
+    # The settings from which the artefacts in a run folder were computed.
+    settings: dict[str, Settings] = {}
+    parameters: dict[str, Any] = {}
     for stage in repeated_stages():
         origin = folder.provenance(stage.outputs[0]).origin
         if origin.stage_version != stage.version:
@@ -212,13 +197,7 @@ def _read_source(path: Path) -> TrialSource:
 
 
 def read_rerun_inputs(source: TrialSource) -> RerunInputs:
-    """Read the unperturbed inputs of a trial.
-
-    Raises
-    ------
-    StoreError
-        An artefact is missing or damaged, or was not computed from the other artefacts in the folder.
-    """
+    """Read the unperturbed inputs of a trial; StoreError is raised if its artefacts do not belong together."""
     folder = Folder(source.folder)
     files = {file for stage in repeated_stages() for file in (*stage.inputs, *stage.outputs)} - {"markers.parquet"}
     check_provenance(folder, sorted(files))
@@ -231,8 +210,8 @@ _HALF_DEPTH_M = 0.119  # distance of the cells of a balance board from its centr
 STATES, WRENCH = "states.parquet", "wrench.parquet"
 
 
-def filter_noise(trial: RerunInputs, change: Perturbation) -> RerunInputs:
-    """Return the trial with fixed noise of the filter (3.17), which is otherwise estimated: sigma_v and marker sd."""
+def _filter_noise(trial: RerunInputs, change: Perturbation) -> RerunInputs:
+    # Sigma_v and marker sd (3.17), which are otherwise estimated.
     return trial.with_settings("ukf-smooth", sigma_v=change.level, marker_sd=float(change.target))
 
 
@@ -336,10 +315,9 @@ def camera_noise(trial: RerunInputs, change: Perturbation) -> RerunInputs:
 
 
 def angle_noise(trial: RerunInputs, change: Perturbation) -> RerunInputs:
-    """Return the trial with its markers shifted as by white noise in the angles.
+    """Return the trial with its markers shifted as by white noise in the angles; the chain does not change.
 
-    The shift is the difference between the marker positions (3.18) with and without the noise. The angles of each frame
-    then have exactly this error, and the chain does not change.
+    The shift is the difference between the marker positions (3.18) with and without the noise.
     """
     q = _fill_gaps(trial.states("theta"))
     noisy = q.copy()
@@ -527,13 +505,12 @@ _SHARE = (lambda level: 0 <= level < 1, "a fraction of at least 0 and below 1")
 _SIZE = (lambda level: level >= 0, "0 or more")
 _SNAP = (lambda level: level > 0, "a standard deviation of the snap above 0, rad/s^4")
 _IGNORED = _both_signs(0.001, 0.003, 0.01, 0.03, 0.1)
-_FIT: Entry = "fit-joints"
+_FIT, _DYN = FIRST, LAST
 _UKF: Entry = "ukf-smooth"
-_DYN: Entry = "identify-dim"
 # fmt: off
 _KINDS = (
     Kind("filter-noise", "the filter's noise", _UKF, "rad/s^4", (1e1, 1e2, 1e3, 1e4), *_SNAP,
-         targets=_THESIS_SD, free=True, worse="either", change=filter_noise),
+         targets=_THESIS_SD, free=True, worse="either", change=_filter_noise),
     Kind("angle-bias", "angle bias", _DYN, "rad", (0.01, 0.03, 0.1), *_ANGLE, targets=JOINTS, change=angle_bias),
     Kind("angle-noise", "angle noise", _UKF, "rad", (0.001, 0.003, 0.01), *_SIZE,
          targets=JOINTS, usual=(ALL,), random=True, change=angle_noise),

@@ -67,12 +67,6 @@ class SeriesChanges:
     torque_rms: FloatArray = field(default_factory=lambda: np.zeros(0))  # (n,) N·m
     torque_size: FloatArray = field(default_factory=lambda: np.zeros(0))  # (n,) rms of the unperturbed torques, N·m
 
-    @property
-    def torque_share(self) -> float:
-        """Largest rms change of a joint torque, divided by the rms of the unperturbed torque; NaN if unknown."""
-        known = np.isfinite(self.torque_rms) & (self.torque_size > 0)
-        return float(np.max(self.torque_rms[known] / self.torque_size[known])) if known.any() else math.nan
-
 
 def read_estimates(trial: RerunInputs) -> Estimates:
     """Return the estimates in a trial's artefacts."""
@@ -113,22 +107,19 @@ def compare_series(own: RerunInputs, changed: RerunInputs) -> SeriesChanges:
         joint_columns(trial.table("dynamics.parquet"), "tau", len(own.joints))[rows]
         for trial, rows in ((own, before), (changed, now))
     ]
+    r2 = []  # of each joint; NaN for a series that is constant or has no common samples
+    for one, other in states:
+        both = np.isfinite(one) & np.isfinite(other)
+        mean = np.where(both, one, 0.0).sum(axis=0) / np.maximum(both.sum(axis=0), 1)
+        total = np.where(both, (one - mean) ** 2, 0.0).sum(axis=0)
+        residual = np.where(both, (other - one) ** 2, 0.0).sum(axis=0)
+        r2.append(np.where(total > 0, 1.0 - residual / np.where(total > 0, total, 1.0), np.nan))
     return SeriesChanges(
-        state_r2=np.array([_r2(*pair) for pair in states]),
+        state_r2=np.array(r2),
         angle_rms=_rms(states[0][1] - states[0][0]),
         torque_rms=_rms(torques[1] - torques[0]),
         torque_size=_rms(torques[0]),
     )
-
-
-def _r2(own: FloatArray, changed: FloatArray) -> FloatArray:
-    """Return r² of each column; NaN for a column that is constant or has no common samples."""
-    both = np.isfinite(own) & np.isfinite(changed)
-    counted = np.maximum(both.sum(axis=0), 1)
-    mean = np.where(both, own, 0.0).sum(axis=0) / counted
-    total = np.where(both, (own - mean) ** 2, 0.0).sum(axis=0)
-    residual = np.where(both, (changed - own) ** 2, 0.0).sum(axis=0)
-    return np.where(total > 0, 1.0 - residual / np.where(total > 0, total, 1.0), np.nan)
 
 
 def _rms(values: FloatArray) -> FloatArray:
@@ -176,13 +167,7 @@ class PerturbationRun:
 
 
 def perturb(trial: RerunInputs, perturbation: Perturbation) -> RerunInputs:
-    """Perturb a trial, compute the dependent artefacts again, and return the trial with these artefacts.
-
-    Raises
-    ------
-    Refused, RecordingError, NumericalError, ConfigError
-        A stage refuses the perturbed trial or fails.
-    """
+    """Perturb a trial, compute the dependent artefacts again, and return the trial with these artefacts."""
     kind = perturbation.definition
     if kind.change is not None:
         return run_from(kind.entry, kind.change(trial, perturbation))
@@ -246,21 +231,9 @@ def run_perturbation(trial: RerunInputs, perturbation: Perturbation) -> Perturba
 def run_perturbations(
     source: TrialSource, perturbations: Sequence[Perturbation], jobs: int, tell: Callable[[PerturbationRun], None]
 ) -> tuple[PerturbationRun, ...]:
-    """Run all perturbations of a trial in parallel, and return the results in the order of the perturbations.
+    """Run all perturbations of a trial in parallel processes, and return the results in their order.
 
-    Parameters
-    ----------
-    source : TrialSource
-    perturbations : sequence of Perturbation
-    jobs : int
-        Number of parallel processes; the libraries in each process use one thread.
-    tell : callable
-        Called with the result of each finished run.
-
-    Raises
-    ------
-    NumericalError
-        A process was killed.
+    ``tell`` is called with the result of each finished run. NumericalError is raised if a process was killed.
     """
     runs = {}
     # The long runs come first, so that no process waits for another at the end.

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -62,9 +61,9 @@ from mocap_id.workflows.sensitivity.runs import (
 
 @dataclass(frozen=True)
 class KindSelection:
-    """A kind of perturbation with levels and targets; an empty tuple means the default levels or targets."""
+    """A kind of perturbation with levels and targets; an empty tuple means the defaults."""
 
-    kind: str  # one of :data:`KINDS`
+    kind: str
     levels: tuple[float, ...] = ()
     targets: tuple[str, ...] = ()
 
@@ -82,13 +81,7 @@ class SensitivityOptions:
     tolerance: float = 0.05  # tolerated change of a base parameter, as a fraction of its size
 
     def only(self, kinds: Sequence[str]) -> SensitivityOptions:
-        """Return the options with only the selections of ``kinds``; the same options if ``kinds`` is empty.
-
-        Raises
-        ------
-        ConfigError
-            There is no such kind, or none of the kinds is selected.
-        """
+        """Return the options with only the selections of ``kinds``; the same options if ``kinds`` is empty."""
         for name in kinds:
             if name not in KINDS:
                 raise ConfigError(
@@ -105,10 +98,6 @@ class _Entry(Settings):
     levels: tuple[float, ...] = Field((), description="levels to try, in the kind's unit; if not given, its defaults")
     on: tuple[str | float, ...] = Field((), description="joints, components or marker sd; if not given, the defaults")
 
-    @property
-    def targets(self) -> tuple[str, ...]:
-        return tuple(name if isinstance(name, str) else f"{name:g}" for name in self.on)
-
 
 class _File(Settings):
     seed: int = Field(SEED, ge=0, description="seed of the random numbers")
@@ -117,26 +106,21 @@ class _File(Settings):
 
 
 def read_options(file: Path) -> SensitivityOptions:
-    """Read and check a settings file.
-
-    Raises
-    ------
-    ConfigError
-        The file has mistakes; the message has a line for each mistake: file, line, key, and the expected value.
-    """
+    """Read and check a settings file; ConfigError has a line for each mistake."""
     source = read(file.absolute())
     if isinstance(source.data, list):
         moved = {("perturbations", *key): line for key, line in source.lines.items()}
         source = Source(source.file, {"perturbations": source.data}, {(): 1, **moved})
     parsed = parse(source, _File, "a list of perturbations, each with a `kind:`")
-    raise_mistakes(
-        line for number, entry in enumerate(parsed.perturbations) for line in _find_mistakes(entry, number, source)
+    selections = tuple(
+        KindSelection(one.kind, one.levels, tuple(name if isinstance(name, str) else f"{name:g}" for name in one.on))
+        for one in parsed.perturbations
     )
-    selections = tuple(KindSelection(entry.kind, entry.levels, entry.targets) for entry in parsed.perturbations)
+    raise_mistakes(line for number, one in enumerate(selections) for line in _find_mistakes(one, number, source))
     return SensitivityOptions(selections or ALL_KINDS, parsed.seed, parsed.tolerance / 100)
 
 
-def _find_mistakes(entry: _Entry, number: int, source: Source) -> Iterator[str]:
+def _find_mistakes(entry: KindSelection, number: int, source: Source) -> Iterator[str]:
     """Yield a message for each mistake in an entry that the types of the settings do not exclude."""
     key = ("perturbations", number)
     kind = KINDS.get(entry.kind)
@@ -163,20 +147,7 @@ def _find_mistakes(entry: _Entry, number: int, source: Source) -> Iterator[str]:
 
 
 def plan(selections: Sequence[KindSelection], joints: Sequence[str], seed: int = SEED) -> tuple[Perturbation, ...]:
-    """Return the perturbations of a trial that the selections describe, without duplicates.
-
-    Parameters
-    ----------
-    selections : sequence of KindSelection
-    joints : sequence of str
-        Names of the trial's joints.
-    seed : int
-
-    Raises
-    ------
-    ConfigError
-        The trial does not have one of the targets.
-    """
+    """Return the perturbations of a trial with these joints that the selections describe, without duplicates."""
     perturbations = (
         Perturbation(one.kind, target, float(level), seed)
         for one in selections
@@ -260,15 +231,8 @@ def find_tolerances(
 ) -> tuple[Tolerance, ...]:
     """Return the tolerated levels of each kind on each target.
 
-    Parameters
-    ----------
-    own : Estimates
-        Estimates of the unperturbed trial.
-    runs : sequence of PerturbationRun
-    names : sequence of str
-        Parameters whose changes are compared with the tolerance.
-    share : float
-        Tolerated change of a parameter, as a fraction of its size.
+    ``own`` are the estimates of the unperturbed trial, ``names`` the parameters whose changes are compared with the
+    tolerance, which is the fraction ``share`` of a parameter's size.
     """
     series: dict[tuple[str, str], dict[float, Point]] = {}
     for run in runs:
@@ -281,7 +245,9 @@ def find_tolerances(
         if after is not None and before.size > 0:
             percent = 100 * abs(after.value - before.value) / before.size
         noticed = run.estimates is None or bool(run.estimates.codes - own.codes)
-        torque = 100 * run.changes.torque_share
+        rms, size = run.changes.torque_rms, run.changes.torque_size
+        known = np.isfinite(rms) & (size > 0)
+        torque = 100 * float(np.max(rms[known] / size[known])) if known.any() else math.nan
         point = Point(abs(run.perturbation.level), ratio, name, percent, noticed, torque)
         other = points.get(point.level)
         points[point.level] = point if other is None or point.ratio > other.ratio else other
@@ -304,7 +270,7 @@ def _find_limit(kind: Kind, points: Sequence[Point]) -> float:
     mild = None
     for point in points:
         if not point.is_tolerated:
-            if kind.is_count:
+            if not kind.unit:  # a count
                 return math.nan if mild is None else mild.level
             if mild is None or mild.level == 0:  # without a perturbation nothing changes
                 return point.level / point.ratio if math.isfinite(point.ratio) else math.nan
@@ -381,7 +347,7 @@ def _format_level(one: Tolerance, level: float) -> str:
     """Return a level as text, in a usual unit."""
     if one.kind.name == "marker-count":
         return f"{level:g} markers"
-    if one.kind.is_count:
+    if not one.kind.unit:
         return f"division by {level:g}"
     unit, factor = _UNITS.get(one.kind.unit, (_COMPONENT_UNITS.get(one.target, one.kind.unit), 1.0))
     return f"{float(f'{factor * level:.2g}'):g} {unit}"
@@ -483,16 +449,6 @@ TABLES["perturbations"] = replace(TABLES["perturbations"], optional=((_WHY,),))
 """Schemas of the tables by name."""
 
 
-def make_sensitivity_tables(result: SensitivityResult) -> dict[str, ResultTable]:
-    """Return the tables of a sensitivity study by name."""
-    rows = {
-        "responses": (row for run in result.runs for row in _list_responses(result, run)),
-        "perturbations": (_describe_run(result, run) for run in result.runs),
-        "tolerates": result.tolerances,
-    }
-    return {name: ResultTable.of(schema, rows[name]) for name, schema in TABLES.items()}
-
-
 def _describe_perturbation(one: Perturbation) -> dict[str, Any]:
     labels = {"perturbation": one.name, "kind": one.kind, "target": one.target}
     return labels | {"level": one.level, "level_unit": one.definition.unit}
@@ -520,6 +476,11 @@ def _list_responses(result: SensitivityResult, run: PerturbationRun) -> Iterator
 
 def _describe_run(result: SensitivityResult, run: PerturbationRun) -> dict[str, Any]:
     """Return the row of a run in the table `perturbations`."""
+
+    def find_least(values: FloatArray) -> float:
+        known = values[np.isfinite(values)]
+        return float(known.min()) if len(known) else math.nan
+
     own, now, change = result.own, run.estimates, run.perturbation
     ratio, parameter = largest_ratio(own, now, result.judged_parameters, result.options.tolerance)
     row = _describe_perturbation(change) | {
@@ -532,8 +493,8 @@ def _describe_run(result: SensitivityResult, run: PerturbationRun) -> dict[str, 
         "why": run.why,
     }
     row |= {f"tau_{j}_rms": float(rms) for j, rms in enumerate(run.changes.torque_rms, start=1)}
-    row |= {f"{name}_r2": _find_least(r2) for name, r2 in zip(STATE_NAMES, run.changes.state_r2, strict=True)}
-    row["theta_rms"] = -_find_least(-run.changes.angle_rms)
+    row |= {f"{name}_r2": find_least(r2) for name, r2 in zip(STATE_NAMES, run.changes.state_r2, strict=True)}
+    row["theta_rms"] = -find_least(-run.changes.angle_rms)
     if now is None:
         return row
     return row | {
@@ -546,11 +507,6 @@ def _describe_run(result: SensitivityResult, run: PerturbationRun) -> dict[str, 
         **{f"{name}_r2": r2 for name, r2 in zip(COMPONENTS, now.wrench_r2, strict=True)},
         "cop_rms": now.cop_rms,
     }
-
-
-def _find_least(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(known.min()) if len(known) else math.nan
 
 
 DOCUMENT, PAGE = "sensitivity.json", "sensitivity.html"
@@ -577,11 +533,6 @@ class SensitivityResult:
         known = [one for one in self.own.parameters.values() if math.isfinite(one.value)]
         return tuple(one.name for one in known if bool(one.verdict) == bool(self.own.samples))
 
-    @cached_property
-    def tolerances(self) -> tuple[Tolerance, ...]:
-        """The tolerated levels of each kind on each target."""
-        return find_tolerances(self.own, self.runs, self.judged_parameters, self.options.tolerance)
-
 
 def study_sensitivity(
     path: Path,
@@ -592,22 +543,11 @@ def study_sensitivity(
     progress: runner.Progress = lambda step: None,
     tell: PerturbationCallback = lambda run, number, total: None,
 ) -> SensitivityResult:
-    """Perturb a trial, write the results, and return them.
+    """Perturb a trial, write the results, and return them; the run folder is not changed.
 
-    Parameters
-    ----------
-    path : Path
-        The trial's YAML file or run folder. Perturbations do not change the run folder.
-    options : SensitivityOptions, optional
-        The perturbations; all of them by default.
-    jobs : int
-        Number of perturbations that run at the same time, in separate processes. It does not affect the results.
-    out : Path, optional
-        Folder of the results; by default beside the run folder, with the same name and ``-sensitivity``.
-    progress : callable, optional
-        Called with each step of the run that must come first.
-    tell : callable, optional
-        Called with each finished perturbation.
+    ``jobs`` perturbations run at the same time, in separate processes, which does not affect the results. The results
+    are in ``out``, by default beside the run folder, with its name and ``-sensitivity``. ``progress`` is called with
+    each step of the run that must come first, and ``tell`` with each finished perturbation.
 
     Raises
     ------
@@ -666,16 +606,22 @@ def _select_possible(selections: Sequence[KindSelection], trial: RerunInputs) ->
 
 
 def _make_output(result: SensitivityResult) -> Result:
-    tables, own = make_sensitivity_tables(result), result.own
+    own, judged, share = result.own, result.judged_parameters, result.options.tolerance
+    rows = {
+        "responses": (row for run in result.runs for row in _list_responses(result, run)),
+        "perturbations": (_describe_run(result, run) for run in result.runs),
+        "tolerates": find_tolerances(own, result.runs, judged, share),
+    }
+    tables = {name: ResultTable.of(schema, rows[name]) for name, schema in TABLES.items()}
 
     def make_page() -> dict[str, bytes]:
         data = SensitivityData(
             trial=result.trial,
             verdict=own.level,
             note=result.note,
-            tolerance=result.options.tolerance,
+            tolerance=share,
             seed=result.options.seed,
-            parameters=tuple(own.parameters[name] for name in result.judged_parameters),
+            parameters=tuple(own.parameters[name] for name in judged),
             titles={run.perturbation.kind: run.perturbation.definition.title for run in result.runs},
             tables=tables,
         )
@@ -689,7 +635,7 @@ def _make_output(result: SensitivityResult) -> Result:
         "trial": result.trial,
         "product": __version__,
         "seed": result.options.seed,
-        "tolerance": {"share_of_size": result.options.tolerance, "or_stated_sd": 1.0},
+        "tolerance": {"share_of_size": share, "or_stated_sd": 1.0},
         "note": result.note or None,
         "verdict": {"level": own.level, "codes": sorted(own.codes)},
         "condition_number": to_finite(own.condition),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from typing import Any, TypeAlias
 
@@ -18,7 +19,6 @@ from mocap_id.config.study import Study, StudyTrial
 from mocap_id.reporting.contents import COHORT
 from mocap_id.reporting.numbers import show_fixed
 from mocap_id.reporting.results.columns import (
-    ResultColumn,
     count,
     declare_tables,
     estimate_columns,
@@ -57,11 +57,6 @@ class CurlResult(StudyOutcome):
         return self.trial.condition
 
     @property
-    def number(self) -> int:
-        """Number of the trial among the person's trials in this condition, from 1."""
-        return self.trial.number
-
-    @property
     def repetitions(self) -> float:
         """Number of complete curls up to the end of the trial; NaN if unknown."""
         return number_or_nan(self.curl.get("count"))
@@ -77,19 +72,14 @@ class CurlResult(StudyOutcome):
         entries = (self.curl.get("compensation") or {}).get(angle) or ()
         return float(np.degrees(_mean(entry[key] for entry in entries if entry is not None)))
 
-    def range_in_step(self, angle: str) -> float:
-        """Return the range of that part of an angle that depends only on the flexion, degrees; NaN if unknown."""
-        return math.degrees(number_or_nan(find_entry(self.curl, "in_step", angle, "range_rad")))
-
 
 def _mean(values: Iterable[float]) -> float:
-    """Return the mean; NaN if there are no values."""
     listed = list(values)
     return float(np.mean(listed)) if listed else math.nan
 
 
 CurlMeasure: TypeAlias = Measure[CurlResult, float]
-_ANGLES = {
+ANGLES = {
     "shoulder_plane": "shoulder plane (°)",
     "shoulder_elevation": "shoulder elevation (°)",
     "shoulder_axial": "shoulder axial rotation (°)",
@@ -97,15 +87,7 @@ _ANGLES = {
     "thorax_axial": "thorax axial (°)",
     "thorax_flexion": "thorax flexion (°)",
 }
-ANGLES = tuple(_ANGLES)
-"""Angles that should not change during a curl."""
-
-
-def _measure_compensation(angle: str) -> CurlMeasure:
-    meaning = f"range of {angle.replace('_', ' ')} within a curl, mean over the curls"
-    return Measure(_ANGLES[angle], "deg", meaning, lambda trial: trial.average_compensation(angle))
-
-
+"""Labels of the angles that should not change during a curl."""
 MEASURES: Mapping[str, CurlMeasure] = {
     "repetitions": Measure(
         "repetitions", "1", "complete curls up to the end of the trial", lambda trial: trial.repetitions
@@ -134,28 +116,35 @@ MEASURES: Mapping[str, CurlMeasure] = {
         "largest torque of the person in a curl, mean over the curls",
         lambda trial: trial.average_torque("person_peak_Nm"),
     ),
-    **{angle: _measure_compensation(angle) for angle in ANGLES},
+    **{
+        angle: Measure(
+            label,
+            "deg",
+            f"range of {angle.replace('_', ' ')} within a curl, mean over the curls",
+            partial(CurlResult.average_compensation, angle=angle),
+        )
+        for angle, label in ANGLES.items()
+    },
     "shoulder_axial_in_step": Measure(
         None,
         "deg",
         "range of that part of shoulder axial that depends only on the flexion, in the first curl; an error of the "
         "elbow's axis has the same effect",
-        lambda trial: trial.range_in_step("shoulder_axial"),
+        lambda trial: math.degrees(number_or_nan(find_entry(trial.curl, "in_step", "shoulder_axial", "range_rad"))),
     ),
 }
 """Measures that are compared between conditions."""
 
 
-def read_curl_result(study: Study, trial: StudyTrial, run: TrialRun) -> CurlResult:
-    """Read the result of a trial from its run folder."""
+def _read_result(study: Study, trial: StudyTrial, run: TrialRun) -> CurlResult:
     facts, summary = read_event_facts(trial, run, "curl"), read_summary(trial.trial.out, run)
     return CurlResult(trial=trial, run=run, reference=study.reference, summary=summary, curl=facts)
 
 
 def normalise(trials: Sequence[CurlResult]) -> list[CurlResult]:
     """Return the trials with ``normalised`` set: repetitions divided by those in the person's reference condition."""
-    base = {(one.subject, one.number): one.repetitions for one in trials if one.condition == one.reference}
-    known = [base.get((one.subject, one.number), math.nan) for one in trials]
+    base = {(one.subject, one.trial.number): one.repetitions for one in trials if one.condition == one.reference}
+    known = [base.get((one.subject, one.trial.number), math.nan) for one in trials]
     return [
         replace(one, normalised=one.repetitions / repetitions if repetitions > 0 else math.nan)
         for one, repetitions in zip(trials, known, strict=True)
@@ -186,7 +175,7 @@ def comparison_rows(trials: Sequence[CurlResult]) -> Iterator[dict[str, Any]]:
     conditions = sorted(dict.fromkeys(trial.condition for trial in trials), key=lambda name: name != reference)
     for first, second in combinations(conditions, 2):
         for name, measure in MEASURES.items():
-            values = {(one.condition, one.subject, one.number): measure.of(one) for one in trials}
+            values = {(one.condition, one.subject, one.trial.number): measure.of(one) for one in trials}
             people: dict[str, list[float]] = {}
             for (condition, subject, nth), value in values.items():
                 difference = value - values.get((first, subject, nth), np.nan)
@@ -203,13 +192,7 @@ def comparison_rows(trials: Sequence[CurlResult]) -> Iterator[dict[str, Any]]:
 
 
 def _curl(*keys: str) -> Callable[[CurlResult], Any]:
-    """Return a function that reads an entry of the facts about the curls by its keys."""
     return lambda trial: find_entry(trial.curl, *keys)
-
-
-def _measure_floor(angle: str) -> ResultColumn:
-    meaning = f"range of {angle.replace('_', ' ')} that errors alone can cause, mean over the curls"
-    return number(f"floor_{angle}", "deg", meaning, lambda trial: trial.average_compensation(angle, "floor_rad"))
 
 
 _MEASURE = text(
@@ -277,7 +260,7 @@ TABLES = declare_tables(
         whole(
             "number",
             "number of the trial of the person in this condition, from 1",
-            lambda trial: trial.number,
+            lambda trial: trial.trial.number,
             "number",
         ),
         *VERDICT_COLUMNS,
@@ -286,7 +269,15 @@ TABLES = declare_tables(
         number("end", "s", "end of the trial", _curl("end", "time_s"), "end (s)", decimals=1),
         text("end_rule", "rule that determines the end", _curl("end", "rule"), "ended by"),
         *(number(name, one.unit, one.meaning, one.of, one.label) for name, one in MEASURES.items()),
-        *map(_measure_floor, ANGLES),
+        *(
+            number(
+                f"floor_{angle}",
+                "deg",
+                f"range of {angle.replace('_', ' ')} that errors alone can cause, mean over the curls",
+                partial(CurlResult.average_compensation, angle=angle, key="floor_rad"),
+            )
+            for angle in ANGLES
+        ),
         text(
             "why",
             "why the repetitions are unknown or zero; empty otherwise",
@@ -295,12 +286,9 @@ TABLES = declare_tables(
         ),
     ),
 )
-"""Schemas of the tables by name."""
-
-
 STUDY = StudyKind(
     labels=("condition",),
-    read=read_curl_result,
+    read=_read_result,
     tables=TABLES,
     rows={"conditions": condition_rows, "comparisons": comparison_rows},
     page=lambda data, trials: render_curl_page(data, trials[0].reference),

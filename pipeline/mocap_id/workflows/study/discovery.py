@@ -78,11 +78,6 @@ class Pattern:
 
     ``{subject}``, ``{strategy}`` and ``*`` match a part of one name, and ``**/`` matches any number of folders. A
     pattern with an ending (``*.c3d``) fits only this ending; a pattern without an ending fits any recording.
-
-    Raises
-    ------
-    ConfigError
-        The text has neither ``{subject}`` nor ``{strategy}``, has one of them twice, or has another name in braces.
     """
 
     def __init__(self, text: str) -> None:
@@ -115,7 +110,16 @@ class Pattern:
         subject, text = groups.get("subject", ""), groups.get("strategy")
         above = joined[: match.start("subject")] if self._has_subject and self._below_any else ""
         subject = (_NUMBERED.sub("", subject) if self._numbered else subject).strip(" _-.")
-        strategy = UNNAMED if text is None else _clean_strategy(PurePosixPath(text).name, subject)
+        strategy = UNNAMED
+        if text is not None:
+            # The words joined by hyphens, without the person's name and the trial's number.
+            text = PurePosixPath(text).name
+            if text.casefold().startswith(subject.casefold()) and text.casefold() != subject.casefold():
+                text = text[len(subject) :]
+            words = [word.lower() for word in re.findall(r"[^\W\d_]+|\d+", text)]
+            while words and (words[-1].isdigit() or words[-1] in _COUNTERS) and len(words) > 1:
+                words.pop()
+            strategy = "-".join(words)[:40] if words and not words[-1].isdigit() else ""
         if not self._has_subject and strategy in _COUNTERS:
             strategy = UNNAMED  # of names such as trial1
         if bool(subject) != self._has_subject or not strategy:
@@ -126,8 +130,6 @@ class Pattern:
 def find_mixed_people(labels: Mapping[PurePosixPath, PathLabels]) -> dict[str, tuple[str, ...]]:
     """Return the names of people under which the paths name several people, with the latter.
 
-    Examples
-    --------
     >>> find_mixed_people({PurePosixPath(f"a/p{k}/normal.c3d"): PathLabels("a", "normal") for k in (1, 2)})
     {'a': ('p1', 'p2')}
     """
@@ -162,16 +164,6 @@ def choose_pattern(paths: Sequence[PurePosixPath]) -> Pattern:
 
 def _is_strategy(text: str) -> bool:
     return any(_STRATEGY_WORDS.match(word) for word in text.split("-"))
-
-
-def _clean_strategy(text: str, subject: str) -> str:
-    """Return the words of a strategy joined by hyphens, without the person's name and the trial's number."""
-    if text.casefold().startswith(subject.casefold()) and text.casefold() != subject.casefold():
-        text = text[len(subject) :]
-    words = [word.lower() for word in re.findall(r"[^\W\d_]+|\d+", text)]
-    while words and (words[-1].isdigit() or words[-1] in _COUNTERS) and len(words) > 1:
-        words.pop()
-    return "-".join(words)[:40] if words and not words[-1].isdigit() else ""
 
 
 _LANDMARKS = {"EL", "EM", "US", "RS"}
@@ -238,8 +230,6 @@ def _find_arms(labels: Sequence[str]) -> tuple[Side, ...]:
 def find_session(path: PurePosixPath) -> str:
     """Return the session that a path names, such as ``session1``; empty if the path names no session.
 
-    Examples
-    --------
     >>> find_session(PurePosixPath("anna/Visit_02/left.csv"))
     'visit2'
     """
@@ -257,12 +247,12 @@ _NO_TRIAL = re.compile(r"(^|[\W_])(static|cal|calib|calibration|t-?pose|anatomic
 class FoundRecording:
     """One recording with its labels in the study."""
 
-    trial: str  # id of the trial
+    trial: str  # id
     subject: str  # id of the person
     name: str  # name of the person in the folder
-    strategy: str  # strategy of the movement; empty for a reach
+    strategy: str  # empty for a reach
     markers: Path  # file with the markers or the skeleton
-    forces: Path | None  # MOT file with the forces; None if there is none
+    forces: Path | None  # MOT file with the forces
     side: str = ""  # side of a reach
     session: str = ""  # session of a reach; empty if the path does not name one
     skeleton: bool = False  # whether the file contains a skeleton instead of markers
@@ -294,20 +284,8 @@ def discover(
 ) -> Discovery:
     """Return the recordings in a folder and its sub-folders, and the reasons why files were left out.
 
-    Parameters
-    ----------
-    folder : Path
-    pattern : str, optional
-        Text of a :class:`mocap_id.workflows.study.discovery.Pattern`; by default, the common pattern that fits best.
-    keep_names : bool
-        Use the names in the folder as ids, instead of s01, s02 …
-    known : mapping of str to str, optional
-        Existing ids by name; these people keep their ids.
-
-    Raises
-    ------
-    ConfigError
-        There is no such folder, it contains no recording, or no recording fits the pattern.
+    ``pattern`` is the text of a :class:`Pattern`; by default, the common pattern that fits best. With ``keep_names``,
+    the names in the folder are the ids, instead of s01, s02 … People with ids ``known`` by name keep these ids.
     """
     if not folder.is_dir():
         raise ConfigError(
@@ -384,18 +362,13 @@ def discover(
     trials.sort(key=lambda trial: (_sort_key(trial.subject), trial.subject))
     # Ids that may stand for several people.
     advice = "If so, give the position of the names with --pattern, or correct the ids in the file"
-    doubts = [
-        (subject, f"the paths of its recordings contain {', '.join(people)}")
-        for subject, people in find_mixed_people({paths[path]: label for path, label in labels.items()}).items()
-    ]
+    mixed = find_mixed_people({paths[path]: label for path, label in labels.items()})
+    doubts = [(name, f"the paths of its recordings contain {', '.join(people)}") for name, people in mixed.items()]
     above: dict[str, dict[str, None]] = {}
     for label in labels.values():
         above.setdefault(label.subject, {})[label.above] = None
-    doubts += [
-        (subject, f"{subject} is a name in the folders {', '.join(folders)}")
-        for subject, folders in above.items()
-        if len(folders) > 1
-    ]
+    shared = {name: folders for name, folders in above.items() if len(folders) > 1}
+    doubts += [(name, f"{name} is a name in the folders {', '.join(folders)}") for name, folders in shared.items()]
     sentences = tuple(f"{ids[subject]} may stand for several people: {why}. {advice}" for subject, why in doubts)
     return Discovery(chosen.text, tuple(trials), left_out, sentences, () if pattern is not None else COMMON_PATTERNS)
 
@@ -473,10 +446,7 @@ _REACH = ("reach", "{space: 3d, protocol: reach}", "{score: 2}, a clinical score
 def write_draft(found: Discovery, file: Path, *, keep_names: bool = False, force: bool = False) -> list[Path]:
     """Write a study's file and, unless ``keep_names``, the file with names and ids; return the written paths.
 
-    Raises
-    ------
-    StoreError
-        A file exists already and ``force`` is False, or a file cannot be written.
+    StoreError is raised if a file exists already, unless ``force``.
     """
     folder = file.absolute().parent
 
@@ -517,13 +487,7 @@ def write_draft(found: Discovery, file: Path, *, keep_names: bool = False, force
 
 
 def read_known_ids(file: Path) -> dict[str, str]:
-    """Return the ids by name from subjects.csv in the folder of a study's file; empty if there is no subjects.csv.
-
-    Raises
-    ------
-    ConfigError
-        subjects.csv cannot be read, or does not have the columns id and name.
-    """
+    """Return the ids by name from subjects.csv in the folder of a study's file; empty if there is no subjects.csv."""
     subjects = file.parent / SUBJECTS_FILE
     try:
         rows = csv.DictReader(io.StringIO(subjects.read_text("utf-8")))

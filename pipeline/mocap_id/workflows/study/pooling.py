@@ -21,8 +21,7 @@ from mocap_id.reporting.contents import COHORT
 
 T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)
-FEWEST = 4
-"""Smallest number of people for which a correlation is computed."""
+_FEWEST = 4  # smallest number of people for which a correlation is computed
 _MOST_SIGNS, _MOST_ORDERS = 14, 7  # largest numbers of people for which all signs, and all orders, are compared
 _DRAWS = 20_000  # number of random signs or orders for more people
 _SAMPLES, _STEPS = 2000, 81  # samples of a population with one correlation, and number of these correlations
@@ -185,26 +184,15 @@ def sign_flip_p(differences: Sequence[float]) -> float:
 
 
 def correlate_ranks(x: FloatArray, y: FloatArray) -> tuple[IntervalEstimate, float, int]:
-    """Return Spearman's correlation of two variables (N,); pairs with a NaN are left out.
+    """Return Spearman's correlation of ``x`` (N,), which may have ties, with ``y`` (N,); pairs with a NaN are left out.
 
-    The p-value compares all orders of ``y``, or 20,000 random orders for more than seven people. The interval
-    contains the correlations of a normal copula for which the observed value is not in the upper or lower 2.5 % of
-    samples with the ties of ``x``. A bootstrap fails, because each resample of perfectly ordered people is ordered too.
+    Correlation and p-value are NaN for fewer than four people, or if a variable is constant. The last result is the
+    number of people for whom both variables are known.
 
-    Parameters
-    ----------
-    x : (N,) array
-        The variable that may have ties, such as a clinical score.
-    y : (N,) array
-
-    Returns
-    -------
-    estimate : IntervalEstimate
-        Correlation and interval; NaN for fewer than :data:`FEWEST` people, or if a variable is constant.
-    p : float
-        Two-sided p-value of the hypothesis that there is no correlation; NaN as for the estimate.
-    people : int
-        Number of people for whom both variables are known.
+    The two-sided p-value of no correlation compares all orders of ``y``, or 20,000 random orders for more than seven
+    people. The interval contains the correlations of a normal copula for which the observed value is not in the upper
+    or lower 2.5 % of samples with the ties of ``x``. A bootstrap fails, because each resample of perfectly ordered
+    people is ordered too.
 
     Examples
     --------
@@ -215,7 +203,7 @@ def correlate_ranks(x: FloatArray, y: FloatArray) -> tuple[IntervalEstimate, flo
     known = np.isfinite(x) & np.isfinite(y)
     first, second = _rank(x[known]), _rank(y[known])
     n = int(known.sum())
-    if n < FEWEST or np.ptp(first) == 0 or np.ptp(second) == 0:
+    if n < _FEWEST or np.ptp(first) == 0 or np.ptp(second) == 0:
         return IntervalEstimate(), math.nan, n
     value = float(_correlate(first, second[None])[0])
     if n <= _MOST_ORDERS:
@@ -224,7 +212,19 @@ def correlate_ranks(x: FloatArray, y: FloatArray) -> tuple[IntervalEstimate, flo
     else:
         orders = np.random.default_rng(_SEED).permuted(np.tile(second, (_DRAWS, 1)), axis=1)
         p = float((1 + (np.abs(_correlate(first, orders)) >= abs(value)).sum()) / (1 + len(orders)))
-    return IntervalEstimate(value, *_find_interval(first, value)), p, n
+    # The lowest and highest correlation in the population for which the value is plausible at these ranks.
+    rng = np.random.default_rng(_SEED)
+    hidden = np.sort(rng.standard_normal((_SAMPLES, n)), axis=1)[:, np.argsort(np.argsort(first, kind="stable"))]
+    noise = rng.standard_normal((_SAMPLES, n))
+    levels = np.linspace(-1, 1, _STEPS)  # Spearman's correlation in the population
+    above, below = [], []
+    for pearson in 2 * np.sin(np.pi / 6 * levels):
+        sample = pearson * hidden + np.sqrt(max(1 - pearson**2, 0.0)) * noise
+        drawn = _correlate(first, sample.argsort(axis=1).argsort(axis=1).astype(np.float64))
+        above.append(np.mean(drawn >= value))
+        below.append(np.mean(drawn <= value))
+    possible = levels[(np.array(above) > 0.025) & (np.array(below) > 0.025)]
+    return IntervalEstimate(value, float(possible.min()), float(possible.max())), p, n
 
 
 def _rank(values: FloatArray) -> FloatArray:
@@ -244,19 +244,3 @@ def _correlate(x: FloatArray, y: FloatArray) -> FloatArray:
     """Return the correlations (K,) of x (N,) with each row of y (K, N)."""
     x, y = x - x.mean(), y - y.mean(axis=1, keepdims=True)
     return np.asarray(np.clip(y @ x / np.sqrt((x @ x) * (y**2).sum(axis=1)), -1, 1).round(12))
-
-
-def _find_interval(x: FloatArray, value: float) -> tuple[float, float]:
-    """Return the lowest and highest correlation in the population for which ``value`` is plausible at the ranks x."""
-    rng = np.random.default_rng(_SEED)
-    hidden = np.sort(rng.standard_normal((_SAMPLES, len(x))), axis=1)[:, np.argsort(np.argsort(x, kind="stable"))]
-    noise = rng.standard_normal((_SAMPLES, len(x)))
-    levels = np.linspace(-1, 1, _STEPS)  # Spearman's correlation in the population
-    above, below = [], []
-    for pearson in 2 * np.sin(np.pi / 6 * levels):
-        sample = pearson * hidden + np.sqrt(max(1 - pearson**2, 0.0)) * noise
-        drawn = _correlate(x, sample.argsort(axis=1).argsort(axis=1).astype(np.float64))
-        above.append(np.mean(drawn >= value))
-        below.append(np.mean(drawn <= value))
-    possible = levels[(np.array(above) > 0.025) & (np.array(below) > 0.025)]
-    return float(possible.min()), float(possible.max())

@@ -71,11 +71,6 @@ class ReachResult(StudyOutcome):
         mirrored = self.value("mirrored")
         return self.trial.trial.keys.side or "right" if mirrored is None else SIDES[bool(mirrored)]
 
-    @property
-    def why(self) -> str:
-        """Reason why the volume is unknown; empty if the volume is known or the trial failed."""
-        return "" if math.isfinite(MEASURES["volume"].of(self).value) else self.value("workspace", "why") or ""
-
 
 ReachMeasure: TypeAlias = Measure[ReachResult, IntervalEstimate]
 
@@ -85,7 +80,6 @@ def _read_number(trial: ReachResult, *keys: str) -> float:
 
 
 def _volume(*keys: str) -> Callable[[ReachResult], IntervalEstimate]:
-    """Return a function of a trial that returns the volume at ``keys`` of the workspace, with its interval."""
 
     def estimate(trial: ReachResult) -> IntervalEstimate:
         interval = to_numbers(trial.value("workspace", *keys, "interval_m3")) or [math.nan] * 2
@@ -121,8 +115,7 @@ MEASURES: Mapping[str, ReachMeasure] = {
 """Measures that are compared between people, sides and sessions; the thesis uses `volume`."""
 
 
-def read_reach_result(study: Study, trial: StudyTrial, run: TrialRun) -> ReachResult:
-    """Read the result of a trial from its run folder."""
+def _read_result(study: Study, trial: StudyTrial, run: TrialRun) -> ReachResult:
     facts, summary = read_event_facts(trial, run, "reach"), read_summary(trial.trial.out, run)
     return ReachResult(trial=trial, run=run, score=study.subjects[trial.subject].score, summary=summary, reach=facts)
 
@@ -131,14 +124,11 @@ def person_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
     """Yield a row for each person: first people without a score, then people with a score in ascending order."""
     people = group_by(trials, lambda trial: trial.subject)
     volume = MEASURES["volume"]
-
-    def rank(item: tuple[str, list[ReachResult]]) -> float:
-        score = item[1][0].score
-        return -math.inf if score is None else score
-
-    for subject, own in sorted(people.items(), key=rank):
+    scores = {subject: own[0].score for subject, own in people.items()}
+    for subject in sorted(people, key=lambda one: -math.inf if (score := scores[one]) is None else score):
+        own = people[subject]
         with_volume = [trial for trial in own if np.isfinite(volume.of(trial).value)]
-        row = {"subject": subject, "score": own[0].score, "trials": len(with_volume), "of_trials": len(own)}
+        row = {"subject": subject, "score": scores[subject], "trials": len(with_volume), "of_trials": len(own)}
         for name, measure in MEASURES.items():
             row |= average_estimates(_average_side(own, side, measure) for side in SIDES).columns(name)
         yield row | {f"volume_{side}": _average_side(own, side, volume).value for side in SIDES}
@@ -224,14 +214,21 @@ _MEASURE = text(
 )
 
 
-def _level(level: str) -> ResultColumn:
-    """Return the column of whether a level was reached; missing if this is unknown."""
+def _measure_columns(*, per_trial: bool) -> Iterator[ResultColumn]:
+    for name, one in MEASURES.items():
+        yield from estimate_columns(name, one.unit, one.meaning, one.of if per_trial else None, one.label)
 
+
+def _level(level: str) -> ResultColumn:
     def read(trial: ReachResult) -> int | None:
         reached = trial.value("workspace", "heights", "levels", level)
         return None if reached is None else int(reached)
 
     return count(level, f"1: reached the height of {level}; 0: not reached", read)
+
+
+def _explain(trial: ReachResult) -> str:
+    return "" if math.isfinite(MEASURES["volume"].of(trial).value) else trial.value("workspace", "why") or ""
 
 
 TABLES = declare_tables(
@@ -244,11 +241,7 @@ TABLES = declare_tables(
             lambda row: f"{row['trials']} of {row['of_trials']}",
         ),
         whole("of_trials", "number of all trials"),
-        *(
-            column
-            for name, one in MEASURES.items()
-            for column in estimate_columns(name, one.unit, one.meaning, None, one.label)
-        ),
+        *_measure_columns(per_trial=False),
         *(
             number(
                 f"volume_{side}",
@@ -288,21 +281,14 @@ TABLES = declare_tables(
         text("session", "session of the recording", lambda trial: trial.session, "session", missing=UNKNOWN),
         number("score", "1", _SCORE, lambda trial: trial.score),
         *VERDICT_COLUMNS,
-        *(
-            column
-            for name, one in MEASURES.items()
-            for column in estimate_columns(name, one.unit, one.meaning, one.of, one.label)
-        ),
+        *_measure_columns(per_trial=True),
         *map(_level, ("waist", "mouth", "overhead")),
-        text("why", "why the volume is unknown; empty otherwise", lambda trial: trial.why, ""),
+        text("why", "why the volume is unknown; empty otherwise", _explain, ""),
     ),
 )
-"""Schemas of the tables by name."""
-
-
 STUDY = StudyKind(
     labels=("side", "session"),
-    read=read_reach_result,
+    read=_read_result,
     tables=TABLES,
     rows={"people": person_rows, "correlation": correlation_rows, "differences": difference_rows},
     page=make_page,

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -87,13 +87,7 @@ class Truth:
 
     @classmethod
     def read(cls, motion: Path) -> Truth | None:
-        """Read truth.json and truth.npz beside a recording; None if one of them is missing.
-
-        Raises
-        ------
-        RecordingError
-            The files exist but cannot be read.
-        """
+        """Read truth.json and truth.npz beside a recording; None if one of them is missing."""
         file, arrays = motion.parent / "truth.json", motion.parent / "truth.npz"
         if not (file.exists() and arrays.exists()):
             return None
@@ -144,8 +138,7 @@ REFERENCE = "reference"
 """Value of `method` in the rows of the reference parameters."""
 
 
-def list_methods(trial: Trial) -> list[Method]:
-    """Return the methods that can be applied to a trial: all of them, or those without an encoder."""
+def _list_methods(trial: Trial) -> list[Method]:
     return [method for method in METHODS if method is not ENCODER or trial.keys.encoder is not None]
 
 
@@ -157,10 +150,23 @@ def run_all_methods(trial: Trial) -> TrialRun:
     done = run_trial(trial)
     if done.exit_code != 0:
         return done
-    for method in list_methods(trial)[1:]:
+    before = STAGES[: next(k for k, stage in enumerate(STAGES) if stage.name == _STATES_STAGE)]
+    shared = [file for stage in before for file in (*stage.outputs, record_file(stage.name))]
+    for method in _list_methods(trial)[1:]:
         variant = method.apply(trial)
         try:
-            _share_artefacts(trial.out, variant.out)
+            # Link or copy the artefacts of the stages before the joint states into the run folder of the method.
+            with converting_errors(variant.out):
+                for file in shared:
+                    source, copy = trial.out / file, variant.out / file
+                    copy.parent.mkdir(parents=True, exist_ok=True)
+                    if copy.exists() and copy.samefile(source):
+                        continue
+                    copy.unlink(missing_ok=True)
+                    try:
+                        os.link(source, copy)
+                    except OSError:
+                        shutil.copy2(source, copy)
             outcome = runner.run_to(variant, _DYNAMICS_STAGE)
             if outcome.refused is not None:
                 raise outcome.refused
@@ -175,22 +181,6 @@ def run_all_methods(trial: Trial) -> TrialRun:
             seconds=done.seconds + sum(step.seconds or 0.0 for step in outcome.steps),
         )
     return done
-
-
-def _share_artefacts(source: Path, target: Path) -> None:
-    """Link or copy the artefacts of the stages before the joint states into the run folder of a method."""
-    before = STAGES[: next(k for k, stage in enumerate(STAGES) if stage.name == _STATES_STAGE)]
-    with converting_errors(target):
-        for file in (file for stage in before for file in (*stage.outputs, record_file(stage.name))):
-            copy = target / file
-            copy.parent.mkdir(parents=True, exist_ok=True)
-            if copy.exists() and copy.samefile(source / file):
-                continue
-            copy.unlink(missing_ok=True)
-            try:
-                os.link(source / file, copy)
-            except OSError:
-                shutil.copy2(source / file, copy)
 
 
 # The result of one trial with each method.
@@ -256,10 +246,7 @@ def compare_with(name: str, difference: FloatArray, reference: FloatArray) -> di
 
 
 def read_method_result(folder: Folder, truth: Truth | None, *, by_encoder: bool) -> MethodResult:
-    """Read the result of a trial with one method from its run folder.
-
-    If ``by_encoder``, the states come from the encoder, so they cannot be compared with the encoder.
-    """
+    """Read a trial's result; states that are ``by_encoder`` are not compared with the encoder."""
     identified, frame = open_identified_trial(folder.path), RobotFrame.find(folder, truth)
     facts, encoder = identified.facts, folder.table("encoder.parquet")
     time = identified.dynamics["time"].to_numpy(dtype=np.float64)
@@ -372,7 +359,7 @@ def read_robot_result(study: RobotStudy, trial: RobotTrial, run: TrialRun) -> Ro
         reference=reference,
         by_method={
             method.name: read_method_result(Folder(method.apply(config).out), truth, by_encoder=method is ENCODER)
-            for method in (list_methods(config) if run.exit_code == 0 else ())
+            for method in (_list_methods(config) if run.exit_code == 0 else ())
         },
     )
 
@@ -389,7 +376,7 @@ def predict_reference(trial: RobotTrialResult, result: MethodResult) -> tuple[Fl
 
 
 def trial_rows(trials: Sequence[RobotTrialResult]) -> Iterator[dict[str, Any]]:
-    """Yield the rows of the table `trials`; a trial without results has a single row without numbers."""
+    """Yield the rows of the table; a trial without results has a single row without numbers."""
     for trial in trials:
         labels = {
             "trial": trial.name,
@@ -413,28 +400,25 @@ def trial_rows(trials: Sequence[RobotTrialResult]) -> Iterator[dict[str, Any]]:
         for name, result in trial.by_method.items():
             yield labels | {"method": name} | shared | result.row
         through = trial.method_of_reference
-        if through is not None:
-            yield labels | {"method": REFERENCE} | _describe_reference(trial, through)
-
-
-def _describe_reference(trial: RobotTrialResult, result: MethodResult) -> dict[str, Any]:
-    """Return the reference parameters, and the errors of the wrench and torque that they predict for the states."""
-    wrench, torque = predict_reference(trial, result)
-    row: dict[str, Any] = {name: trial.reference[name] for name in PARAMETERS}
-    row |= {f"{name}_reference": trial.reference[name] for name in PARAMETERS}
-    dynamics = result.identified.dynamics
-    fitted = dynamics["in_fit"].to_numpy(dtype=np.bool_)
-    for k, name in enumerate(WRENCH):
-        measured = dynamics[name].to_numpy(dtype=np.float64)[fitted]
-        row |= compare_with(name, wrench[fitted, k] - measured, measured)
-    # The torque is compared with the torque in the encoder's file, at its times.
-    file, encoder = trial.trial.trial.keys.encoder, result.folder.read("encoder.parquet").facts
-    log = None if file is None else recording.read_encoder(file)
-    if log is not None and log.torque is not None and encoder.get("sign") is not None:
-        measured = encoder["sign"] * log.torque
-        model = SampledWrench.of(result.time, torque[:, None])(log.time + encoder["clock_offset_s"])[:, 0]
-        row |= compare_with("torque", model - measured, measured)
-    return row
+        if through is None:
+            continue
+        # The reference parameters, and the errors of the wrench and torque that they predict for the states.
+        wrench, torque = predict_reference(trial, through)
+        row: dict[str, Any] = {name: trial.reference[name] for name in PARAMETERS}
+        row |= {f"{name}_reference": trial.reference[name] for name in PARAMETERS}
+        dynamics = through.identified.dynamics
+        fitted = dynamics["in_fit"].to_numpy(dtype=np.bool_)
+        for k, name in enumerate(WRENCH):
+            measured = dynamics[name].to_numpy(dtype=np.float64)[fitted]
+            row |= compare_with(name, wrench[fitted, k] - measured, measured)
+        # The torque is compared with the torque in the encoder's file, at its times.
+        file, encoder = trial.trial.trial.keys.encoder, through.folder.read("encoder.parquet").facts
+        log = None if file is None else recording.read_encoder(file)
+        if log is not None and log.torque is not None and encoder.get("sign") is not None:
+            measured = encoder["sign"] * log.torque
+            model = SampledWrench.of(through.time, torque[:, None])(log.time + encoder["clock_offset_s"])[:, 0]
+            row |= compare_with("torque", model - measured, measured)
+        yield labels | {"method": REFERENCE} | row
 
 
 _SOURCES = {"this": "this program", "thesis": "thesis"}
@@ -473,16 +457,6 @@ def _series_columns(units: Mapping[str, str], meaning: str) -> list[ResultColumn
     ]
 
 
-def _parameter_columns(name: str) -> tuple[ResultColumn, ...]:
-    unit = PARAMETERS[name]
-    return (
-        number(name, unit, f"base parameter {name} in the robot's own frame"),
-        number(f"{name}_sd", unit, "its standard deviation"),
-        number(f"{name}_reference", unit, "value of the reference"),
-        text(f"{name}_verdict", "known, weak or not identifiable"),
-    )
-
-
 TRIALS = declare_tables(
     trials=(
         text("trial", "name of the trial and of its run folder", head="trial"),
@@ -504,7 +478,16 @@ TRIALS = declare_tables(
         *_series_columns({"marker": "m"}, "distance of the moving markers from their prediction")[:2],
         *_series_columns(STATES, "{} minus the value of the truth or the encoder"),
         number("condition", "1", "condition number of the stacked regressor", head="condition"),
-        *(column for name in PARAMETERS for column in _parameter_columns(name)),
+        *(
+            column
+            for name, unit in PARAMETERS.items()
+            for column in (
+                number(name, unit, f"base parameter {name} in the robot's own frame"),
+                number(f"{name}_sd", unit, "its standard deviation"),
+                number(f"{name}_reference", unit, "value of the reference"),
+                text(f"{name}_verdict", "known, weak or not identifiable"),
+            )
+        ),
         *_series_columns({"torque": "N*m"}, "torque of the model minus the encoder's"),
         *_series_columns(WRENCH, "{} of the model minus the measured"),
         number("clock_offset", "s", "clock offset, plates after cameras"),
@@ -524,7 +507,6 @@ TRIALS = declare_tables(
 
 # The thesis's tables 5.1 to 5.6: each cell averaged over the trials, followed by the values in the thesis.
 
-Kind: TypeAlias = Literal["value", "error"]
 
 _ORDER = ("shoulder", "elbow", "wrist"), ("slow", "fast")
 _UNITS = {"m": ("mm", 1e3), "rad": ("deg", 180 / np.pi), "rad/s": ("deg/s", 180 / np.pi)}
@@ -545,7 +527,7 @@ class ThesisQuantity:
     symbol: str  # heading of the column
     # For a value, the columns are mean and standard deviation over the trials. For an error, they are the mean of the
     # trials' biases and the root mean square of the trials' standard deviations.
-    kind: Kind = "value"
+    kind: Literal["value", "error"] = "value"
     to_si: float = 1.0  # factor from the thesis's unit to SI
     decimals: int | None = None  # number of decimals; None for the usual number of the unit
 
@@ -575,11 +557,6 @@ class ThesisTable:
     methods: Mapping[str, str]  # label in the thesis of each method
     quantities: tuple[ThesisQuantity, ...]  # quantities in the thesis in its order, then additional ones
     by_orientation: bool = False  # whether each orientation has its own row
-
-    @property
-    def columns(self) -> tuple[ResultColumn, ...]:
-        """The columns of the table's file."""
-        return (*_CELL, *(column for one in self.quantities for column in one.columns))
 
 
 def _add_r2(name: str, unit: str, meaning: str, symbol: str) -> tuple[ThesisQuantity, ThesisQuantity]:
@@ -724,14 +701,7 @@ _FRAMES = 60  # number of drawn frames of a marker's path
 _FULL = 0.05  # largest difference of a repetition's extreme angles from the usual ones, divided by the usual range
 
 
-def select_cell(trials: Sequence[RobotTrialResult], joint: str, speed: str) -> list[RobotTrialResult]:
-    """Return the trials with results for a joint and speed, or else for the joint and speed of the first trial."""
-    passed = [trial for trial in trials if trial.by_method]
-    in_cell = [trial for trial in passed if trial.cell == (joint, speed)]
-    return in_cell or [trial for trial in passed if trial.cell == passed[0].cell]
-
-
-def collect_recovery(trial: RobotTrialResult) -> Recovery:
+def _collect_recovery(trial: RobotTrialResult) -> Recovery:
     """Return the data of the figures about skeleton and states of a trial (figures 5.2 and 5.3)."""
     identified = trial.by_method[CAMERAS.name].identified
     planar, skeleton = identified.planar, identified.skeleton
@@ -746,11 +716,11 @@ def collect_recovery(trial: RobotTrialResult) -> Recovery:
         segment=dict(zip(skeleton.markers, skeleton.segment.tolist(), strict=True)),
         local=dict(zip(skeleton.markers, skeleton.local, strict=True)),
         centre=skeleton.centres[0],
-        traces=collect_traces(trial),
+        traces=_collect_traces(trial),
     )
 
 
-def collect_traces(trial: RobotTrialResult) -> StateTraces:
+def _collect_traces(trial: RobotTrialResult) -> StateTraces:
     """Return the joint states over time from the UKF and from differences, in the robot's coordinate frame."""
     first = trial.by_method[CAMERAS.name]
     zero = np.array([first.frame.zero, 0.0, 0.0])
@@ -765,15 +735,17 @@ def collect_traces(trial: RobotTrialResult) -> StateTraces:
 def average_wrench(trials: Sequence[RobotTrialResult]) -> AveragedWrench | None:
     """Return the wrench, averaged over the repetitions of a cell's trials (figures 5.4 and 5.5).
 
-    Only complete repetitions at full amplitude count, without run-in and run-out.
-
-    None if there is no such repetition.
+    Only complete repetitions at full amplitude count, without run-in and run-out; None if there is no such repetition.
     """
+
+    def read_wrench(result: MethodResult, suffix: str) -> FloatArray:
+        return result.identified.dynamics[[f"{name}{suffix}" for name in WRENCH]].to_numpy(dtype=np.float64)
+
     series: dict[str, list[FloatArray]] = {}
     for trial in trials:
         first = trial.by_method[CAMERAS.name]
-        wrenches = {"measured": _read_wrench(first, "")} | {
-            method.thesis: _read_wrench(trial.by_method[method.name], "_model")
+        wrenches = {"measured": read_wrench(first, "")} | {
+            method.thesis: read_wrench(trial.by_method[method.name], "_model")
             for method in (ENCODER, CAMERAS)
             if method.name in trial.by_method
         }
@@ -792,10 +764,6 @@ def average_wrench(trials: Sequence[RobotTrialResult]) -> AveragedWrench | None:
     errors = {name: model - measured[1] for name, model in models}
     cell = " ".join(trials[0].cell).strip()
     return AveragedWrench(cell, len(measured[1]), _PHASE, measured[1], dict(models), errors)
-
-
-def _read_wrench(result: MethodResult, suffix: str) -> FloatArray:
-    return result.identified.dynamics[[f"{name}{suffix}" for name in WRENCH]].to_numpy(dtype=np.float64)
 
 
 def _find_repetitions(result: MethodResult) -> list[tuple[float, float]]:
@@ -825,17 +793,24 @@ def _find_repetitions(result: MethodResult) -> list[tuple[float, float]]:
 
 
 def collect_page_data(data: CohortData, trials: Sequence[RobotTrialResult]) -> RobotStudyData:
-    """Return the data of the page; the figures are about the slow shoulder and the fast elbow, if recorded."""
-    slow, fast = select_cell(trials, "shoulder", "slow"), select_cell(trials, "elbow", "fast")
+    """Return the data of the page.
+
+    The figures are about the slow shoulder and the fast elbow, or else about the joint and speed of the first trial.
+    """
+    passed = [trial for trial in trials if trial.by_method]
+    slow, fast = (
+        [trial for trial in passed if trial.cell == cell] or [trial for trial in passed if trial.cell == passed[0].cell]
+        for cell in (("shoulder", "slow"), ("elbow", "fast"))
+    )
     chosen = {cell[0].name for cell in (slow, fast) if cell}
     return RobotStudyData(
         study=data.study,
         trials=data.trials,
         overview=data.tables["trials"],
         tables={one.title: data.tables[one.name] for one in TABLES},
-        recoveries=tuple(collect_recovery(trial) for trial in trials if trial.name in chosen),
+        recoveries=tuple(_collect_recovery(trial) for trial in trials if trial.name in chosen),
         averaged=average_wrench(fast) if fast else None,
-        traces=collect_traces(fast[0]) if fast else None,
+        traces=_collect_traces(fast[0]) if fast else None,
     )
 
 
@@ -871,7 +846,12 @@ class RobotStudyResult:
 STUDY = StudyKind(
     labels=("joint", "speed", "orientation"),
     read=read_robot_result,
-    tables={"trials": TRIALS, **declare_tables(**{one.name: one.columns for one in TABLES})},
+    tables={
+        "trials": TRIALS,
+        **declare_tables(
+            **{one.name: (*_CELL, *(column for each in one.quantities for column in each.columns)) for one in TABLES}
+        ),
+    },
     rows={one.name: partial(cell_rows, one) for one in TABLES},
     page=lambda data, trials: render_robot_page(collect_page_data(data, trials)),
     prepare=lambda trials: list(trial_rows(trials)),
@@ -886,21 +866,12 @@ def validate_robot(
     tell: TrialCallback = lambda run: None,
     page: Path | None = None,
 ) -> RobotStudyResult:
-    """Run a robot study, write its tables and page, and return the result.
+    """Run a robot study, write its tables and page into ``out``, and return the result.
 
-    Parameters
-    ----------
-    files : sequence of Path, or callable
-        A study's file, or trials' files. A function is called with the folder ``out/trials``, where it simulates a
-        study if it is missing, and returns the study's file.
-    out : Path
-        Folder of the tables and the page. The run folders of the trials are in its sub-folder ``runs``.
-    jobs : int
-        Number of trials that run at the same time.
-    tell : callable, optional
-        Called with the result of each finished trial.
-    page : Path, optional
-        A Markdown page whose tables are replaced. The figures are written to a folder beside this page.
+    ``files`` are a study's file, or trials' files. A function is called with the folder ``out/trials``, where it
+    simulates a study if it is missing, and returns the study's file. The run folders of the trials are in ``out/runs``.
+    ``tell`` is called with the result of each finished trial. ``page`` is a Markdown page whose tables are replaced;
+    the figures are written to a folder beside it.
 
     Raises
     ------
@@ -957,20 +928,16 @@ def validate_robot(
         result.write(out)
         store_owner(out, owner, DOCUMENT)
     if page is not None:
-        _replace_tables(page, before, data)
+        from mocap_id.reporting import paper_figures  # noqa: PLC0415  it loads matplotlib
+
+        # The tables between the marks in the page, and the figures in a folder with the page's name.
+        drawings = draw_robot_figures(data)
+        drawn = [one for one in drawings.all if not one.missing]
+        links = {one.title: f"{page.stem}/{one.name}.svg" for one in drawn}
+        made = paper_figures.make_figure_files(drawings)
+        figures = {links[one.title]: made[f"figures/{one.name}.svg"] for one in drawn}
+        head, rest = before.split(_BEGIN, 1)
+        tail = rest.split(_END, 1)[1]
+        markdown = f"{head}{_BEGIN}\n\n{render_markdown(data, links)}\n{_END}{tail}"
+        write_files(page.parent, {**figures, page.name: markdown.encode()})
     return RobotStudyResult(out, trials, {name: table.frame for name, table in tables.items()}, result.document)
-
-
-def _replace_tables(page: Path, before: str, data: RobotStudyData) -> None:
-    """Write the tables between the marks in the page, and the figures into a folder with the page's name."""
-    from mocap_id.reporting import paper_figures  # noqa: PLC0415  it loads matplotlib
-
-    drawings = draw_robot_figures(data)
-    drawn = [one for one in drawings.all if not one.missing]
-    links = {one.title: f"{page.stem}/{one.name}.svg" for one in drawn}
-    made = paper_figures.make_figure_files(drawings)
-    figures = {links[one.title]: made[f"figures/{one.name}.svg"] for one in drawn}
-    head, rest = before.split(_BEGIN, 1)
-    tail = rest.split(_END, 1)[1]
-    content = f"{head}{_BEGIN}\n\n{render_markdown(data, links)}\n{_END}{tail}"
-    write_files(page.parent, {**figures, page.name: content.encode()})

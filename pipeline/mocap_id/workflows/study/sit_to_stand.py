@@ -117,25 +117,8 @@ class TrialResult(StudyOutcome):
         length, reference = self.length(segment), self.reference.lengths[segment]
         return None if length is None or reference is None else 100 * (length / reference - 1)
 
-    def model_errors(self, model: str) -> dict[str, tuple[float, float, float]]:
-        """Return bias, standard deviation and root mean square of a model's error, by name of each known series.
 
-        Parameters
-        ----------
-        model : {"own", "held_out", "reference"}
-        """
-        names = {OWN: "own", HELD_OUT: "held_out"}
-        bodies = [body for body in self.bodies if names.get(body.name, "reference") == model]
-        return {
-            name: (error.bias, error.sd, math.hypot(error.bias, error.sd))
-            for body in bodies
-            for name, error in body.errors.items()
-            if error is not None
-        }
-
-
-def read_trial_result(study: Study, trial: StudyTrial, run: TrialRun) -> TrialResult:
-    """Read the result of a trial from its run folder."""
+def _read_result(study: Study, trial: StudyTrial, run: TrialRun) -> TrialResult:
     out, passed = trial.trial.out, run.exit_code == 0
     identified = open_identified_trial(out) if passed else None
     settings: Any = trial.trial.settings["identify-dim"]
@@ -186,45 +169,44 @@ def find_length_reference(person: Person, name: TableName) -> LengthReference:
 
 
 def length_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
-    """Return the rows of the table `lengths`: first the rows of all people, then the rows of the cohort."""
-    people = group_by(trials, lambda trial: trial.subject).values()
-    rows = [row for segment in SEGMENTS for own in people for row in _person_lengths(own, segment)]
+    """Return the rows of the table `lengths`: first the rows of all people, then the rows of the cohort.
+
+    Beside the lengths of a person with landmarks, there is a row of the length by stature.
+    """
+    rows = []
+    for segment, (subject, own) in product(SEGMENTS, group_by(trials, lambda trial: trial.subject).items()):
+        person = own[0].reference
+        reference = person.lengths[segment]
+        methods = {FRAMEWORK: [length for trial in own if (length := trial.length(segment)) is not None]}
+        if person.kind == LANDMARKS:
+            by_stature = person.by_stature[segment]
+            methods[STATURE] = [] if by_stature is None else [by_stature]
+        for method, lengths in methods.items():
+            errors = [math.nan] if reference is None else [100 * (length / reference - 1) for length in lengths]
+            why = ""
+            if person.kind == "":
+                why = "neither landmarks_m nor height is given in the study's file"
+            elif reference is None:
+                why = f"landmarks_m does not give the {segment}"
+            elif not lengths:
+                why = "the height is not given" if method == STATURE else f"no trial has a {segment}"
+            row: dict[str, Any] = {
+                "subject": subject,
+                "segment": segment,
+                "reference": person.kind,
+                "method": method,
+                "subjects": int(bool(lengths)),
+                "trials": len(lengths) if method == FRAMEWORK else 0,
+                **named_mean_sd("length", lengths),
+                "reference_length": reference,
+                **named_mean_sd("error", errors),
+                "why": why,
+            }
+            rows.append(row)
     known = [row for row in rows if not row["why"]]
     means = {name: (name, name.replace("mean", "sd")) for name in ("length_mean", "error_mean")}
     means["reference_length"] = ("reference_length", "")
     return [*rows, *pool_people(known, ("segment", "reference", "method"), means)]
-
-
-def _person_lengths(trials: Sequence[TrialResult], segment: str) -> Iterator[dict[str, Any]]:
-    """Yield the row of a person's lengths, and beside landmarks the row of the length by stature."""
-    person = trials[0].reference
-    reference = person.lengths[segment]
-    known = [length for trial in trials if (length := trial.length(segment)) is not None]
-    methods = {FRAMEWORK: known}
-    if person.kind == LANDMARKS:
-        by_stature = person.by_stature[segment]
-        methods[STATURE] = [] if by_stature is None else [by_stature]
-    for method, lengths in methods.items():
-        errors = [math.nan] if reference is None else [100 * (length / reference - 1) for length in lengths]
-        why = ""
-        if person.kind == "":
-            why = "neither landmarks_m nor height is given in the study's file"
-        elif reference is None:
-            why = f"landmarks_m does not give the {segment}"
-        elif not lengths:
-            why = "the height is not given" if method == STATURE else f"no trial has a {segment}"
-        yield {
-            "subject": trials[0].subject,
-            "segment": segment,
-            "reference": person.kind,
-            "method": method,
-            "subjects": int(bool(lengths)),
-            "trials": len(lengths) if method == FRAMEWORK else 0,
-            **named_mean_sd("length", lengths),
-            "reference_length": reference,
-            **named_mean_sd("error", errors),
-            "why": why,
-        }
 
 
 def strategy_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
@@ -315,10 +297,7 @@ def _describe_errors(body: BodyErrors) -> dict[str, Any]:
 
 
 def _pool_predictions(people: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Yield a row for each strategy and model, with the pooled errors of all people.
-
-    The rows are sorted by strategy, then: allometric body, own model, models of other trials by their strategy.
-    """
+    """Yield a row for each strategy, and in it for the allometric body, own model, and models of other strategies."""
     known = [row for row in people if math.isfinite(row.get("Fy_mean", math.nan))]
     actions = list(dict.fromkeys(row["action"] for row in known))
 
@@ -364,44 +343,41 @@ def parameter_rows(trials: Sequence[TrialResult]) -> Iterator[dict[str, Any]]:
 
 
 def variation_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
-    """Return the rows of the table `variation`: first the rows of all people, then the rows of the cohort."""
-    rows = [
-        row
-        for subject, own in group_by(trials, lambda trial: trial.subject).items()
-        for row in _vary(subject, [trial for trial in own if trial.parameters])
-    ]
+    """Return the rows of the table `variation`: first the rows of all people, then the rows of the cohort.
+
+    A person's rows are from the trials whose chains have the most frequent number of segments.
+    """
+    rows = []
+    for subject, every in group_by(trials, lambda trial: trial.subject).items():
+        own = [trial for trial in every if trial.parameters]
+        if not own:
+            continue
+        segments = Counter(trial.segments for trial in own).most_common(1)[0][0]
+        counted = [trial.parameters for trial in own if trial.segments == segments]
+        left_out = len(own) - len(counted)
+        why = f"trials with a different number of segments, which do not count: {left_out}" if left_out else ""
+        for kind, sets in (("base", counted), ("modified", [_modify(one) for one in counted])):
+            for same in zip(*sets, strict=True):
+                row: dict[str, Any] = {
+                    "subject": subject,
+                    "set": kind,
+                    "parameter": same[0].parameter,
+                    "expression": same[0].expression,
+                    "unit": same[0].unit,
+                    "segments": segments,
+                    "subjects": 1,
+                    "trials": len(counted),
+                    "why": why if len(counted) > 1 else "a single trial has no variation",
+                }
+                columns = {"": [one.value for one in same], "reference_": [one.reference for one in same]}
+                for prefix, values in columns.items():
+                    mean, sd = find_mean_sd(values)
+                    cv = sd / abs(mean) if abs(mean) > _ROUNDING else math.nan
+                    row |= {f"{prefix}mean": mean, f"{prefix}sd": sd, f"{prefix}cv": cv}
+                rows.append(row)
     means = {name: (name, f"{name}_sd") for name in ("cv", "reference_cv")}
     keys = ("set", "parameter", "expression", "unit", "segments")
     return [*rows, *pool_people((row for row in rows if row["trials"] > 1), keys, means)]
-
-
-def _vary(subject: str, trials: Sequence[TrialResult]) -> Iterator[dict[str, Any]]:
-    """Yield a person's rows, from the trials whose chains have the most frequent number of segments."""
-    if not trials:
-        return
-    segments = Counter(trial.segments for trial in trials).most_common(1)[0][0]
-    counted = [trial.parameters for trial in trials if trial.segments == segments]
-    left_out = len(trials) - len(counted)
-    why = f"trials with a different number of segments, which do not count: {left_out}" if left_out else ""
-    for kind, sets in (("base", counted), ("modified", [_modify(own) for own in counted])):
-        for same in zip(*sets, strict=True):
-            row: dict[str, Any] = {
-                "subject": subject,
-                "set": kind,
-                "parameter": same[0].parameter,
-                "expression": same[0].expression,
-                "unit": same[0].unit,
-                "segments": segments,
-                "subjects": 1,
-                "trials": len(counted),
-                "why": why if len(counted) > 1 else "a single trial has no variation",
-            }
-            columns = {"": [one.value for one in same], "reference_": [one.reference for one in same]}
-            for prefix, values in columns.items():
-                mean, sd = find_mean_sd(values)
-                cv = sd / abs(mean) if abs(mean) > _ROUNDING else math.nan
-                row |= {f"{prefix}mean": mean, f"{prefix}sd": sd, f"{prefix}cv": cv}
-            yield row
 
 
 def _modify(parameters: Sequence[BaseParameter]) -> list[BaseParameter]:
@@ -453,16 +429,6 @@ def _count_repetitions(trial: TrialResult, *, complete: bool = False) -> int | N
     return None if repetitions is None else sum(bool(one["complete"]) or not complete for one in repetitions)
 
 
-def _show_complete(row: Mapping[str, Any]) -> str:
-    known = to_number(row["repetitions"]) is not None
-    return f"{row['complete']} of {row['repetitions']}" if known else UNKNOWN
-
-
-def _show_five_times(row: Mapping[str, Any]) -> str:
-    seconds, sd = to_number(row["five_times"]), to_number(row["five_times_sd"])
-    return show_fixed(seconds, 2) if seconds is None or sd is None else f"{seconds:.2f} ± {sd:.3f}"
-
-
 def _length_columns(segment: str) -> list[ResultColumn]:
     """Return the columns of a segment's length, its standard deviation, its reference, and the difference."""
     return [
@@ -480,6 +446,11 @@ def _length_columns(segment: str) -> list[ResultColumn]:
 
 def _five_times_columns() -> Iterator[ResultColumn]:
     """Yield the columns of the five-times test, which its result declares."""
+
+    def show_five_times(row: Mapping[str, Any]) -> str:
+        seconds, sd = to_number(row["five_times"]), to_number(row["five_times_sd"])
+        return show_fixed(seconds, 2) if seconds is None or sd is None else f"{seconds:.2f} ± {sd:.3f}"
+
     for name, quantity in list_quantities(FiveTimes):
         if quantity.column:
             value = read_entry("five_times", name)
@@ -487,7 +458,7 @@ def _five_times_columns() -> Iterator[ResultColumn]:
             if quantity.unit:
                 column = number(quantity.column, quantity.unit, quantity.meaning, value)
             if quantity.column == "five_times":
-                column = shown_as(column, "five times (s)", _show_five_times, optional=True)
+                column = shown_as(column, "five times (s)", show_five_times, optional=True)
             yield column
         if quantity.column and quantity.sd and quantity.column_sd:
             sd = read_entry("five_times", quantity.sd)
@@ -496,9 +467,15 @@ def _five_times_columns() -> Iterator[ResultColumn]:
 
 def _model_errors(model: str, meaning: str, head: str) -> Iterator[ResultColumn]:
     """Yield the columns of a model's errors; a page shows the root mean square of the centre of pressure."""
+    names = {OWN: "own", HELD_OUT: "held_out"}
 
     def read_part(name: str, part: int) -> Callable[[TrialResult], float | None]:
-        return lambda trial: trial.model_errors(model).get(name, (None, None, None))[part]
+        def read(trial: TrialResult) -> float | None:
+            bodies = [body for body in trial.bodies if names.get(body.name, "reference") == model]
+            error = next((body.errors[name] for body in bodies if body.errors.get(name) is not None), None)
+            return None if error is None else (error.bias, error.sd, math.hypot(error.bias, error.sd))[part]
+
+        return read
 
     for name, unit in SERIES.items():
         for part, column in enumerate(error_columns(f"{name}_{model}", unit, meaning)):
@@ -530,7 +507,9 @@ TABLES = declare_tables(
         shown_as(
             count("repetitions", "number of repetitions found", _count_repetitions),
             "complete repetitions",
-            _show_complete,
+            lambda row: (
+                UNKNOWN if to_number(row["repetitions"]) is None else f"{row['complete']} of {row['repetitions']}"
+            ),
             optional=True,
         ),
         count(
@@ -669,12 +648,9 @@ TABLES = declare_tables(
         _WHY,
     ),
 )
-"""Schemas of the tables by name."""
-
-
 STUDY = StudyKind(
     labels=("strategy",),
-    read=read_trial_result,
+    read=_read_result,
     tables=TABLES,
     rows={
         "lengths": length_rows,

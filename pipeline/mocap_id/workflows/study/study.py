@@ -1,4 +1,9 @@
-"""``mocap-id study``: run every trial, then write the tables and the page of the cohort unless they are up to date."""
+"""``mocap-id study``: run every trial, then write the tables and the page of the cohort unless they are up to date.
+
+In the plane, all trials of a person have one number of segments. Alone, every trial chooses the number that explains
+its own markers best. Two trials of a person may then differ, and so do the meanings of their joints. The number used
+for both is the one with the smallest sum of the costs.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +11,16 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mocap_id import __version__
 from mocap_id.config import Trial
-from mocap_id.config.study import Study, load_study
-from mocap_id.reporting.contents import COHORT_PAGE
+from mocap_id.config.study import Study, StudyTrial, load_study
+from mocap_id.errors import StoreError
+from mocap_id.reporting.contents import COHORT_PAGE, SUMMARY_FILE
 from mocap_id.reporting.results.columns import ResultTable
 from mocap_id.reporting.results.result import Result
 from mocap_id.stages import STAGES
@@ -22,7 +28,6 @@ from mocap_id.stages.trial_keys import list_sensors
 from mocap_id.store import Folder, TableSchema, dumps, hash_bytes, hash_file
 from mocap_id.store.ownership import Owner, check_owner, hash_texts, store_owner
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trials
-from mocap_id.workflows.study.segment_numbers import run_with_counts
 from mocap_id.workflows.trial_outcome import TrialOutcome
 
 if TYPE_CHECKING:
@@ -36,6 +41,7 @@ _ABOUT = (
     "Each table is a CSV and a Parquet file (units and meanings in the field metadata). A row with the subject "
     "`cohort` is about all people. A missing value is empty in CSV and NaN in Parquet."
 )
+_SEGMENT = "segment"
 
 
 @dataclass(frozen=True)
@@ -86,18 +92,9 @@ def run_study(
     begin: Callable[[int], None] = lambda trials: None,
     tell: TrialCallback = lambda run: None,
 ) -> StudyResult:
-    """Run all trials of a study, write its tables and page, and return the result.
+    """Run all trials of a study, ``jobs`` at the same time, write its tables and page, and return the result.
 
-    Parameters
-    ----------
-    file : Path
-        The study's YAML file.
-    jobs : int
-        Number of trials that run at the same time.
-    begin : callable, optional
-        Called with the number of trials before the first trial runs.
-    tell : callable, optional
-        Called with the result of each finished trial.
+    ``begin`` is called with the number of trials before the first trial runs, and ``tell`` with each finished trial.
 
     Raises
     ------
@@ -108,7 +105,14 @@ def run_study(
         nothing; it is in the tables.
     """
     study = load_study(file)
-    owner = _find_owner(study)
+    # The owner of the tables: the study's name with one of its recordings is enough to know it again.
+    contents = []
+    for one in study.trials:
+        keys = one.trial.keys
+        files = [keys.recording.motion] if keys.recording else [one.file for one in list_sensors(keys.imus).values()]
+        place = [os.path.relpath(file, study.file.parent) for file in files]
+        contents.append(hash_texts([study.name, one.name, *place]))
+    owner = Owner(study.name, study.file, tuple(contents))
     with Folder(study.folder).locked():
         check_owner(study.folder, owner, DOCUMENT)
         begin(len(study.trials))
@@ -122,80 +126,35 @@ def run_study(
         def run(trials: list[Trial]) -> tuple[TrialRun, ...]:
             return run_trials(trials, LocalBackend(jobs), tell_once)
 
-        before = _read_document(study.folder)
+        try:
+            before = dict(json.loads((study.folder / DOCUMENT).read_text("utf-8")))
+        except (OSError, ValueError, TypeError):
+            before = {}  # missing or unreadable
         counts, remarks = dict[str, Any](), list[str]()
         if study.curl or study.reach:  # the segments of an arm have names
             runs = run([one.trial for one in study.trials])
         else:
             known = before.get("segments")
             runs, counts, remarks = run_with_counts(study.trials, known if isinstance(known, dict) else {}, run)
-        key = _hash_content(study, runs)
-        is_current = before.get("key") == key and _is_unchanged(study.folder, before)
+        # A hash of all inputs of tables and page: the trials' reports, the people, and the entries of the file.
+        entries = [
+            [one.name, one.subject, one.strategy, one.session, one.condition, done.exit_code, done.published, done.key]
+            for one, done in zip(study.trials, runs, strict=True)
+        ]
+        people = {name: person.model_dump(mode="json") for name, person in study.subjects.items()}
+        key = hash_bytes(dumps([_VERSION, __version__, study.name, study.reference, entries, people]).encode())
+        try:
+            is_current = before.get("key") == key and all(
+                hash_file(study.folder / file) == content for file, content in before["files"].items()
+            )
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            is_current = False  # a file is missing or unreadable: write it again
         store_owner(study.folder, owner, DOCUMENT)
         if is_current:
             return StudyResult(study, runs, before, reused=True)
         result = _make_result(study, runs, key, counts, remarks)
         result.write(study.folder)
     return StudyResult(study, runs, result.document, reused=False)
-
-
-def _find_owner(study: Study) -> Owner:
-    """Return the owner of the study's tables: its name with one of its recordings is enough to know it again."""
-    contents = []
-    for one in study.trials:
-        keys = one.trial.keys
-        files = (
-            [each.file for each in list_sensors(keys.imus).values()]
-            if keys.recording is None
-            else [keys.recording.motion]
-        )
-        place = [os.path.relpath(file, study.file.parent) for file in files]
-        contents.append(hash_texts([study.name, one.name, *place]))
-    return Owner(study.name, study.file, tuple(contents))
-
-
-def find_same_recordings(study: Study) -> Iterator[tuple[str, str]]:
-    """Yield the names of two finished trials that used the same time window of files with the same content."""
-    first_trials: dict[Any, str] = {}
-    for one in study.trials:
-        origin = Folder(one.trial.out).origin(STAGES[0].name, STAGES[0].outputs)
-        if origin is None:
-            continue
-        hashes = frozenset(each for role, each in origin.inputs.items() if role.startswith("recording"))
-        if hashes:
-            content = (hashes, str(origin.parameters.get("window")))
-            if content in first_trials:
-                yield first_trials[content], one.name
-            first_trials.setdefault(content, one.name)
-
-
-def find_remarks(study: Study, trials: Sequence[TrialOutcome]) -> Iterator[str]:
-    """Yield sentences about trials that may be of another person than their id says.
-
-    Two trials of one id differ in mass or segment length more than one person's trials do, or two trials have the same
-    recording. ``trials`` are the outcomes in the order of the study.
-    """
-    for first, second in find_same_recordings(study):
-        yield f"the trials {first} and {second} have the same recording; one file is probably a copy"
-    for subject in study.subjects:
-        own = [(one.name, trial) for one, trial in zip(study.trials, trials, strict=True) if one.subject == subject]
-        masses = [(float(mass), 0.0, name) for name, trial in own if (mass := trial.value("dynamics", "mass_kg"))]
-        found = [("the mass", "kg", masses, _SAME_MASS)]
-        for segment in dict.fromkeys(segment for _, trial in own for segment in trial.value("lengths_m") or ()):
-            lengths = [(trial.value("lengths_m", segment), name) for name, trial in own]
-            known = [(float(each["value"]), float(each["sd"] or 0.0), name) for each, name in lengths if each]
-            found.append((f"the length of the {segment.replace('_', ' ')}", "m", known, _SAME_LENGTH))
-        for what, unit, values, limit in found:
-            (low, low_sd, first), (high, high_sd, second) = min(values, default=_NONE), max(values, default=_NONE)
-            if high - low > max(limit * (high + low) / 2, _SURE * math.hypot(low_sd, high_sd)):
-                yield (
-                    f"{subject} may be two people: {what} is {low:.3g} {unit} in {first} and {high:.3g} {unit} in "
-                    f"{second}. Check the ids of these trials; the numbers of {subject} are means over both"
-                )
-                break
-
-
-_NONE = (0.0, 0.0, "")
 
 
 def _make_result(
@@ -247,27 +206,182 @@ def _make_result(
     return Result("study", DOCUMENT, content, tables, make_page, hashed=True)
 
 
-def _hash_content(study: Study, runs: Sequence[TrialRun]) -> str:
-    """Return a hash of all inputs of tables and page: the trials' reports, the people, and the entries of the file."""
-    trials = [
-        [one.name, one.subject, one.strategy, one.session, one.condition, run.exit_code, run.published, run.key]
-        for one, run in zip(study.trials, runs, strict=True)
-    ]
-    people = {name: person.model_dump(mode="json") for name, person in study.subjects.items()}
-    return hash_bytes(dumps([_VERSION, __version__, study.name, study.reference, trials, people]).encode())
+def find_same_recordings(study: Study) -> Iterator[tuple[str, str]]:
+    """Yield the names of two finished trials that used the same time window of files with the same content."""
+    first_trials: dict[Any, str] = {}
+    for one in study.trials:
+        origin = Folder(one.trial.out).origin(STAGES[0].name, STAGES[0].outputs)
+        if origin is None:
+            continue
+        hashes = frozenset(each for role, each in origin.inputs.items() if role.startswith("recording"))
+        if hashes:
+            content = (hashes, str(origin.parameters.get("window")))
+            if content in first_trials:
+                yield first_trials[content], one.name
+            first_trials.setdefault(content, one.name)
 
 
-def _read_document(folder: Path) -> Mapping[str, Any]:
-    """Return the content of study.json; empty if it is missing or unreadable."""
-    try:
-        return dict(json.loads((folder / DOCUMENT).read_text("utf-8")))
-    except (OSError, ValueError, TypeError):
-        return {}
+def find_remarks(study: Study, trials: Sequence[TrialOutcome]) -> Iterator[str]:
+    """Yield sentences about trials that may be of another person than their id says.
+
+    Two trials of one id differ in mass or segment length more than one person's trials do, or two trials have the same
+    recording. ``trials`` are the outcomes in the order of the study.
+    """
+    for first, second in find_same_recordings(study):
+        yield f"the trials {first} and {second} have the same recording; one file is probably a copy"
+    none = (0.0, 0.0, "")
+    for subject in study.subjects:
+        own = [(one.name, trial) for one, trial in zip(study.trials, trials, strict=True) if one.subject == subject]
+        masses = [(float(mass), 0.0, name) for name, trial in own if (mass := trial.value("dynamics", "mass_kg"))]
+        found = [("the mass", "kg", masses, _SAME_MASS)]
+        for segment in dict.fromkeys(segment for _, trial in own for segment in trial.value("lengths_m") or ()):
+            lengths = [(trial.value("lengths_m", segment), name) for name, trial in own]
+            known = [(float(each["value"]), float(each["sd"] or 0.0), name) for each, name in lengths if each]
+            found.append((f"the length of the {segment.replace('_', ' ')}", "m", known, _SAME_LENGTH))
+        for what, unit, values, limit in found:
+            (low, low_sd, first), (high, high_sd, second) = min(values, default=none), max(values, default=none)
+            if high - low > max(limit * (high + low) / 2, _SURE * math.hypot(low_sd, high_sd)):
+                yield (
+                    f"{subject} may be two people: {what} is {low:.3g} {unit} in {first} and {high:.3g} {unit} in "
+                    f"{second}. Check the ids of these trials; the numbers of {subject} are means over both"
+                )
+                break
 
 
-def _is_unchanged(folder: Path, document: Mapping[str, Any]) -> bool:
-    """Return whether all files that study.json lists are unchanged."""
-    try:
-        return all(hash_file(folder / file) == content for file, content in document["files"].items())
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return False  # missing or unreadable: write it again
+# One number of segments for all trials of a person.
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a trial alone says about the number of its segments."""
+
+    alone: int  # the number that it chose
+    base: str  # name of its base; a trial in which the foot turns on the floor has another chain
+    costs: Mapping[int, float]  # cost of the best segments, by their number; smaller is better
+    inputs: str  # hash of everything from which this follows
+
+    @classmethod
+    def read(cls, trial: Trial) -> Evidence | None:
+        """Return the evidence of a finished trial; None if it has no segments."""
+        settings: Any = trial.settings[_SEGMENT]
+        try:
+            segments = json.loads((trial.out / SUMMARY_FILE).read_text("utf-8"))["segments"]
+            inputs = _hash_inputs(trial)
+        except (OSError, ValueError, StoreError):
+            return None
+        if segments["count"] is None or not segments["names"]:
+            return None
+        count = int(segments["count"])
+        costs: dict[int, float] = {}
+        for each in segments["hypotheses"] or ():
+            costs[each["segments"]] = min(each["cost"], costs.get(each["segments"], each["cost"]))
+        if count not in costs or settings.count is not None or settings.names is not None:
+            costs = {count: 0.0}  # the user or a turning foot fixes the number, or no other number was compared
+        return cls(count, segments["names"][0], costs, inputs)
+
+
+def _hash_inputs(trial: Trial) -> str:
+    """Return a hash of everything from which the segments of a finished trial follow, except their number."""
+    stage = next(stage for stage in STAGES if stage.name == _SEGMENT)
+    settings = trial.settings[_SEGMENT].model_dump(mode="json", exclude={"count", "count_alone"})
+    origin = Folder(trial.out).origin(STAGES[0].name, STAGES[0].outputs)
+    return hash_bytes(dumps([stage.version, settings, None if origin is None else origin.key]).encode())
+
+
+def _fix_count(trial: Trial, count: int, alone: int) -> Trial:
+    """Return a trial with a number of segments that was chosen together; ``alone`` is the number it has alone."""
+    settings = trial.settings[_SEGMENT].model_copy(update={"count": count, "count_alone": alone})
+    return replace(trial, settings={**trial.settings, _SEGMENT: settings})
+
+
+def run_with_counts(
+    trials: Sequence[StudyTrial],
+    known: Mapping[str, Mapping[str, Any]],
+    run: Callable[[list[Trial]], Sequence[TrialRun]],
+) -> tuple[tuple[TrialRun, ...], dict[str, Any], list[str]]:
+    """Run the trials by ``run``, and those whose number of segments differs from the person's other trials once more.
+
+    ``known`` is the second result of the previous time, from study.json, so that a trial with another number is not run
+    twice each time. Return the runs; for study.json, the number and the evidence of each trial that has not the number
+    that it chose; and remarks.
+    """
+    alone = {one.name: one.trial for one in trials}
+    now = dict(alone)
+    for name, entry in known.items():
+        settings: Any = alone[name].settings[_SEGMENT] if name in alone else None
+        if settings is not None and settings.count is None and settings.names is None:
+            now[name] = _fix_count(alone[name], int(entry["count"]), int(entry["alone"]))
+    runs = dict(zip(now, run(list(now.values())), strict=True))
+
+    def run_again(names: Mapping[str, Trial]) -> None:
+        now.update(names)
+        runs.update(zip(names, run(list(names.values())) if names else (), strict=True))
+
+    fixed = {name for name in now if now[name] is not alone[name]}
+    stale = {n for n in fixed if runs[n].exit_code or _hash_inputs(alone[n]) != known[n]["inputs"]}
+    run_again({name: alone[name] for name in sorted(stale)})
+    found: dict[str, Evidence] = {}
+    for name, trial in alone.items():
+        one = None
+        if name in fixed - stale:
+            entry = known[name]
+            costs = {int(number): float(cost) for number, cost in entry["costs"].items()}
+            one = Evidence(int(entry["alone"]), str(entry["base"]), costs, str(entry["inputs"]))
+        elif runs[name].exit_code == 0:
+            one = Evidence.read(trial)
+        if one is not None:
+            found[name] = one
+    chosen = choose_counts(trials, found)
+    wanted = {name: _fix_count(alone[name], chosen[name], found[name].alone) for name in chosen}
+    wanted |= {name: alone[name] for name in fixed - stale - chosen.keys()}
+    run_again({name: trial for name, trial in wanted.items() if trial.settings != now[name].settings})
+    failed = {name: alone[name] for name in chosen if runs[name].exit_code}
+    run_again(failed)  # as it was: a trial with its own number is better than none
+    chosen = {name: count for name, count in chosen.items() if name not in failed}
+    changed = {name: {"count": count, **asdict(found[name])} for name, count in chosen.items()}
+    return tuple(runs.values()), changed, describe_counts(trials, found, chosen)
+
+
+def choose_counts(trials: Sequence[StudyTrial], found: Mapping[str, Evidence]) -> dict[str, int]:
+    """Return the number of segments, by trial, of the trials that should have another number than alone.
+
+    The number is that of the smallest sum of costs among the numbers that every trial of the person considered. The
+    number stays as it is if there is none.
+    """
+    groups: dict[tuple[str, str], list[str]] = {}
+    for one in trials:
+        if one.name in found:
+            groups.setdefault((one.subject, found[one.name].base), []).append(one.name)
+    chosen: dict[str, int] = {}
+    for names in groups.values():
+        own = [found[name] for name in names]
+        common = set.intersection(*(set(each.costs) for each in own))
+        if len({each.alone for each in own}) == 1 or not common:
+            continue
+        count = min(sorted(common), key=lambda number: sum(each.costs[number] for each in own))
+        chosen |= {name: count for name, each in zip(names, own, strict=True) if each.alone != count}
+    return chosen
+
+
+def describe_counts(
+    trials: Sequence[StudyTrial], found: Mapping[str, Evidence], chosen: Mapping[str, int]
+) -> list[str]:
+    """Return a remark about each person whose trials have, alone, different numbers of segments."""
+    remarks = []
+    for subject in dict.fromkeys(one.subject for one in trials):
+        own = [one.name for one in trials if one.subject == subject and one.name in found]
+        changed = [name for name in own if name in chosen]
+        if changed:
+            listed = ", ".join(f"{name} (alone {found[name].alone})" for name in changed)
+            remarks.append(
+                f"the number of segments of {subject}, {chosen[changed[0]]}, was chosen from all trials together; it "
+                f"changes {listed}"
+            )
+        numbers = {name: chosen.get(name, found[name].alone) for name in own}
+        if len(set(numbers.values())) > 1:
+            listed = ", ".join(f"{name} {number}" for name, number in numbers.items())
+            remarks.append(
+                f"the trials of {subject} have different numbers of segments ({listed}), so their joints do not mean "
+                "the same; give `segment: {count: …}` for all of them"
+            )
+    return remarks

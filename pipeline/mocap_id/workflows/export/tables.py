@@ -1,17 +1,25 @@
-"""CSV tables with units in their headers."""
+"""Tables of a run: CSV with units in the headers, TRC files of the markers, and the file of Kinetics Toolkit."""
 
 from __future__ import annotations
 
+import io
+import json
+import zipfile
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from mocap_id.store import Table
+from mocap_id import __version__
+from mocap_id.arrays import FloatArray
+from mocap_id.recording import format_trc
+from mocap_id.recording.ktk_file import CLASS, POINTS, SERIES
+from mocap_id.store import LongTable, Table
 from mocap_id.store.parquet import expand_columns
 from mocap_id.store.views import IdentifiedDynamics, Skeleton, SpatialSkeleton
-from mocap_id.workflows.export.files import ExportFiles, note_contact
+from mocap_id.workflows.export.files import MEASURED_MARKERS, ExportFiles, make_legal, note_contact
 from mocap_id.workflows.run_folder import RunFolder
 
 _SOURCES = {
@@ -44,10 +52,17 @@ def export_tables(run: RunFolder, out: ExportFiles) -> None:
     """
     tree = run.tree("chain.h5")
     chain = None if tree is None else Skeleton.from_tree(tree)
+    dynamics = run.table("dynamics.parquet")
+    torques = {
+        f"{sd}tau_{j}": f"{joint} torque{words}"
+        for j, joint in enumerate(() if chain is None else chain.joints, start=1)
+        for sd, words in (("", ""), ("sd_", " sd"))
+    }
     tables = {
         "markers": _marker_table(run),
         "states": _state_table(run, chain),
-        "dynamics": _dynamics_table(run, chain),
+        # Without dynamics.parquet, only the measured wrench.
+        "dynamics": _artefact_table(run, "wrench.parquet" if dynamics is None else "dynamics.parquet", torques),
         "skeleton": None if chain is None else _skeleton_table(chain),
         "parameters": parameter_table(run),
         "events": _artefact_table(run, "events.parquet"),
@@ -106,13 +121,13 @@ def _add_unit(name: str, unit: str) -> str:
     return name if unit in ("", "1") else f"{name} ({unit})"
 
 
-def _artefact_table(run: RunFolder, file: str) -> pd.DataFrame | None:
-    """Return an artefact's table with units in its headers; None if the artefact is missing or is no table."""
-    table = run.artefacts.get(file)
-    if not isinstance(table, Table):
+def _artefact_table(run: RunFolder, file: str, names: Mapping[str, str] | None = None) -> pd.DataFrame | None:
+    """Return an artefact's table with units in its headers, and other ``names`` of columns; None if it is missing."""
+    table = run.table(file)
+    if table is None:
         return None
-    units = _read_units(table)
-    return table.frame.rename(columns=lambda name: _add_unit(str(name), units.get(str(name), "")))
+    units, heads = _read_units(table), names or {}
+    return table.frame.rename(columns=lambda one: _add_unit(heads.get(str(one), str(one)), units.get(str(one), "")))
 
 
 def _read_units(table: Table) -> dict[str, str]:
@@ -130,25 +145,14 @@ def _marker_table(run: RunFolder) -> pd.DataFrame | None:
 
 
 def _state_table(run: RunFolder, chain: Skeleton | None) -> pd.DataFrame | None:
-    table = run.artefacts.get("states.parquet")
-    if not isinstance(table, Table) or chain is None:
+    table = run.table("states.parquet")
+    if table is None or chain is None:
         return None
     units, columns = _read_units(table), {"time (s)": table["time"]}
     for j, joint in enumerate(chain.joints, start=1):
         for symbol, word in _STATES.items():
             columns[_add_unit(f"{joint} {word}", units[f"{symbol}_{j}"])] = table[f"{symbol}_{j}"]
     return pd.DataFrame(columns)
-
-
-def _dynamics_table(run: RunFolder, chain: Skeleton | None) -> pd.DataFrame | None:
-    """Return wrenches and torques with the joints' names; without dynamics.parquet, only the measured wrench."""
-    table = _artefact_table(run, "dynamics.parquet")
-    if table is None:
-        return _artefact_table(run, "wrench.parquet")
-    for j, joint in enumerate(() if chain is None else chain.joints, start=1):
-        names = {f"tau_{j} (N*m)": f"{joint} torque (N*m)", f"sd_tau_{j} (N*m)": f"{joint} torque sd (N*m)"}
-        table = table.rename(columns=names)
-    return table
 
 
 def _skeleton_table(chain: Skeleton) -> pd.DataFrame:
@@ -207,3 +211,105 @@ def _landmark_table(skeleton: SpatialSkeleton) -> pd.DataFrame:
             "sd (m)": skeleton.landmark_sd,
         }
     )
+
+
+# Measured markers and the markers that the chain predicts: TRC files, and the file of Kinetics Toolkit.
+
+_KTK_TABLES = {
+    "States": "states.parquet",
+    "Angles": "angles.parquet",
+    "Dynamics": "dynamics.parquet",
+    "Wrench": "wrench.parquet",
+}
+_DATE = (1980, 1, 1, 0, 0, 0)  # date of every file in the archive, so that the same run always gives the same bytes
+
+
+def rename_markers(run: RunFolder) -> dict[str, str]:
+    """Return the name in OpenSim of each marker that the run uses, by its label."""
+    planar = run.long("planar.parquet")
+    return {} if planar is None else make_legal(sorted(planar.labels))
+
+
+def measure_depths(run: RunFolder) -> dict[str, float]:
+    """Return the median distance of each marker from the plane, m, by its label; 0 if the marker is never visible."""
+    planar = run.long("planar.parquet")
+    if planar is None:
+        return {}
+    visible = [values[np.isfinite(values)] for values in planar.values["z"].T]
+    return {label: float(np.median(z)) if len(z) else 0.0 for label, z in zip(planar.labels, visible, strict=True)}
+
+
+def _read_predicted_markers(run: RunFolder) -> LongTable | None:
+    """Return the markers that the chain predicts, in the plane at their median distance from it; None without them."""
+    predicted = run.long("markers.parquet")
+    if predicted is None or run.in_space:
+        return predicted
+    depths = measure_depths(run)
+    z = np.tile([depths[label] for label in predicted.labels], (len(predicted.frames), 1))
+    return replace(predicted, values={**predicted.values, "z": z})
+
+
+def export_markers(run: RunFolder, out: ExportFiles) -> None:
+    """Add ``<trial>.trc`` with the measured markers, and ``<trial>_model.trc`` with the predicted markers.
+
+    In the plane, x is along the motion, y up, and z out of the plane, as in OpenSim. In space, the axes are those of
+    the trial, with y up. The cells of a measured marker are empty where it was not visible.
+    """
+    planar, predicted = run.long("planar.parquet"), _read_predicted_markers(run)
+    if planar is None:
+        out.note(f"trc: no markers: {run.why_missing('planar.parquet')}")
+        return
+    names, rate = rename_markers(run), float(run.facts("planar.parquet")["rate_hz"])
+    changed = [f"{old} → {new}" for old, new in names.items() if old != new]
+    if changed:
+        out.note(f"names that OpenSim does not accept were changed: {', '.join(changed)}")
+    if run.facts("planar.parquet").get("side") == "left":
+        out.note("the arm is a left arm, mirrored as in the run: z points to the left")
+    if predicted is None:
+        out.note(f"trc: no modelled markers: {run.why_missing('markers.parquet')}")
+    for table, file in ((planar, run.name + MEASURED_MARKERS), (predicted, f"{run.name}_model.trc")):
+        if table is not None:
+            points: FloatArray = np.stack([table.values[axis] for axis in "xyz"], axis=2)
+            points = np.where(np.isfinite(points).all(axis=2, keepdims=True), points, np.nan)
+            labels = [names[label] for label in table.labels]
+            text = format_trc(file, labels, points, time=table.time, frames=table.frames, rate=rate)
+            out.files[file] = text.encode()
+
+
+def export_kinetics_toolkit(run: RunFolder, out: ExportFiles) -> None:
+    """Add ``<trial>.ktk.zip``, which ``ktk.load`` reads as a dictionary of TimeSeries.
+
+    ``Points`` and ``ModelPoints`` are the measured and the predicted markers, m, in the plane frame, or for a trial in
+    space in the frame of the trial (y up). ``States``, ``Angles``, ``Dynamics`` and ``Wrench`` contain the columns of
+    the artefacts with these names.
+    """
+    content: dict[str, Any] = {}
+    for name, points in ((POINTS, run.long("planar.parquet")), ("ModelPoints", _read_predicted_markers(run))):
+        if points is not None and len(points.labels):
+            # Points (T, 4), whose last column is 1.
+            positions = [*(points.values[axis] for axis in "xyz"), np.ones(points.values["x"].shape)]
+            stacked = np.stack(positions, axis=2)
+            data = {str(label): stacked[:, k].tolist() for k, label in enumerate(points.labels)}
+            content[name] = _format_series(points.time, data, dict.fromkeys(data, "m"))
+    for name, file in _KTK_TABLES.items():
+        table = run.table(file)
+        if table is not None and table.length and table.names != ["time"]:
+            units = {column.name: column.unit for column in expand_columns(table.schema, table.names)}
+            known = [one for one in table.names if one != "time" and table[one].dtype.kind in "fiub"]
+            data = {one: table[one].astype(np.float64).tolist() for one in known}
+            content[name] = _format_series(table["time"], data, {one: units[one] for one in data if units.get(one)})
+    if not content:
+        out.note(f"ktk: nothing to write: {run.why_missing('planar.parquet')}")
+        return
+    out.note(*(f"ktk: no {name}: {run.why_missing(file)}" for name, file in _KTK_TABLES.items() if name not in content))
+    about = {"Software": "mocap-id", "Version": __version__, "FileFormat": 1.0}
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, value in (("metadata.json", about), ("data.json", content)):
+            archive.writestr(zipfile.ZipInfo(name, _DATE), json.dumps(value), zipfile.ZIP_DEFLATED)
+    out.files[f"{run.name}.ktk.zip"] = made.getvalue()
+
+
+def _format_series(time: FloatArray, data: Mapping[str, Any], units: Mapping[str, str]) -> dict[str, Any]:
+    info = {"Time": {"Unit": "s"}, **{name: {"Unit": unit} for name, unit in units.items()}}
+    return {CLASS: SERIES, "time": time.tolist(), "info": info, "data": data, "events": []}
