@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.recording.plate_types import PlateSignals
+from mocap_id.recording.lab_plates import PlateSignals
 
 RATE = 100.0
 LABELS = ("B1", "B2", "B3", "B4", "L1", "L2", "L3", "L4")

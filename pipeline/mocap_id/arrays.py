@@ -53,11 +53,6 @@ def interpolate_gaps(series: FloatArray) -> FloatArray:
     return filled
 
 
-def is_time_axis(time: FloatArray) -> bool:
-    """Return whether ``time`` (K,) contains at least two times, all finite and strictly increasing."""
-    return len(time) > 1 and bool(np.isfinite(time).all()) and bool((np.diff(time) > 0).all())
-
-
 def as_complex(points: FloatArray) -> ComplexArray:
     """Return points (x, y) of shape (..., 2) as complex numbers x + iy of shape (...)."""
     return np.ascontiguousarray(points, dtype=np.float64).view(np.complex128)[..., 0]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.recording.plate_types import PlateSignals
+from mocap_id.recording.lab_plates import PlateSignals
 from mocap_id_simulation.bodies import MarkerSet
 from mocap_id_simulation.motion import smoothstep
 from mocap_id_simulation.options import FaultOptions

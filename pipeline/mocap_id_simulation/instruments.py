@@ -18,7 +18,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.geometry import so3
 from mocap_id.recording.imu_log import ImuLog, format_imu_csv
-from mocap_id.recording.plate_types import PlateSignals
+from mocap_id.recording.lab_plates import PlateSignals
 from mocap_id_simulation.bodies import GRAVITY, MIDDLE
 from mocap_id_simulation.motion import draw_direction
 from mocap_id_simulation.options import Sense

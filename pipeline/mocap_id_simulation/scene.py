@@ -12,7 +12,7 @@ from mocap_id.anatomy.skin_motion import draw_centred_skin_motion
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import PlaneFrame, planar
-from mocap_id.recording.plate_types import PlateSignals
+from mocap_id.recording.lab_plates import PlateSignals
 from mocap_id_simulation.bodies import (
     AMPLITUDE,
     FREQUENCY,

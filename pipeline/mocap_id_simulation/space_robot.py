@@ -22,7 +22,7 @@ from mocap_id.dynamics.space.preparation import (
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import PlaneFrame, se3, so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
-from mocap_id.recording.plate_types import PlateSignals
+from mocap_id.recording.lab_plates import PlateSignals
 from mocap_id_simulation.bodies import GRAVITY
 from mocap_id_simulation.instruments import FORCE_BIAS, MOMENT_BIAS, SIZE, draw_plate, measure_load
 from mocap_id_simulation.motion import STEP, JointMotion, draw_direction, motion_through, smoothstep

@@ -14,7 +14,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, StoreError
-from mocap_id.recording.plate_types import PlateSignals
+from mocap_id.recording.lab_plates import PlateSignals
 from mocap_id.recording.writer import write_c3d
 from mocap_id.store.atomic import converting_errors, write_files
 from mocap_id_simulation.bodies import GRAVITY

@@ -16,7 +16,7 @@ from mocap_id.config import load
 from mocap_id.errors import StoreError
 from mocap_id.geometry import Chain, Revolute, se3
 from mocap_id.store import Folder, Tree
-from mocap_id.store.hdf5 import encode
+from mocap_id.store.hdf5 import encode_tree
 from mocap_id_assist.workspace import (
     JointLimits,
     PlanarArm,
@@ -207,7 +207,7 @@ def test_artefacts_of_two_runs_in_one_folder_are_refused(reaching_arm: Path, tmp
     joints = dict(chain.data["joints"])
     other = replace(chain, data={**chain.data, "joints": joints | {"centre": 1.1 * np.asarray(joints["centre"])}})
     origin = replace(folder.provenance("chain.h5").origin, key="of another run")
-    (mixed / "chain.h5").write_bytes(encode(other, origin))
+    (mixed / "chain.h5").write_bytes(encode_tree(other, origin))
     with pytest.raises(StoreError, match=r"chain.h5 is damaged or was edited"):
         read_arm(mixed)
     shutil.rmtree(mixed / ".mocap-id")  # the files alone still tell what they were made from

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mocap_id.recording.plate_types import PlateSignals
+from mocap_id.recording.lab_plates import PlateSignals
 from mocap_id.recording.writer import write_c3d, write_trc
 from mocap_id.runner import RUN_LOG
 from swinging_link import LABELS, RATE

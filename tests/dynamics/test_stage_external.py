@@ -48,7 +48,7 @@ def run(made: Context) -> tuple[pd.DataFrame, Tree]:
     _, table, tree, _ = STAGE.function(made)
     assert isinstance(table, Table)
     assert isinstance(tree, Tree)
-    parquet.conform(table), hdf5.conform(tree)
+    parquet.conform_table(table), hdf5.conform_tree(tree)
     return table.frame, tree
 
 

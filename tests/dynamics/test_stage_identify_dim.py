@@ -72,7 +72,9 @@ def context(
 
 def run(recorded: TrialData, **changes: Any) -> tuple[Table, Table, Tree]:
     events, table, tree, averages = STAGE.function(context(recorded, **changes))
-    parquet.conform(events), parquet.conform(table), hdf5.conform(tree), parquet.conform(averages)
+    for one in (events, table, averages):
+        parquet.conform_table(one)
+    hdf5.conform_tree(tree)
     assert tuple(each.schema.file for each in (events, table, tree, averages)) == STAGE.outputs
     assert len(table.frame) == len(recorded.time)
     return events, table, tree

@@ -119,7 +119,9 @@ def run(size: float = 0.03, hide: Any = None, **changes: Any) -> Ran:
         for name, gone in (("x", np.nan), ("y", np.nan), ("angle", np.nan), ("markers", 0)):
             poses[f"{name}_{body + 1}"][samples] = gone
     events, table, tree, averages = STAGE.function(made(recorded, poses, **changes))
-    parquet.conform(events), parquet.conform(table), hdf5.conform(tree), parquet.conform(averages)
+    for one in (events, table, averages):
+        parquet.conform_table(one)
+    hdf5.conform_tree(tree)
     return Ran(motion, recorded, table, tree)
 
 
@@ -408,7 +410,7 @@ def test_pelvis_and_trunk_count_as_two_or_as_one(monkeypatch: pytest.MonkeyPatch
     }
     inputs = {**plain.inputs, "chain.h5": Tree(CHAIN, chain), "poses.parquet": poses}
     _, table, tree, _ = STAGE.function(Context(plain.trial, plain.settings, inputs))
-    hdf5.conform(tree)
+    hdf5.conform_tree(tree)
     motion_facts = tree.facts["motion"]
     assert motion_facts["used"] in ([0, 1, 2, 5, 6], [0, 1, 2, 3, 4, 6])
     merged = motion_facts["used"] == [0, 1, 2, 5, 6]

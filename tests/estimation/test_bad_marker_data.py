@@ -17,7 +17,7 @@ from mocap_id.estimation.lasting_errors import (
     estimate_camera_sd,
 )
 from mocap_id.stages.ukf_smooth.plane import estimate_lasting_errors, estimate_skin
-from mocap_id.store.parquet import conform
+from mocap_id.store.parquet import conform_table
 
 FLOOR = 5e-5
 
@@ -65,8 +65,8 @@ def test_a_first_frame_without_markers_is_filled_from_the_next() -> None:
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
     inputs = {"planar.parquet": planar(moving, markers), "chain.h5": chain(moving), "segments.parquet": NO_SEGMENTS}
     states, predicted, *_ = STAGE.function(Context(trial, STAGE.settings(), inputs))
-    conform(states)
-    conform(predicted)
+    conform_table(states)
+    conform_table(predicted)
     assert not states.reasons
     assert states.frame["observed_2"].to_numpy().nonzero()[0].tolist() == list(range(1, 300))
     np.testing.assert_allclose(states.frame["theta_2"][0], moving.truth[0, 1, 0], atol=0.01)

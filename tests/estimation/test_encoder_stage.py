@@ -16,7 +16,7 @@ from mocap_id.stages.base import Context
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
 from mocap_id.store import Table, Tree
-from mocap_id.store.parquet import conform
+from mocap_id.store.parquet import conform_table
 from mocap_id.store.schemas import CHAIN, SEGMENTS
 
 RATE, SECONDS, OFFSET, ZERO = 100.0, 8.0, 0.0123, 0.2
@@ -79,8 +79,8 @@ def run(moving: Moving, encoder: Path | None, **settings: Any) -> tuple[Table, T
     }
     states, _, _, beside, _, _ = STAGE.function(Context(trial, STAGE.settings(**settings), inputs))
     assert isinstance(states, Table) and isinstance(beside, Table)
-    conform(states)
-    conform(beside)
+    conform_table(states)
+    conform_table(beside)
     return states, beside
 
 

@@ -15,7 +15,7 @@ from mocap_id.stages.base import Context
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
 from mocap_id.store import Table, Tree, schemas
-from mocap_id.store.parquet import conform
+from mocap_id.store.parquet import conform_table
 from mocap_id.store.schemas import CHAIN
 
 SEGMENTS = ["foot", "shank", "thigh", "pelvis", "trunk"]
@@ -77,7 +77,7 @@ def run(
     outputs = STAGE.function(Context(trial, STAGE.settings(), inputs))
     states, poses = outputs[0], outputs[4]
     assert isinstance(states, Table) and isinstance(poses, Table)
-    conform(poses)
+    conform_table(poses)
     return states, poses
 
 

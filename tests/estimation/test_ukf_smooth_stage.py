@@ -16,7 +16,7 @@ from mocap_id.stages.base import Context
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
 from mocap_id.store import LongTable, Table, Tree
-from mocap_id.store.parquet import conform
+from mocap_id.store.parquet import conform_table
 from mocap_id.store.schemas import CHAIN, SEGMENTS
 
 FRAMES, STILL = 300, 2
@@ -81,8 +81,8 @@ def run(moving: Moving, table: Table, **settings: Any) -> tuple[Table, LongTable
 
 def test_tables_match_their_schemas(moving: Moving) -> None:
     states, markers = run(moving, planar(moving, moving.markers))
-    conform(states)
-    conform(markers)
+    conform_table(states)
+    conform_table(markers)
     assert len(states.frame) == FRAMES
     assert len(markers.frame) == FRAMES * (len(moving.segment) + STILL)
     for j in (1, 2):
@@ -129,7 +129,7 @@ def test_a_joint_that_is_lost_is_named_with_its_time(moving: Moving) -> None:
     assert reason.value == pytest.approx(missing.sum() / moving.rate, rel=0.01)
     assert missing[150:200].all()
     assert not states.frame["theta_1"].isna().any()
-    conform(predicted)
+    conform_table(predicted)
 
 
 def test_a_segment_whose_markers_are_wrong_is_named_with_its_times(moving: Moving) -> None:
@@ -145,7 +145,7 @@ def test_a_segment_whose_markers_are_wrong_is_named_with_its_times(moving: Movin
     assert not frame["observed_2"][100:130].any()
     assert frame["observed_1"].all()
     assert frame["observed_2"].drop(range(100, 130)).all()
-    conform(predicted)
+    conform_table(predicted)
 
 
 def test_few_frames_with_wrong_markers_are_not_reported(moving: Moving) -> None:
@@ -177,8 +177,8 @@ def test_time_stamps_rounded_to_milliseconds_are_uniform_enough(moving: Moving) 
 @pytest.mark.parametrize("method", ["two-filter", "butterworth", "spline"])
 def test_another_method_is_reported_as_for_comparison(moving: Moving, method: str) -> None:
     states, markers = run(moving, planar(moving, moving.markers), method=method)
-    conform(states)
-    conform(markers)
+    conform_table(states)
+    conform_table(markers)
     (reason,) = states.reasons
     assert (reason.code, reason.level) == ("states-method", "caution")
     assert f"`{method}`" in reason.message

@@ -17,7 +17,7 @@ import pytest
 
 from mocap_id.config import load
 from mocap_id.recording import write_c3d
-from mocap_id.recording.plate_types import PlateSignals
+from mocap_id.recording.lab_plates import PlateSignals
 from mocap_id.runner import run
 from mocap_id.workflows.export import FORMATS, Export, export_run
 

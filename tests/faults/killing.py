@@ -52,7 +52,7 @@ def contents(out: Path) -> dict[str, str]:
 def encoded(artefact: Artefact) -> bytes:
     """Return an artefact's bytes with a fixed computation time."""
     origin = Origin("any", 1, {}, {}, "", 0.0)
-    return hdf5.encode(artefact, origin) if isinstance(artefact, Tree) else parquet.encode(artefact, origin)
+    return hdf5.encode_tree(artefact, origin) if isinstance(artefact, Tree) else parquet.encode_table(artefact, origin)
 
 
 class Killing:

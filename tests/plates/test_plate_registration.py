@@ -19,8 +19,7 @@ from mocap_id.plates.choice import choose_plates
 from mocap_id.plates.direction import compare_directions
 from mocap_id.plates.placement import compare_with_feet, find_standing_feet, measure_lean, measure_outside
 from mocap_id.recording import Plate, PlateSamples, Recording
-from mocap_id.recording.lab_plates import compute_centre_of_pressure
-from mocap_id.recording.plate_types import compute_plate_axes
+from mocap_id.recording.lab_plates import compute_centre_of_pressure, compute_plate_axes
 from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.stages.planarise.plate_registration import PlateCheck, check_registration

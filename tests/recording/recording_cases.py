@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.recording.plate_types import PlateSignals, compute_plate_axes
+from mocap_id.recording.lab_plates import PlateSignals, compute_plate_axes
 
 CORNERS = np.array([[0.232, -0.254, 0.0], [-0.232, -0.254, 0.0], [-0.232, 0.254, 0.0], [0.232, 0.254, 0.0]])
 """Corners of a plate at the lab's origin with z down, m."""

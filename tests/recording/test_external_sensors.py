@@ -40,7 +40,7 @@ def run(markers: Path, *sensors: dict[str, Any], forces: Path | None = None) -> 
     planar, wrench = STAGE.function(Context(trial, PlanariseSettings(), {}))
     assert isinstance(planar, LongTable)
     assert isinstance(wrench, Table)
-    parquet.conform(wrench)
+    parquet.conform_table(wrench)
     return planar, wrench
 
 

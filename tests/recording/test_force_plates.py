@@ -10,8 +10,7 @@ import pytest
 from recording_cases import CORNERS, ORIGIN, body, build_c3d, plate_parameters, save, signals, standing_wrench
 
 from mocap_id import recording
-from mocap_id.recording.lab_plates import compute_centre_of_pressure
-from mocap_id.recording.plate_types import compute_plate_axes
+from mocap_id.recording.lab_plates import compute_centre_of_pressure, compute_plate_axes
 
 FRAMES, PER_FRAME = 30, 5
 FORCE, MOMENT = standing_wrench(FRAMES * PER_FRAME, CORNERS)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mocap_id.recording.labels import name_markers
+from mocap_id.recording.markers import name_markers
 
 OUTPUTS = (
     *("LKneeAngles", "RGroundReactionForce", "LHipMoment", "RAnklePower", "LNormalisedGRF"),

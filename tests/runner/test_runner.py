@@ -408,7 +408,7 @@ def test_outputs_in_memory_equal_those_in_the_files(bench: Bench) -> None:
 def test_a_large_output_leaves_memory_until_a_later_stage_reads_its_file(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mocap_id.runner.dependencies._LARGE", 0)
+    monkeypatch.setattr("mocap_id.runner.execution._LARGE", 0)
     store, writes, computed = Folder.store, threading.Event(), threading.Event()
     folders: list[Folder] = []
     seen: list[float] = []

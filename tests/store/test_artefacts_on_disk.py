@@ -105,7 +105,7 @@ def test_groups_of_columns_are_there_as_a_whole_or_not_at_all(tmp_path: Path) ->
 def test_half_a_group_is_refused(missing: str) -> None:
     names = [f"{name}_{of}" for of in ("seat", "external_1") for name in ("Fx", "Fy", "tauz")]
     with pytest.raises(ValueError, match=f"missing columns .*{missing}"):
-        parquet.conform(wrench(**{name: np.zeros(4) for name in names if name != missing}))
+        parquet.conform_table(wrench(**{name: np.zeros(4) for name in names if name != missing}))
 
 
 def test_a_tree_is_read_as_it_was_written(tmp_path: Path) -> None:
@@ -193,9 +193,9 @@ def test_a_long_table_is_the_table_with_all_its_labels(rows: int, monkeypatch: p
     )
     monkeypatch.setattr(parquet, "_ROWS", rows)
     pd.testing.assert_frame_equal(one.frame, frame)
-    read = parquet.decode(parquet.encode(one, ORIGIN), MARKERS)[0]
+    read = parquet.decode_table(parquet.encode_table(one, ORIGIN), MARKERS)[0]
     pd.testing.assert_frame_equal(read.frame, frame)
-    plain = parquet.decode(parquet.encode(Table.from_frame(MARKERS, frame), ORIGIN), MARKERS)[0]
+    plain = parquet.decode_table(parquet.encode_table(Table.from_frame(MARKERS, frame), ORIGIN), MARKERS)[0]
     for found in (read, plain):
         assert isinstance(found, LongTable)
         assert found.labels == one.labels
@@ -216,12 +216,12 @@ def test_a_long_table_has_the_same_markers_in_every_frame(spoil: str) -> None:
         case "twice":
             frame.loc[7, "frame"] = 91
     with pytest.raises(ValueError, match="the same markers in every frame"):
-        parquet.decode(parquet.encode(Table.from_frame(MARKERS, frame), ORIGIN), MARKERS)
+        parquet.decode_table(parquet.encode_table(Table.from_frame(MARKERS, frame), ORIGIN), MARKERS)
 
 
 @pytest.mark.parametrize("empty", [long(0), long(3, ())], ids=["no frame", "no marker"])
 def test_a_long_table_of_nothing(empty: LongTable) -> None:
-    found = parquet.decode(parquet.encode(empty, ORIGIN), MARKERS)[0].frame
+    found = parquet.decode_table(parquet.encode_table(empty, ORIGIN), MARKERS)[0].frame
     assert len(found) == 0
     assert found.columns.tolist() == [column.name for column in MARKERS.columns]
 
@@ -229,7 +229,7 @@ def test_a_long_table_of_nothing(empty: LongTable) -> None:
 def test_a_long_table_must_match_its_schema() -> None:
     one = long()
     with pytest.raises(ValueError, match="residual"):
-        parquet.conform(replace(one, values={name: one.values[name] for name in ("x", "y")}))
+        parquet.conform_table(replace(one, values={name: one.values[name] for name in ("x", "y")}))
 
 
 def test_every_schema_can_be_written_empty(tmp_path: Path) -> None:
@@ -271,13 +271,13 @@ def test_a_table_that_breaks_its_schema_is_not_written(change, complaint: str, t
 def test_a_repeated_column_alone_is_not_enough() -> None:
     table = states(1)
     with pytest.raises(ValueError, match="sd_theta_1"):
-        parquet.conform(Table.from_frame(STATES, table.frame.drop(columns="sd_theta_1")))
+        parquet.conform_table(Table.from_frame(STATES, table.frame.drop(columns="sd_theta_1")))
 
 
 def test_plates_may_have_any_number() -> None:
     columns = {column.name: np.zeros(2, bool if column.dtype == "bool" else float) for column in WRENCH.columns}
     columns |= {"Fx_p3": np.ones(2), "Fy_p3": np.ones(2), "tauz_p3": np.ones(2)}
-    assert parquet.conform(Table(WRENCH, columns)).names[-3:] == ["Fx_p3", "Fy_p3", "tauz_p3"]
+    assert parquet.conform_table(Table(WRENCH, columns)).names[-3:] == ["Fx_p3", "Fy_p3", "tauz_p3"]
 
 
 @pytest.mark.parametrize("spoil", ["truncate", "empty", "text"])
@@ -312,7 +312,7 @@ def test_a_foreign_table_is_recognised(tmp_path: Path) -> None:
 def test_another_schema_version_is_refused(tmp_path: Path) -> None:
     newer = TableSchema(SEGMENTS.file, SEGMENTS.version + 1, SEGMENTS.columns)
     one = segments()
-    (tmp_path / SEGMENTS.file).write_bytes(parquet.encode(Table(newer, one.columns), ORIGIN))
+    (tmp_path / SEGMENTS.file).write_bytes(parquet.encode_table(Table(newer, one.columns), ORIGIN))
     with pytest.raises(StoreError, match=r"version 2, expected segments.parquet version 1"):
         Folder(tmp_path).read(SEGMENTS.file)
 
@@ -323,8 +323,8 @@ def test_a_newer_minor_file_with_more_columns_is_read() -> None:
     )
     one = segments()
     sides = {"side": np.array(["r", "l", "l"], dtype=object)}
-    written = parquet.encode(Table(wider, {**one.columns, **sides}), ORIGIN)
-    assert parquet.decode(written, SEGMENTS)[0].frame["side"].tolist() == ["r", "l", "l"]
+    written = parquet.encode_table(Table(wider, {**one.columns, **sides}), ORIGIN)
+    assert parquet.decode_table(written, SEGMENTS)[0].frame["side"].tolist() == ["r", "l", "l"]
 
 
 def test_a_missing_artefact_is_named(tmp_path: Path) -> None:

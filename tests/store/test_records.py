@@ -52,8 +52,8 @@ def undecodable(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise AssertionError("decoded")
 
-    monkeypatch.setattr("mocap_id.store.parquet.decode", refuse)
-    monkeypatch.setattr("mocap_id.store.hdf5.decode", refuse)
+    monkeypatch.setattr("mocap_id.store.parquet.decode_table", refuse)
+    monkeypatch.setattr("mocap_id.store.hdf5.decode_tree", refuse)
 
 
 def test_unchanged_files_are_recognised_without_decoding(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -104,7 +104,7 @@ def planar(frames: int, markers: int) -> dict[str, np.ndarray]:
 
 
 def test_a_replaced_artefact_is_found(written: Path) -> None:
-    (written / SEGMENTS.file).write_bytes(parquet.encode(segments(0.002), LATER))
+    (written / SEGMENTS.file).write_bytes(parquet.encode_table(segments(0.002), LATER))
     with pytest.raises(StoreError, match="is damaged or was edited"):
         Folder(written).origin("segment", FILES)
 

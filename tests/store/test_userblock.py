@@ -68,8 +68,8 @@ def leaves(data: Any, above: str = "") -> dict[str, Any]:
 def test_plain_h5py_reads_the_same(name: str) -> None:
     """The HDF5 library confirms the index."""
     tree = TREES[name]
-    content = hdf5.encode(tree, ORIGIN)
-    ours = leaves(hdf5.decode(content, tree.schema)[0].data)
+    content = hdf5.encode_tree(tree, ORIGIN)
+    ours = leaves(hdf5.decode_tree(content, tree.schema)[0].data)
     assert ours.keys() == {node.name for node in tree.schema.nodes}
     with h5py.File(io.BytesIO(content)) as file:
         for node in tree.schema.nodes:
@@ -87,19 +87,19 @@ def test_plain_h5py_reads_the_same(name: str) -> None:
 
 @pytest.mark.parametrize("name", TREES)
 def test_a_tree_is_read_without_the_hdf5_library(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    content = hdf5.encode(TREES[name], ORIGIN)
+    content = hdf5.encode_tree(TREES[name], ORIGIN)
     monkeypatch.setitem(sys.modules, "h5py", None)
-    tree, provenance = hdf5.decode(content, TREES[name].schema)
+    tree, provenance = hdf5.decode_tree(content, TREES[name].schema)
     assert provenance.origin == ORIGIN
     given, found = leaves(TREES[name].data), leaves(tree.data)
     assert given.keys() == found.keys()
     for path, array in given.items():
         np.testing.assert_array_equal(np.asarray(found[path]), np.asarray(array))
     with pytest.raises(ImportError):
-        hdf5.encode(TREES[name], ORIGIN)
+        hdf5.encode_tree(TREES[name], ORIGIN)
 
 
-WHOLE = hdf5.encode(chain(3), ORIGIN)
+WHOLE = hdf5.encode_tree(chain(3), ORIGIN)
 
 
 @settings(max_examples=200, deadline=None)
@@ -108,7 +108,7 @@ def test_every_bit_counts(at: int, bit: int) -> None:
     spoilt = bytearray(WHOLE)
     spoilt[at] ^= 1 << bit
     with pytest.raises(ValueError, match="is damaged"):
-        hdf5.decode(bytes(spoilt), CHAIN)
+        hdf5.decode_tree(bytes(spoilt), CHAIN)
 
 
 @settings(max_examples=100, deadline=None)
@@ -116,22 +116,21 @@ def test_every_bit_counts(at: int, bit: int) -> None:
 def test_every_byte_counts(length: int) -> None:
     for spoilt in (WHOLE[:length], WHOLE + WHOLE[length:], WHOLE[:length] + WHOLE[length + 1 :]):
         with pytest.raises(ValueError, match="is damaged"):
-            hdf5.decode(spoilt, CHAIN)
+            hdf5.decode_tree(spoilt, CHAIN)
 
 
 def test_hdf5_without_the_hash_of_mocap_id() -> None:
     with pytest.raises(ValueError, match="is HDF5 without the hash of mocap-id: an earlier version"):
-        hdf5.decode(WHOLE[WHOLE.index(b"\x89HDF") :], CHAIN)
+        hdf5.decode_tree(WHOLE[WHOLE.index(b"\x89HDF") :], CHAIN)
 
 
 def test_a_wrong_place_in_the_index_is_not_written(monkeypatch: pytest.MonkeyPatch) -> None:
     """With a wrong place the file could not be read, so it must not be written."""
-    write = hdf5._write
+    format_index = hdf5._format_index
 
-    def elsewhere(*given: Any) -> tuple[bytes, dict[str, hdf5.Place]]:
-        content, places = write(*given)
-        return content, {path: replace(place, start=place.start ^ 8) for path, place in places.items()}
+    def elsewhere(places: dict[str, hdf5.Place], provenance: dict[str, str]) -> bytes:
+        return format_index({path: replace(place, start=place.start ^ 8) for path, place in places.items()}, provenance)
 
-    monkeypatch.setattr(hdf5, "_write", elsewhere)
+    monkeypatch.setattr(hdf5, "_format_index", elsewhere)
     with pytest.raises(ValueError, match="is damaged"):
-        hdf5.encode(chain(3), ORIGIN)
+        hdf5.encode_tree(chain(3), ORIGIN)

@@ -62,7 +62,21 @@ def read(file: Path) -> Source:
 
     Raises ConfigError if the file is missing, not YAML, or has aliases, tags or duplicate keys.
     """
-    text = _read_text(file)
+    try:
+        text = plain_files.read(file, largest=_MAX_BYTES).decode("utf-8")
+    except FileNotFoundError as error:
+        hint = plain_files.suggest(file)
+        raise ConfigError(f"{file}: no such file; expected a YAML file such as trial.yaml{hint}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{file}: not a text file in UTF-8; expected a YAML file such as trial.yaml") from error
+    except OSError as error:
+        message = f"{file}: cannot be read ({error.strerror}); expected a YAML file such as trial.yaml"
+        if error.errno == errno.EFBIG:
+            message = (
+                f"{file}: expected a YAML file such as trial.yaml, of at most {_MAX_BYTES} bytes; for a recording, "
+                "`mocap-id run RECORDING --save trial.yaml` writes one"
+            )
+        raise ConfigError(message) from error
     yaml = YAML(typ="safe", pure=True)
     yaml.Composer = _Composer
     try:
@@ -79,25 +93,6 @@ def read(file: Path) -> Source:
         raise ConfigError(f"{file}: the file is empty, expected `trial:`, `recording:` and so on")
     reader = _Reader(file, yaml)
     return Source(file, reader.build(root, ()), {(): 1, **reader.lines})
-
-
-def _read_text(file: Path) -> str:
-    try:
-        return plain_files.read(file, largest=_MAX_BYTES).decode("utf-8")
-    except FileNotFoundError as error:
-        hint = plain_files.suggest(file)
-        raise ConfigError(f"{file}: no such file; expected a YAML file such as trial.yaml{hint}") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{file}: not a text file in UTF-8; expected a YAML file such as trial.yaml") from error
-    except OSError as error:
-        if error.errno == errno.EFBIG:
-            message = (
-                f"{file}: expected a YAML file such as trial.yaml, of at most {_MAX_BYTES} bytes; for a recording, "
-                "`mocap-id run RECORDING --save trial.yaml` writes one"
-            )
-        else:
-            message = f"{file}: cannot be read ({error.strerror}); expected a YAML file such as trial.yaml"
-        raise ConfigError(message) from error
 
 
 class _Composer(Composer):
@@ -141,7 +136,15 @@ class _Reader:
             case SequenceNode():
                 return [self.build(item, (*location, index)) for index, item in enumerate(node.value)]
             case ScalarNode():
-                return self._scalar(node)
+                if str(node.tag) == _YAML + "timestamp":  # a trial may be named after its date
+                    return node.value
+                if str(node.tag) not in _JSON_TAGS:
+                    raise self._error(node, f"the tag `{node.tag}` is not supported: write the value without it")
+                try:
+                    return self.yaml.constructor.construct_object(node)
+                except (YAMLError, *_BROKEN) as error:
+                    kind, text = str(node.tag).removeprefix(_YAML), str(node.value)[:40]
+                    raise self._error(node, f"`{text}` is not a valid {kind} ({first_line(error)})") from error
         raise self._error(node, "expected a value, a list or keys")
 
     def _mapping(self, node: MappingNode, location: Location) -> dict[str, Any]:
@@ -157,17 +160,6 @@ class _Reader:
             self.lines[(*location, key)] = line
             data[key] = self.build(value_node, (*location, key))
         return data
-
-    def _scalar(self, node: ScalarNode) -> Any:
-        if str(node.tag) == _YAML + "timestamp":  # a trial may be named after its date
-            return node.value
-        if str(node.tag) not in _JSON_TAGS:
-            raise self._error(node, f"the tag `{node.tag}` is not supported: write the value without it")
-        try:
-            return self.yaml.constructor.construct_object(node)
-        except (YAMLError, *_BROKEN) as error:
-            kind = str(node.tag).removeprefix(_YAML)
-            raise self._error(node, f"`{str(node.value)[:40]}` is not a valid {kind} ({first_line(error)})") from error
 
     def _error(self, node: Node, message: str) -> ConfigError:
         return ConfigError(f"{self.file}, line {node.start_mark.line + 1}: {message}")
@@ -259,7 +251,9 @@ def _describe_mistake(detail: ErrorDetails, model: type[BaseModel], source: Sour
         return f"{where}: `{key}` is missing: the list is too short{about}"
     if detail["type"] == "missing":
         return f"{where}: `{key}` is missing{about}"
-    return f"{where}: `{key}` is {_format_value(detail['input'])}, {_describe_expected(detail, location)}{about}"
+    shown = "empty" if detail["input"] is None else repr(detail["input"])
+    shown = shown if len(shown) <= 60 else f"{shown[:57]}…"
+    return f"{where}: `{key}` is {shown}, {_describe_expected(detail, location)}{about}"
 
 
 def _suggest_key(name: str, above: Location, model: type[BaseModel]) -> str:
@@ -302,11 +296,6 @@ def _describe_expected(detail: ErrorDetails, location: Location) -> str:
     message = re.sub(r"^Input should be (a valid )?", "expected ", message)
     message = message.replace("an object", "keys and values").replace("expected dictionary", "expected keys and values")
     return message[0].lower() + message[1:]
-
-
-def _format_value(value: Any) -> str:
-    text = "empty" if value is None else repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}…"
 
 
 def _find_field(model: type[BaseModel], location: Location) -> FieldInfo | None:

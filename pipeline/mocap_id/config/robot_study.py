@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pydantic import Field
 
-from mocap_id.config.parsing import Source, parse, read
+from mocap_id.config.parsing import parse, read
 from mocap_id.config.trial import Trial, load, make_absolute
 from mocap_id.errors import ConfigError
 from mocap_id.stages.base import Settings
@@ -64,7 +64,12 @@ def load_robot_study(files: tuple[Path, ...]) -> RobotStudy:
     """
     source = read(files[0].absolute()) if len(files) == 1 else None
     if source is not None and isinstance(source.data, dict) and "trials" in source.data:
-        study = _parse_study(source)
+        parsed, folder = parse(source, _File, "keys such as `study:` and `trials:`"), source.file.parent
+        trials = [
+            RobotTrial(load(make_absolute(one.file, folder)), one.joint, one.speed, one.orientation)
+            for one in parsed.trials
+        ]
+        study = RobotStudy(parsed.study, tuple(trials), parsed.reference)
     else:
         study = RobotStudy("robot", tuple(RobotTrial(load(file)) for file in files), {})
     names = [one.trial.name for one in study.trials]
@@ -75,12 +80,3 @@ def load_robot_study(files: tuple[Path, ...]) -> RobotStudy:
         if one.trial.keys.protocol != "robot-joint":
             raise ConfigError(f"{one.trial.file}: has `protocol: {one.trial.keys.protocol}`, expected robot-joint")
     return study
-
-
-def _parse_study(source: Source) -> RobotStudy:
-    parsed = parse(source, _File, "keys such as `study:` and `trials:`")
-    trials = tuple(
-        RobotTrial(load(make_absolute(entry.file, source.file.parent)), entry.joint, entry.speed, entry.orientation)
-        for entry in parsed.trials
-    )
-    return RobotStudy(parsed.study, trials, parsed.reference)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -139,10 +139,41 @@ def load_study(file: Path) -> Study:
     if {"trial", "recording"} <= keys and "trials" not in keys:
         raise ConfigError(f"{source.file} is a trial, not a study: `mocap-id run {source.file}` runs it")
     parsed = parse(source, _File, "keys such as `study:`, `subjects:` and `trials:`", _fill_empty_sections)
-    raise_mistakes((*_find_mistakes(parsed, source), *_find_wrong_labels(parsed, source)))
+    raise_mistakes(_find_mistakes(parsed, source))
+    # The trials; the mistakes of all trials are raised together, each once.
     out = make_absolute(parsed.out, source.file.parent)
-    trials = _compose_trials(parsed, source, out)
-    return Study(source.file, parsed.study, out, parsed.subjects, trials, _find_reference(parsed, source, trials))
+    labels: dict[str, Any] = {
+        name: (str, Field("", description=_Entry.model_fields[name].description)) for name in ("strategy", "session")
+    }
+    model = create_model("StudyTrial", __base__=build_trial_model(STAGES), **labels)
+    trials: list[StudyTrial] = []
+    mistakes: list[str] = []
+    below = _lines_below(source)
+    for index, entry in enumerate(parsed.trials):
+        try:
+            own = _trial_source(source, below, index, parsed.subjects)
+            trial = compose(own, STAGES, out=out / entry.trial, model=model)
+        except ConfigError as error:
+            mistakes += str(error).splitlines()
+        else:
+            condition = trial.keys.curl.condition
+            before = sum(other.subject == entry.subject and other.condition == condition for other in trials)
+            number = before + 1 if condition else 0
+            trials.append(StudyTrial(trial, entry.subject, entry.strategy or "", entry.session or "", number))
+    raise_mistakes(dict.fromkeys(mistakes))
+    # The condition of curls that others are compared with
+    reference, where = parsed.reference, source.where(("reference",))
+    if trials[0].trial.keys.protocol != CURL:
+        raise_mistakes([f"{where}: `reference` is only for `protocol: {CURL}`"] if reference else [])
+        return Study(source.file, parsed.study, out, parsed.subjects, tuple(trials))
+    raise_mistakes(
+        f"{source.where(('trials', k))}: `trials[{k}].curl` has no `condition`; expected a name, such as C, AC or 5"
+        for k, one in enumerate(trials)
+        if not one.condition
+    )
+    if reference is not None and reference not in {one.condition for one in trials}:
+        raise_mistakes([f"{where}: no trial has the condition `{reference}`"])
+    return Study(source.file, parsed.study, out, parsed.subjects, tuple(trials), reference or trials[0].condition)
 
 
 def build_study_schema() -> dict[str, Any]:
@@ -163,48 +194,6 @@ def build_study_schema() -> dict[str, Any]:
     }
     schema["$defs"] = trial["$defs"] | schema["$defs"]
     return {**schema, "title": "Study"}
-
-
-def _compose_trials(parsed: _File, source: Source, out: Path) -> tuple[StudyTrial, ...]:
-    """Return all trials; the mistakes of all trials are raised in one ConfigError, each once."""
-    labels: dict[str, Any] = {
-        name: (str, Field("", description=_Entry.model_fields[name].description)) for name in ("strategy", "session")
-    }
-    model = create_model("StudyTrial", __base__=build_trial_model(STAGES), **labels)
-    trials: list[StudyTrial] = []
-    mistakes: list[str] = []
-    below = _lines_below(source)
-    for index, entry in enumerate(parsed.trials):
-        try:
-            trial = compose(
-                _trial_source(source, below, index, parsed.subjects), STAGES, out=out / entry.trial, model=model
-            )
-        except ConfigError as error:
-            mistakes += str(error).splitlines()
-        else:
-            condition = trial.keys.curl.condition
-            before = sum(other.subject == entry.subject and other.condition == condition for other in trials)
-            number = before + 1 if condition else 0
-            trials.append(StudyTrial(trial, entry.subject, entry.strategy or "", entry.session or "", number))
-    raise_mistakes(dict.fromkeys(mistakes))
-    return tuple(trials)
-
-
-def _find_reference(parsed: _File, source: Source, trials: Sequence[StudyTrial]) -> str:
-    """Return the condition that others are compared with, empty without curls; ConfigError if missing or unknown."""
-    conditions = dict.fromkeys(trial.condition for trial in trials)
-    where = source.where(("reference",))
-    if trials[0].trial.keys.protocol != CURL:
-        raise_mistakes([f"{where}: `reference` is only for `protocol: {CURL}`"] if parsed.reference else [])
-        return ""
-    raise_mistakes(
-        f"{source.where(('trials', k))}: `trials[{k}].curl` has no `condition`; expected a name, such as C, AC or 5"
-        for k, trial in enumerate(trials)
-        if not trial.condition
-    )
-    if parsed.reference is not None and parsed.reference not in conditions:
-        raise_mistakes([f"{where}: no trial has the condition `{parsed.reference}`"])
-    return parsed.reference or trials[0].condition
 
 
 def _lines_below(source: Source) -> Mapping[Location, Mapping[Location, int]]:
@@ -238,7 +227,7 @@ def _trial_source(
 
 
 def _find_mistakes(parsed: _File, source: Source) -> Iterator[str]:
-    """Yield a line for every contradiction between keys."""
+    """Yield a line for every contradiction between keys, between trials, and of a label with its protocol."""
     for key in _OWN_KEYS:
         if key in parsed.defaults:
             where = source.where(("defaults", key))
@@ -261,10 +250,6 @@ def _find_mistakes(parsed: _File, source: Source) -> Iterator[str]:
         if entry.subject not in parsed.subjects:
             where, hint = source.where(("trials", index, "subject")), suggest_name(entry.subject, list(parsed.subjects))
             yield f"{where}: there is no subject `{entry.subject}`: {hint}"
-
-
-def _find_wrong_labels(parsed: _File, source: Source) -> Iterator[str]:
-    """Yield a line for trials that do not belong together, and for labels that do not suit the protocol."""
     default = parsed.defaults.get("protocol")
     protocols = [(entry.model_extra or {}).get("protocol", default) for entry in parsed.trials]
     kinds = [protocol if protocol in _INSTEAD else None for protocol in protocols]

@@ -121,16 +121,9 @@ def compose(
         **{name: make_absolute(getattr(parsed, name), folder) for name in TrialKeys.model_fields}
     )
     out = make_absolute(getattr(parsed, "out", None), folder) or out or folder / "runs" / keys.trial
-    _check_folder_name(out, source)
-    settings = {stage.name: getattr(parsed, stage.name.replace("-", "_")) for stage in stages}
-    raise_mistakes(_find_settings_of_other_space(keys, settings, source))
-    return Trial(source.file, keys, settings, out)
-
-
-def _check_folder_name(out: Path, source: Source) -> None:
-    """Raise ConfigError if this system does not allow the name of the run folder or of a file in it."""
+    # This system must allow the name of the run folder and of a file in it.
     shown = f"{source.where(('out',))}: the folder of the results, {str(out)[-40:]!r},"
-    beside = (source.file.parent / part for part in out.parts[1:])  # the folders of out may not exist yet
+    beside = (folder / part for part in out.parts[1:])  # the folders of out may not exist yet
     for path in (out / ".mocap-id" / ("x" * _LONGEST), *beside):
         try:
             path.stat()
@@ -139,6 +132,9 @@ def _check_folder_name(out: Path, source: Source) -> None:
         except OSError as error:
             if error.errno == errno.ENAMETOOLONG:
                 raise ConfigError(f"{shown} is longer than this system allows: choose another `out`") from error
+    settings = {stage.name: getattr(parsed, stage.name.replace("-", "_")) for stage in stages}
+    raise_mistakes(_find_settings_of_other_space(keys, settings, source))
+    return Trial(source.file, keys, settings, out)
 
 
 def _find_settings_of_other_space(keys: TrialKeys, settings: Mapping[str, Settings], source: Source) -> Iterator[str]:
@@ -173,18 +169,14 @@ def _expand_short_forms(data: dict[str, Any], stages: Sequence[Stage], source: S
         data["static"] = _find_static_trial(source, data["static"], stages)
     curl = data.get("curl")
     if isinstance(curl, dict) and isinstance(curl.get("device"), str):
-        data["curl"] = curl | {"device": _read_device(source, curl["device"], curl.get("condition"))}
+        from mocap_id.config.device import load_device  # noqa: PLC0415  few trials have a device
+
+        config = load_device(_find_file(source, ("curl", "device"), curl["device"], "a device"))
+        condition = curl.get("condition")
+        name = str(condition) if condition is not None and config.keys.conditions else None
+        device = config.keys.model_copy(update={"sealed": config.condition(name)})  # chambers in this condition
+        data["curl"] = curl | {"device": device.model_dump(mode="json")}
     return data | {stage.name: {} for stage in stages if stage.name in data and data[stage.name] is None}
-
-
-def _read_device(source: Source, given: str, condition: object) -> dict[str, Any]:
-    """Return the keys of a device's file; `sealed` is the state of its chambers in the trial's condition."""
-    from mocap_id.config.device import load_device  # noqa: PLC0415  few trials have a device
-
-    config = load_device(_find_file(source, ("curl", "device"), given, "a device"))
-    name = str(condition) if condition is not None and config.keys.conditions else None
-    keys = config.keys.model_copy(update={"sealed": config.condition(name)})
-    return keys.model_dump(mode="json")
 
 
 def _find_calibration(source: Source, given: str, stages: Sequence[Stage], *, alone: bool) -> dict[str, Any]:

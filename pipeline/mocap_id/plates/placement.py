@@ -15,10 +15,9 @@ from scipy.optimize import linear_sum_assignment
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_runs
 from mocap_id.plates.direction import average_markers
-from mocap_id.recording.lab_plates import PlateSamples, compute_centre_of_pressure
+from mocap_id.recording.lab_plates import PlateSamples, compute_centre_of_pressure, compute_plate_axes
 from mocap_id.recording.marker_posture import find_upright, shows_standing
 from mocap_id.recording.model import Plate
-from mocap_id.recording.plate_types import compute_plate_axes
 
 _STILL_M = 0.015
 """Largest rms distance of a marker on a standing foot from its mean position; for heels and toes it is 3 to 9 mm."""

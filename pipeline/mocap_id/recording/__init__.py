@@ -1,8 +1,7 @@
 """Readers and writers of recordings: C3D, TRC, exports of QTM, Motive and Nexus, MOT, and CSV logs of sensors."""
 
-from mocap_id.recording.lab_plates import PlateSamples, ThinnedFrames, compute_averaging_width, decimate
+from mocap_id.recording.lab_plates import PlateSamples, PlateSignals, ThinnedFrames, compute_averaging_width, decimate
 from mocap_id.recording.model import Plate, Recording, to_z_up
-from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.recording.reader import is_marker_text, read
 from mocap_id.recording.sensor_logs import (
     CELLS_BELOW_SURFACE_M,

@@ -18,9 +18,10 @@ from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.recording.clock import MARKER_HZ, SENSOR_HZ, EvenClock, fit_even_clock
 from mocap_id.recording.lab_plates import reverse_force_on_plate
-from mocap_id.recording.marker_positions import MarkerTable, ReadingOptions, assemble_recording
+from mocap_id.recording.marker_tables import MarkerTable
+from mocap_id.recording.markers import assemble_recording
 from mocap_id.recording.model import Plate, Recording, rotate_plate
-from mocap_id.recording.units import ForceUnits, find_force_scale, find_length_scale, find_moment_scale
+from mocap_id.recording.units import ReadingOptions, find_force_scale, find_length_scale, find_moment_scale
 
 MAGIC = b"PK\x03\x04"
 CLASS, SERIES = "class__", "ktk.TimeSeries"
@@ -59,7 +60,15 @@ def read_ktk(path: Path, stream: BinaryIO, options: ReadingOptions) -> Recording
     """Read markers and force platforms; parameters and errors as for :func:`mocap_id.recording.read`."""
     oddities: list[str] = []
     series = read_series(path, stream)
-    points = _find_points(path, series)
+    candidates = [each for name, each in series.items() if each.points and name != PLATES]
+    chosen = [each for each in candidates if each.name == POINTS] or candidates
+    if len(chosen) != 1:
+        names = ", ".join(each.name for each in chosen)
+        raise RecordingError(
+            f"{path}: {f'several TimeSeries contain points, {names}' if chosen else 'no TimeSeries contains points'}; "
+            f"expected the markers in a TimeSeries named {POINTS!r}, as from `ktk.read_c3d`"
+        )
+    points = chosen[0]
     clock = _fit_clock(path, points, MARKER_HZ, oddities)
     labels = points.points
     declared = {points.units[name] for name in labels}
@@ -87,13 +96,23 @@ def read_series(path: Path, stream: BinaryIO) -> dict[str, Series]:
 
     Raises RecordingError if the file is damaged, too large, or contains no TimeSeries.
     """
+    stream.seek(0, os.SEEK_END)
+    most = _LARGEST + _BYTES_PER_BYTE * stream.tell()
     try:
-        content = json.loads(_read_text(path, stream))
+        with zipfile.ZipFile(stream) as archive:
+            size = archive.getinfo("data.json").file_size
+            if size > most:
+                raise RecordingError(
+                    f"{path}: it unpacks to {size / 1e6:.0f} MB of text, expected at most {most / 1e6:.0f} MB; save "
+                    f"only {POINTS} and {PLATES}, or use the C3D file"
+                )
+            with archive.open("data.json") as text:
+                content = json.loads(text.read(size))
         parts = {POINTS: content} if _is_series(content) else content
         found = {str(name): _parse_series(str(name), part) for name, part in parts.items() if _is_series(part)}
     except (AttributeError, RecursionError, TypeError, ValueError) as error:
-        text = str(error).partition("\n")[0][:80]
-        raise RecordingError(f"{path}: not a valid file of Kinetics Toolkit ({text}); save it again") from None
+        words = str(error).partition("\n")[0][:80]
+        raise RecordingError(f"{path}: not a valid file of Kinetics Toolkit ({words}); save it again") from None
     except _UNREADABLE as error:
         raise RecordingError(f"{path}: a damaged file of Kinetics Toolkit ({error}); save it again") from None
     if not found:
@@ -101,20 +120,6 @@ def read_series(path: Path, stream: BinaryIO) -> dict[str, Series]:
             f"{path}: the file contains no TimeSeries; save the TimeSeries from `ktk.read_c3d` with `ktk.save`"
         )
     return found
-
-
-def _read_text(path: Path, stream: BinaryIO) -> bytes:
-    stream.seek(0, os.SEEK_END)
-    most = _LARGEST + _BYTES_PER_BYTE * stream.tell()
-    with zipfile.ZipFile(stream) as archive:
-        size = archive.getinfo("data.json").file_size
-        if size > most:
-            raise RecordingError(
-                f"{path}: it unpacks to {size / 1e6:.0f} MB of text, expected at most {most / 1e6:.0f} MB; save only "
-                f"{POINTS} and {PLATES}, or use the C3D file"
-            )
-        with archive.open("data.json") as text:
-            return text.read(size)
 
 
 def _is_series(part: Any) -> bool:
@@ -131,18 +136,6 @@ def _parse_series(name: str, part: Mapping[str, Any]) -> Series:
     return Series(name, time, data, {key: str((info.get(key) or {}).get("Unit", "")) for key in data})
 
 
-def _find_points(path: Path, found: Mapping[str, Series]) -> Series:
-    candidates = [each for name, each in found.items() if each.points and name != PLATES]
-    chosen = [each for each in candidates if each.name == POINTS] or candidates
-    if len(chosen) != 1:
-        names = ", ".join(each.name for each in chosen)
-        raise RecordingError(
-            f"{path}: {f'several TimeSeries contain points, {names}' if chosen else 'no TimeSeries contains points'}; "
-            f"expected the markers in a TimeSeries named {POINTS!r}, as from `ktk.read_c3d`"
-        )
-    return chosen[0]
-
-
 def _fit_clock(path: Path, series: Series, fastest: float, oddities: list[str]) -> EvenClock:
     clock = fit_even_clock(path, series.time, name=f"the time of {series.name}", fastest=fastest)
     if clock.rounding_note:
@@ -150,24 +143,24 @@ def _fit_clock(path: Path, series: Series, fastest: float, oddities: list[str]) 
     return clock
 
 
-def _read_plates(path: Path, series: Series, units: ForceUnits, oddities: list[str]) -> list[Plate]:
+def _read_plates(path: Path, series: Series, units: Mapping[str, str], oddities: list[str]) -> list[Plate]:
     """Return the platforms in the axes of the file, with moments about the origin."""
     names = [match[1] for name in series.data if (match := _FORCE.fullmatch(name))]
     clock = _fit_clock(path, series, SENSOR_HZ, oddities) if names else None
     plates = []
     for index, name in enumerate(names, 1):
         assert clock is not None
-        force = _read_vector(path, series, f"{name}_Force", find_force_scale, units.force)
+        force = _read_vector(path, series, f"{name}_Force", find_force_scale, units.get("force"))
         corners = [f"{name}_Corner{k}" for k in (1, 2, 3, 4)]
         known = all(corner in series.data for corner in corners)
         corner = np.stack([_read_vector(path, series, one, find_length_scale)[0] for one in corners]) if known else None
         if corner is not None and f"{name}_MomentAtCenter" in series.data:
             point: FloatArray = corner.mean(axis=0)
-            moment = _read_vector(path, series, f"{name}_MomentAtCenter", find_moment_scale, units.moment)
+            moment = _read_vector(path, series, f"{name}_MomentAtCenter", find_moment_scale, units.get("moment"))
         elif {f"{name}_COP", f"{name}_MomentAtCOP"} <= set(series.data):
             point = _read_vector(path, series, f"{name}_COP", find_length_scale)
             point[(force == 0.0).all(axis=1)] = 0.0
-            moment = _read_vector(path, series, f"{name}_MomentAtCOP", find_moment_scale, units.moment)
+            moment = _read_vector(path, series, f"{name}_MomentAtCOP", find_moment_scale, units.get("moment"))
         else:
             raise RecordingError(
                 f"{path}: {name} has a force, but neither {name}_MomentAtCenter with the corners {name}_Corner1 to "

@@ -1,4 +1,4 @@
-"""Force plates in lab coordinates, resampled to the times of the markers.
+"""Force plates: wrench from the channels of types 1 to 4, its sign, and resampling to the times of the markers.
 
 Sign convention: the wrench is that of the ground on the body, about the lab origin. The vertical force under a standing
 person is positive. A file with the opposite sign (force of the body on the plate) is recognised and reversed.
@@ -7,18 +7,75 @@ person is positive. A file with the opposite sign (force of the body on the plat
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.recording.c3d_plates import StoredPlate
 from mocap_id.recording.model import Plate
-from mocap_id.recording.plate_types import compute_plate_axes, compute_surface_wrench
+
+LOADED_N = 20.0
+"""Below this vertical force, neither the sign nor the centre of pressure of a plate is meaningful."""
 
 _ROUNDING = 1e-6  # relative tolerance of times that a file stores in single precision
 _FASTER = 1.001  # ratio of plate rate to marker rate above which samples are averaged
 _THINNED_HZ = 60.0  # lowest frame rate of thinned recordings
+_SPIKE = 5.0  # largest weight of a sample for the sign, in median loads
+
+
+@dataclass(frozen=True)
+class PlateSignals:
+    """Channels of one plate of type 1 to 4 and its geometry, SI units.
+
+    The plate frame is right-handed with z down. The sign convention is that of the channels; :func:`is_force_on_plate`
+    decides whether they measure the force on the plate or on the body.
+    """
+
+    kind: int  # FORCE_PLATFORM:TYPE
+    # (K, C). Type 1: Fx Fy Fz (N), CoPx CoPy (m), Tz (N·m). Types 2 and 4: Fx Fy Fz (N), Mx My Mz (N·m), after
+    # calibration. Type 3: Fx12 Fx34 Fy14 Fy23 Fz1 Fz2 Fz3 Fz4 (N).
+    channels: FloatArray
+    # (3,) in the plate frame, m. Types 2 and 4: from the transducer to the centre of the working surface (z negative).
+    # Type 3: half the distances between sensors along x and y, and z as for type 2. Type 1: zero.
+    origin: FloatArray
+    corners: FloatArray  # (4, 3) in the lab, in the order +x+y, -x+y, -x-y, +x-y, m
+    rate: float  # samples per second
+
+
+def compute_surface_wrench(plate: PlateSignals) -> tuple[FloatArray, FloatArray]:
+    """Return force (K, 3), N, and moment (K, 3) about the centre of the working surface, N·m, in the plate frame."""
+    if plate.kind == 1:
+        force = plate.channels[:, :3]
+        point = np.column_stack([plate.channels[:, 3:5], np.zeros(len(force))])
+        moment = np.cross(point, force)
+        moment[:, 2] += plate.channels[:, 5]
+        return force, moment
+    if plate.kind == 3:
+        # The three-component sensors 1 (+x+y), 2 (-x+y), 3 (-x-y) and 4 (+x-y) are at ±a along x and ±b along y. The
+        # moment is about the point between them, in their plane.
+        x12, x34, y14, y23, z1, z2, z3, z4 = plate.channels.T
+        a, b = plate.origin[0], plate.origin[1]
+        force = np.column_stack([x12 + x34, y14 + y23, z1 + z2 + z3 + z4])
+        mx, my, mz = b * (z1 + z2 - z3 - z4), a * (-z1 + z2 + z3 - z4), b * (-x12 + x34) + a * (y14 - y23)
+        moment, arm = np.column_stack([mx, my, mz]), np.array([0.0, 0.0, plate.origin[2]])
+    else:
+        force, moment, arm = plate.channels[:, :3], plate.channels[:, 3:6], plate.origin
+    return force, moment - np.cross(arm, force)
+
+
+def compute_plate_axes(corners: FloatArray) -> FloatArray:
+    """Return the plate's axes in the lab as columns, (3, 3); NaN if the corners do not form a rectangle.
+
+    x points from corners 2 and 3 to corners 1 and 4, y from corners 3 and 4 to corners 1 and 2, and z = x × y.
+    """
+    x = corners[0] - corners[1] + corners[3] - corners[2]
+    y = corners[0] - corners[3] + corners[1] - corners[2]
+    z = np.cross(x, y)
+    lengths = np.array([np.linalg.norm(v) for v in (x, y, z)])
+    if not np.all(lengths > 1e-6) or abs(x @ y) > 0.2 * lengths[0] * lengths[1]:
+        return np.full((3, 3), np.nan)
+    ex, ez = x / lengths[0], z / lengths[2]
+    return np.column_stack([ex, np.cross(ez, ex), ez])
 
 
 @dataclass(frozen=True)
@@ -49,8 +106,15 @@ def decimate(plate: Plate, times: FloatArray, rate: float) -> PlateSamples:
     centre = np.clip(at, 0, last)
     ratio = plate.rate / rate
     half = np.minimum(ratio / 2 if ratio > _FASTER else 0.0, np.minimum(centre, last - centre))
-    mean = np.where((half > 1e-9)[:, None], _average_intervals(samples, centre, half), _interpolate(samples, centre))
-    ok = inside & ~_contains_bad(~plate.ok, centre - half, centre + half)
+    low = np.minimum(centre.astype(np.int64), last - 1)
+    part = (centre - low)[:, None]
+    single = samples[low] * (1 - part) + samples[low + 1] * part
+    mean = np.where((half > 1e-9)[:, None], _average_intervals(samples, centre, half), single)
+    # An average is invalid if one of its samples is.
+    count = np.concatenate([[0], np.cumsum(~plate.ok)])
+    first = np.floor(centre - half + _ROUNDING).astype(np.int64)
+    final = np.minimum(np.ceil(centre + half - _ROUNDING).astype(np.int64), last)
+    ok = inside & ~(count[final + 1] > count[np.maximum(first, 0)])
     mean[~ok] = np.nan
     return PlateSamples(mean[:, :3], mean[:, 3:], ok)
 
@@ -92,12 +156,6 @@ def compute_averaging_width(analog_rate: float | None, rate: float) -> float:
     return float(np.sqrt(rate**-2 + 2.0 * analog_rate**-2))
 
 
-def _interpolate(samples: FloatArray, at: FloatArray) -> FloatArray:
-    low = np.minimum(at.astype(np.int64), len(samples) - 2)
-    part = (at - low)[:, None]
-    return np.asarray(samples[low] * (1 - part) + samples[low + 1] * part)
-
-
 def _average_intervals(samples: FloatArray, centre: FloatArray, half: FloatArray) -> FloatArray:
     """Return the mean of the piecewise linear signal over ``centre`` ± ``half``, both (F,) in samples."""
     integral = np.zeros_like(samples)
@@ -110,55 +168,6 @@ def _average_intervals(samples: FloatArray, centre: FloatArray, half: FloatArray
 
     width = np.maximum(2 * half, 1e-12)[:, None]
     return np.asarray((primitive(centre + half) - primitive(centre - half)) / width)
-
-
-def _contains_bad(bad: BoolArray, start: FloatArray, stop: FloatArray) -> BoolArray:
-    """Return for each interval from ``start`` to ``stop``, (F,) in samples, whether it contains an invalid sample."""
-    count = np.concatenate([[0], np.cumsum(bad)])
-    low = np.floor(start + _ROUNDING).astype(np.int64)
-    high = np.minimum(np.ceil(stop - _ROUNDING).astype(np.int64), len(bad) - 1)
-    return np.asarray(count[high + 1] > count[np.maximum(low, 0)])
-
-
-LOADED_N = 20.0
-"""Below this vertical force, neither the sign nor the centre of pressure of a plate is meaningful."""
-
-_ON_PLATE_M = 0.05
-_SHARE_ON_PLATE = 0.8
-_SPIKE = 5.0
-
-
-def place_plate(stored: StoredPlate, rotation: FloatArray, start: float, rate: float, oddities: list[str]) -> Plate:
-    """Return a stored plate as a plate in the lab with the wrench of the ground on the body; add notes to ``oddities``.
-
-    ``rotation`` (3, 3) rotates vectors from the file's axes to the axes of the lab (Z up). ``start`` is the time of the
-    first analog sample, s; ``rate`` is in samples per second.
-    """
-    assumptions = tuple(f"plate {stored.index}: {text}" for text in stored.assumptions)
-    oddities += [*stored.oddities, *assumptions]
-    kind, signals, problem = f"type {stored.kind}", stored.signals, stored.problem
-    if signals is not None:
-        corners = signals.corners @ rotation.T
-        axes = compute_plate_axes(corners)
-        if not np.isfinite(axes).all():
-            problem = "CORNERS do not form a rectangle"
-        elif axes[2, 2] > -0.5:
-            problem = (
-                f"CORNERS make its z axis point {'up' if axes[2, 2] > 0.5 else 'sideways'}; "
-                "the expected order is +x+y, -x+y, -x-y, +x-y with z down"
-            )
-    if signals is None or problem:
-        oddities.append(f"plate {stored.index} is not used: {problem}")
-        missing = np.full((len(stored.ok), 3), np.nan)
-        ok = np.zeros(len(stored.ok), bool)
-        return Plate(stored.index, kind, None, missing, missing.copy(), ok, rate, start, problem)
-    force, moment = (part @ axes.T for part in compute_surface_wrench(signals))
-    force, moment = reverse_force_on_plate(stored.index, force, moment, stored.ok, oddities)
-    moment = moment + np.cross(corners.mean(axis=0), force)
-    plate = Plate(stored.index, kind, corners, force, moment, stored.ok, rate, start)
-    oddities += _note_load_off_plate(plate)
-    dead = tuple((name, axes[:, axis]) for name, axis in stored.dead)
-    return replace(plate, assumptions=assumptions, saturated=stored.saturated, dead=dead)
 
 
 def reverse_force_on_plate(
@@ -198,25 +207,3 @@ def compute_centre_of_pressure(plate: Plate, wrench: Plate | PlateSamples) -> Fl
     about = wrench.moment - np.cross(centre, wrench.force)
     vertical = np.where(wrench.force[:, 2] > LOADED_N, wrench.force[:, 2], np.nan)
     return centre[:2] + np.column_stack([-about[:, 1], about[:, 0]]) / vertical[:, None]
-
-
-def _note_load_off_plate(plate: Plate) -> list[str]:
-    """Return a note if the load acts beside the plate, which means that a unit, the origin or a corner is wrong."""
-    assert plate.corners is not None
-    most = plate.force[plate.ok, 2].max(initial=0.0)
-    good = plate.ok & (plate.force[:, 2] > max(LOADED_N, 0.1 * most))
-    if not good.any():
-        return []
-    point = compute_centre_of_pressure(plate, plate)[good]
-    x, y = plate.corners[0] - plate.corners[1], plate.corners[0] - plate.corners[3]
-    away = point - plate.corners.mean(axis=0)[:2]
-    inside = np.ones(len(point), bool)
-    for side in (x, y):
-        half = np.linalg.norm(side) / 2
-        inside &= np.abs(away @ side[:2]) / (2 * half) < half + _ON_PLATE_M
-    if inside.mean() >= _SHARE_ON_PLATE:
-        return []
-    return [
-        f"plate {plate.index}: the centre of pressure lies off the plate in {100 * (1 - inside.mean()):.0f} % of its "
-        "loaded samples: check its corners, ORIGIN and moment units"
-    ]

@@ -14,12 +14,19 @@ from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.c3d_reader import read_c3d
 from mocap_id.recording.held_samples import HeldSamples, find_held, list_held
 from mocap_id.recording.ktk_file import MAGIC, read_ktk
-from mocap_id.recording.marker_positions import MarkerTable, ReadingOptions, assemble_recording, thin_frames
+from mocap_id.recording.marker_tables import (
+    NEXUS_SECTIONS,
+    MarkerTable,
+    parse_motive,
+    parse_nexus,
+    parse_qtm,
+    parse_trc,
+)
+from mocap_id.recording.markers import assemble_recording, thin_frames
 from mocap_id.recording.model import Plate, Recording, check_axis, nearest_axis, to_z_up
 from mocap_id.recording.sensor_logs import find_force_columns, read_mot_plates
-from mocap_id.recording.text_tables import check_encoding, open_recording, parse_trc, read_table, read_text
-from mocap_id.recording.units import ForceUnits
-from mocap_id.recording.vendor_tables import NEXUS_SECTIONS, parse_motive, parse_nexus, parse_qtm
+from mocap_id.recording.text_tables import check_encoding, open_recording, read_table, read_text
+from mocap_id.recording.units import ReadingOptions
 
 _TABLES = (".mot", ".sto")
 _TEXTS = (".tsv", ".csv", ".txt")
@@ -82,7 +89,7 @@ def read(
         A unit or an axis is unknown, or the two files are exchanged or of the wrong format.
     """
     axis = None if vertical is None else check_axis(vertical)
-    options = ReadingOptions(units, axis, ForceUnits(force_unit, moment_unit), unit_required)
+    options = ReadingOptions(units, axis, force_unit, moment_unit, unit_required)
     markers, forces = Path(markers), None if forces is None else Path(forces)
     _check_kinds(markers, forces)
     with open_recording(markers) as stream:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,13 +11,13 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.errors import ConfigError, RecordingError
-from mocap_id.recording.c3d_plates import find_clipped
+from mocap_id.recording.c3d_reader import find_clipped
 from mocap_id.recording.clock import SENSOR_HZ, check_times, fit_even_clock
 from mocap_id.recording.held_samples import HeldSamples, find_held, list_held
 from mocap_id.recording.lab_plates import LOADED_N, reverse_force_on_plate
 from mocap_id.recording.model import Plate
 from mocap_id.recording.text_tables import MotionTable, read_csv, read_table
-from mocap_id.recording.units import ForceUnits
+from mocap_id.recording.units import find_force_scale, find_moment_scale
 
 TIME, POSITION, VELOCITY, TORQUE = "time_s", "position_rad", "velocity_rad_s", "torque_Nm"
 
@@ -278,19 +278,21 @@ def read_mot_plates(
     oddities: list[str],
     *,
     rotation: FloatArray,
-    units: ForceUnits,
+    units: Mapping[str, str],
 ) -> tuple[Plate, ...]:
     """Return the plates of a MOT table in the lab, and add notes to ``oddities``.
 
     A plate without a point of application is unusable. ``rotation`` (3, 3) rotates vectors from the table's axes to the
     axes of the lab (Z up). The units of the table are m, N and N·m unless ``units`` configures others.
     """
+    newtons = find_force_scale(units.get("force", "N")) or 1.0
+    newton_metres = find_moment_scale(units.get("moment", "Nm")) or 1.0
     clock = fit_even_clock(path, table.time, fastest=SENSOR_HZ)
     if clock.rounding_note:
         oddities.append(f"{path.name}: {clock.rounding_note}")
     plates = []
     for index, each in enumerate(columns, start=1):
-        force = table.values[:, each.force] @ rotation.T * units.factor("force")
+        force = table.values[:, each.force] @ rotation.T * newtons
         if each.point is None:
             moment, problem = np.full_like(force, np.nan), "the table has no point of application"
         else:
@@ -298,7 +300,7 @@ def read_mot_plates(
             if each.moment is None:
                 oddities.append(f"plate {index} ({each.name}): no moment columns, a free moment of 0 was assumed")
             else:
-                free = table.values[:, each.moment] @ rotation.T * units.factor("moment")
+                free = table.values[:, each.moment] @ rotation.T * newton_metres
             moment, problem = np.cross(table.values[:, each.point] @ rotation.T, force) + free, ""
         force, moment = reverse_force_on_plate(index, force, moment, np.isfinite(force[:, 2]), oddities)
         if not np.any(force):

@@ -12,13 +12,13 @@ from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.errors import RecordingError
 from mocap_id.recording.clock import SKELETON_HZ, check_times
 from mocap_id.recording.held_samples import HeldSamples, describe_held, find_held, list_held
-from mocap_id.recording.marker_positions import clean_positions, resolve_length_unit, rotate_z_up
+from mocap_id.recording.marker_tables import parse_trc
+from mocap_id.recording.markers import clean_positions, resolve_length_unit, rotate_z_up
 from mocap_id.recording.model import Recording, check_axis
 from mocap_id.recording.text_tables import (
     TextTable,
     check_end,
     check_unique,
-    parse_trc,
     read_csv,
     read_text,
     split_lines,

@@ -1,4 +1,4 @@
-"""Parsers of text tables: MOT and STO files, CSV files, TRC files."""
+"""Parsers of text tables: MOT and STO files, CSV files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from mocap_id import plain_files
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.recording.clock import SENSOR_HZ, check_times
-from mocap_id.recording.marker_positions import MarkerTable, check_frame_numbers, fit_clock
 
 _HEADER_LINES = 100
 _MAX_DECLARED = 10**9  # a larger number of rows in a header is an error
@@ -349,138 +348,3 @@ def check_end(path: Path, table: TextTable, text: str) -> None:
         f"{path}: the file ends within its last line, {table.lines[-1].strip()[-40:]!r}: it has fewer cells or digits "
         "than the lines above. Copy the file again, or delete this line"
     )
-
-
-_TRC_TABLE_HEADER_LINES = 12
-_NAMES = re.compile(r"\W*frame\b", re.IGNORECASE)
-_AXIS = re.compile(r"[XYZ]\d+")
-_SHORT_KEYS = {"nummarker": "nummarkers", "numframe": "numframes"}  # spellings of other programs, by lower-case name
-
-
-def parse_trc(path: Path, text: str, oddities: list[str]) -> MarkerTable:
-    """Parse the text of a TRC file.
-
-    The number of markers follows from NumMarkers, the line with names, the line with X1 Y1 Z1 … and the widest row. If
-    they contradict each other, the number on which all of them but one agree is used, with a note in ``oddities``.
-    Raises RecordingError if the text is not a TRC file, contradicts itself or is truncated.
-    """
-    # The lines of the header are found by their content; lines may be missing or added.
-    lines = split_lines(text)
-    if not lines:
-        raise RecordingError(f"{path}: the file is empty")
-    named = next((k for k in range(1, min(len(lines), _TRC_TABLE_HEADER_LINES)) if _NAMES.match(lines[k])), None)
-    if "pathfiletype" not in lines[0].lower() or (named is None and len(lines) >= 5):
-        raise RecordingError(f"{path}: not a TRC file: the first line is {lines[0][:40]!r}, expected 'PathFileType …'")
-    if named is None:
-        raise RecordingError(f"{path}: the file ends within its header; copy or export it again")
-    at = next((k for k in range(1, named) if "datarate" in lines[k].lower()), None)
-    if at is None:
-        raise RecordingError(
-            f"{path}: the second line should contain DataRate, NumMarkers, Units …; export it again as TRC"
-        )
-    # Values by lower-case name; a value may contain spaces only if tabs separate the values.
-    between = "," if "," in lines[at] and "\t" not in lines[at] else "\t"
-    keys = [key.lower() for key in lines[at].replace(between, " ").split()]
-    following = next((line for line in lines[at + 1 : named] if line.strip()), "")
-    cells, words = [cell.strip() for cell in following.split(between)], following.replace(between, " ").split()
-    if len(words) >= len(keys) and len(cells) != len(keys):  # a blank cell would shift the words
-        cells = words
-    header = dict(zip((_SHORT_KEYS.get(key, key) for key in keys), cells, strict=False))
-    first = next((k for k in range(named + 1, len(lines)) if lines[k].lstrip()[:1].isdigit()), None)
-    if first is None:
-        raise RecordingError(f"{path}: no frames follow the header")
-    # Marker names, and the number of cells such as X1
-    separator = next((each for each in ("\t", ",") if each in lines[named]), None)
-    names = lines[named].rstrip().rstrip(separator).split(separator)
-    if separator == "\t" and sum(map(bool, names)) <= 2:  # spaces separate the names
-        separator, names = None, lines[named].split()
-    names = [name.strip() for name in names[2:]]
-    axes = sum(len(_AXIS.findall(line)) for line in lines[named + 1 : first])
-    # Rows, without the columns to the right of the named markers
-    body = lines[first:]
-    if all(row[:1] in ("\t", "") for row in body):  # the first column is blank
-        body = [row[1:] for row in body]
-    usual = "," if separator == "," else "\t"
-    separated = usual in body[0] and len(body[0].split(usual, 1)[0].split()) == 1
-    mark = usual if separated else None  # None: white space separates the cells, so that no cell can be blank
-    filled = [row.rstrip() if mark is None else row.rstrip().rstrip(mark) for row in body]
-    counts = [len(row.split()) if mark is None else row.count(mark) + 1 for row in filled]
-    numbers = {"NumMarkers": parse_count(header.get("nummarkers")), "the X1 Y1 Z1 line": axes // 3 or None}
-    labels = _find_labels(path, names, numbers, max(counts), oddities, spaces=separator is None)
-    width = 2 + 3 * len(labels)
-    if mark is None:
-        odd = next((k for k, count in enumerate(counts) if count not in (0, width)), None)
-        if odd is not None:
-            raise RecordingError(
-                f"{path}: line {first + odd + 1} has {counts[odd]} cells between spaces, expected {width}: "
-                "a missing marker cannot be located; export the file with tabs"
-            )
-    elif max(counts) > width:
-        body = [mark.join(row.split(mark)[:width]) if mark in row else row for row in body]
-    columns = ["Frame#", "Time", *(f"{axis}{marker}" for marker in range(1, len(labels) + 1) for axis in "XYZ")]
-    table = TextTable(path, columns, body, first + 1, mark)
-    rows = table.numbers()
-    table.check_triples(rows, 2)
-    declared = parse_count(header.get("numframes"))
-    if declared is None:
-        stated = header.get("numframes", "")[:40]
-        oddities.append(f"the header has no valid number of frames ({stated!r}): {len(rows)} were read")
-    oddities += table.check_count(declared, rows, ended=has_final_line_end(text))
-    frames = check_frame_numbers(path, np.where(np.isfinite(rows[:, 1]), rows[:, 0], np.nan), consecutive=False)
-    time, rate = fit_clock(path, header.get("datarate", ""), rows[:, 1], oddities, "DataRate")
-    units = header.get("units", "")
-    return MarkerTable("TRC", labels, frames, time, rows[:, 2:].reshape(len(rows), -1, 3), rate, units, "Y")
-
-
-def _find_labels(
-    path: Path,
-    cells: Sequence[str],
-    numbers: dict[str, int | None],
-    widest: int,
-    oddities: list[str],
-    *,
-    spaces: bool,
-) -> list[str]:
-    """Return the marker names of a TRC file in the order of the columns.
-
-    Names usually start three columns apart. If they do not, they belong to the columns in their order, provided that
-    every other line has as many markers as there are names. ``cells`` are the cells of the line with the names, with
-    ``spaces`` between them; ``numbers`` are the numbers of markers in other lines, and ``widest`` is the number of
-    cells in the widest row.
-    """
-    spaced = list(cells) if spaces else list(cells[::3])
-    listed = [cell for cell in cells if cell]
-    in_place = spaces or not any(cell for k, cell in enumerate(cells) if k % 3)
-    declared = numbers["NumMarkers"]
-    stated = {name: count for name, count in numbers.items() if count is not None}
-    width = -(-(widest - 2) // 3)
-    if not listed:
-        raise RecordingError(f"{path}: the file contains no markers")
-    found = ", ".join(f"{name} {count}" for name, count in stated.items())
-    others = set(stated.values())
-    if others == {len(listed)} and width <= len(listed) and (not in_place or len(spaced) != len(listed)):
-        oddities.append(
-            f"the marker names are not three columns apart: the {len(listed)} names were used in their order, since "
-            f"all other lines have as many markers ({found}; rows with the coordinates of {width})"
-        )
-        return listed
-    if not in_place or (spaces and others and len(spaced) not in others):
-        raise RecordingError(
-            f"{path}: the lines contradict each other on the number of markers: {len(listed)} names, which are not "
-            f"three columns apart; {found or 'no NumMarkers'}; rows with the coordinates of {width}. Correct the "
-            "header, or export it again"
-        )
-    if width > len(spaced):
-        if (widest - 2) % 3 or len(spaced) not in others:
-            raise RecordingError(
-                f"{path}: the widest row has {widest} cells, expected at most {2 + 3 * len(spaced)} for {len(spaced)} "
-                f"names ({found or 'no NumMarkers'}); export it again"
-            )
-        agreeing = " and ".join(name for name, count in stated.items() if count == len(spaced))
-        oddities.append(
-            f"{width - len(spaced)} trajectories to the right of the {len(spaced)} named markers have no name and were "
-            f"not read ({agreeing} also has {len(spaced)})"
-        )
-    elif declared is not None and declared != len(spaced):
-        oddities.append(f"the header declares {declared} markers but names {len(spaced)}: the named markers were read")
-    return spaced

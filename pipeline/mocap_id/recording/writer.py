@@ -13,8 +13,8 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import RecordingError
+from mocap_id.recording.lab_plates import PlateSignals, compute_plate_axes
 from mocap_id.recording.model import Plate, Recording, to_z_up
-from mocap_id.recording.plate_types import PlateSignals, compute_plate_axes
 
 _CHANNEL_NAMES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 _SAME_FRAME = 0.01

@@ -19,7 +19,6 @@ from mocap_id.store.views import (
     Skeleton,
     SpatialAngles,
     SpatialSkeleton,
-    is_in_space,
 )
 from mocap_id.verdict import Level, Reason, overall
 
@@ -78,7 +77,7 @@ class ReportData(ArtefactSet):
     @property
     def in_space(self) -> bool:
         """Whether the trial has `space: 3d`."""
-        return is_in_space(self.facts("planar.parquet")) or self.settings.get("space") == "3d"
+        return super().in_space or self.settings.get("space") == "3d"
 
     @cached_property
     def skeleton(self) -> Skeleton | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -51,26 +51,6 @@ def compute_cache_key(
     return hash_bytes(dumps([stage.name, stage.version, settings, hashes, refusal]).encode())
 
 
-def find_unneeded(stages: Sequence[Stage], later: Sequence[Stage], size: Callable[[str], int | None]) -> set[str]:
-    """Return the artefacts to remove from memory.
-
-    These are the artefacts that no later stage reads, and large artefacts that the next stage does not read.
-
-    Parameters
-    ----------
-    stages, later : sequences of Stage
-        All stages, and the stages that have not run yet, in order.
-    size : callable
-        Function that returns the number of bytes of an artefact in memory; None if it is not in memory.
-    """
-    wanted = {file for stage in later for file in stage.inputs}
-    made = {file for stage in stages for file in stage.outputs} - set(later[0].inputs if later else ())
-    return {file for file in made if file not in wanted or (size(file) or 0) > _LARGE}
-
-
-_LARGE = 64 << 20
-"""Size in bytes above which an artefact is read again instead of kept in memory."""
-
 _SETTLED_NS = 2 * 10**9
 """Smallest age of a reliable time stamp, ns: a file modified more recently may change again without a new one."""
 
@@ -84,23 +64,11 @@ class FileHashes:
         self._stamps: dict[Path, tuple[int, ...]] = {}
 
     def of(self, stage: Stage) -> dict[str, str]:
-        """Return the hashes of the files that a stage reads, by YAML key.
-
-        Raises
-        ------
-        RecordingError
-            A file is missing or cannot be read.
-        """
+        """Return the hashes of the files that a stage reads, by YAML key; RecordingError if one cannot be read."""
         return {role: self.read(role, path) for role, path in find_user_files(self.trial, stage).items()}
 
     def check_unchanged(self, stage: Stage) -> None:
-        """Check, after a stage has read its files, that they still have the hashes from :meth:`read`.
-
-        Raises
-        ------
-        RecordingError
-            A file was changed or deleted during the run. The result of the stage must be discarded.
-        """
+        """Raise RecordingError if a file of a stage changed during the run, so that its result must be discarded."""
         for role, path in find_user_files(self.trial, stage).items():
             if path in self._stamps and self._stamps[path] == _read_stamp(path):
                 continue

@@ -28,17 +28,19 @@ from mocap_id.runner.dependencies import (
     collect_parameters,
     compute_cache_key,
     find_owner,
-    find_unneeded,
     find_user_files,
 )
-from mocap_id.runner.log import RUN_LOG, describe_verdict, keep_log
+from mocap_id.runner.log import RUN_LOG, keep_log, summarise_verdict
 from mocap_id.stages import STAGES, Stage
-from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.base import Context
 from mocap_id.store import Document, Folder, Origin
 from mocap_id.store.atomic import converting_errors, delaying_signals, replace_together
 from mocap_id.store.ownership import check_owner, store_owner
 
 LOG_FILE = "failure.log"  # in the run folder: the traceback of an unexpected failure
+_REFUSAL_FILE = ".mocap-id/refusal.json"
+_LONGEST_WAIT_S = 600.0  # if another run updates the calibration
+_LARGE = 64 << 20  # bytes; a larger artefact is read again instead of kept in memory
 
 _log = logging.getLogger(__name__)
 
@@ -79,10 +81,7 @@ def _silent(step: Step) -> None:
 def run(trial: Trial, stages: Sequence[Stage] = STAGES, progress: Progress = _silent) -> Outcome:
     """Run all stages that are not up to date.
 
-    Raises
-    ------
-    ConfigError, RecordingError, NumericalError, StoreError
-        See :mod:`mocap_id.errors`. A refusal is not raised; it is part of the outcome.
+    Raises the errors of :mod:`mocap_id.errors`. A refusal is not raised; it is part of the outcome.
     """
     with _start_run(trial, stages, progress) as this_run:
         return this_run.run_stages(stages)
@@ -91,12 +90,8 @@ def run(trial: Trial, stages: Sequence[Stage] = STAGES, progress: Progress = _si
 def run_stage(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progress: Progress = _silent) -> Outcome:
     """Run one stage on existing artefacts, unless its outputs are up to date.
 
-    Raises
-    ------
-    StoreError
-        An artefact that the stage reads is missing, or was made with other settings or files.
-    ConfigError, RecordingError, NumericalError
-        As for :func:`run`.
+    Raises StoreError if an artefact that the stage reads is missing, or was made with other settings or files; other
+    errors as for :func:`run`.
     """
     stage = next(stage for stage in stages if stage.name == name)
     with _start_run(trial, stages, progress) as this_run:
@@ -119,7 +114,17 @@ def run_to(
 @contextmanager
 def _start_run(trial: Trial, stages: Sequence[Stage], progress: Progress, wait: float = 0.0) -> Iterator[_Run]:
     """Start a run, and lock the run folder while it lasts."""
-    update_calibration(trial, stages, run_to)
+    if trial.keys.calibration is not None:
+        # Run the stages of the calibration that the trial needs. Of several trials that do this at the same time, one
+        # runs the stages and the others wait.
+        other = load(trial.keys.calibration.trial, stages)
+        last = "fit-joints" if trial.keys.calibration.states is None else "ukf-smooth"
+        refused = run_to(other, last, stages, wait=_LONGEST_WAIT_S).refused
+        if refused is not None:
+            raise RecordingError(
+                f"{other.file}: the calibration of {trial.file} was refused ({refused}); choose a trial in which every "
+                "joint moves"
+            )
     this_run = _Run(trial, stages, progress)
     outputs = {(trial.out / file).resolve() for stage in stages for file in (*stage.outputs, RUN_LOG)}
     files = {role: path for stage in stages for role, path in find_user_files(trial, stage).items()}
@@ -158,37 +163,41 @@ class _Run:
                 refused = error
                 self.report_refusal(stage, refused)
                 break
-            self.folder.release(find_unneeded(self.stages, stages[number + 1 :], self.folder.size))
+            # Remove artefacts that no later stage reads, and large ones that the next stage does not read.
+            later = stages[number + 1 :]
+            wanted = {file for one in later for file in one.inputs}
+            made = {file for one in self.stages for file in one.outputs} - set(later[0].inputs if later else ())
+            self.folder.release(f for f in made if f not in wanted or (self.folder.size(f) or 0) > _LARGE)
         self.writer.wait()
         store_owner(self.trial.out, self.owner)
         self.folder.remove([LOG_FILE])
-        self.log.info(describe_verdict(self.trial.out))
+        self.log.info(summarise_verdict(self.trial.out))
         return Outcome(self.trial.out, tuple(self._steps), refused)
 
     def run_or_reuse(self, stage: Stage) -> None:
-        """Compute one stage, unless its outputs are up to date."""
+        """Compute one stage, unless its outputs are up to date; if it refused these inputs before, refuse again."""
         hashes = self.compute_hashes(stage)
-        current = self.find_current(stage, hashes)
-        origin = current or self.compute_unless_refused(stage, hashes)
-        self._origins[stage.name] = origin
-        if current is not None:
+        origin = self.find_current(stage, hashes)
+        action: Literal["computed", "reused"] = "reused"
+        if origin is not None:
             self.writer.wait()  # its inputs must be on the disk
             self.update_times(stage)
-        self.record(Step(stage.name, "computed" if current is None else "reused", origin.seconds))
-
-    def compute_unless_refused(self, stage: Stage, hashes: Mapping[str, str]) -> Origin:
-        """Compute a stage and return its outputs' origin; if it refused the same inputs before, raise that refusal."""
-        key = self.compute_key(stage, hashes)
-        known = read_refusal(self.trial.out, stage.name, key)
-        if known is not None:
-            raise known
-        self.progress(Step(stage.name, "begun", 0.0))
-        try:
-            return self.compute(stage, hashes)
-        except Refused as refused:
-            store_owner(self.trial.out, self.owner)
-            store_refusal(self.trial.out, stage.name, key, refused)
-            raise
+        else:
+            action, key = "computed", self.compute_key(stage, hashes)
+            known = read_refusal(self.trial.out, stage.name, key)
+            if known is not None:
+                raise known
+            self.progress(Step(stage.name, "begun", 0.0))
+            try:
+                origin = self.compute(stage, hashes)
+            except Refused as refused:
+                store_owner(self.trial.out, self.owner)
+                reason = {name: getattr(refused, name) for name in ("code", "message", "value", "limit")}
+                text = json.dumps({"stage": stage.name, "key": key, "refused": reason}, indent=1)
+                replace_together(self.trial.out, {_REFUSAL_FILE: text.encode()})
+                raise
+        self._origins[stage.name] = origin
+        self.record(Step(stage.name, action, origin.seconds))
 
     def record(self, step: Step) -> None:
         """Add a step to the outcome, log it and report it as progress."""
@@ -209,7 +218,10 @@ class _Run:
                 outputs = stage.function(context)
                 self.files.check_unchanged(stage)
                 origin = Origin(stage.name, stage.version, slice_, hashes, key, time.perf_counter() - start)
-                _check_names(stage, outputs)
+                given = [output.file if isinstance(output, Document) else output.schema.file for output in outputs]
+                extra = {output.file for output in outputs if isinstance(output, Document)} - set(stage.outputs)
+                if [file for file in given if file not in extra] != list(stage.outputs):  # more documents are allowed
+                    raise ValueError(f"{stage.name} returned {given}, it declares {list(stage.outputs)}")
                 kept = self.folder.keep(outputs, origin)
         except NumericalError:
             self.delete_outputs_from(stage)
@@ -272,31 +284,22 @@ class _Run:
 
     def check_inputs(self, stage: Stage) -> None:
         """Raise StoreError if a direct or indirect input is missing or stale; the message names the stage to run."""
-        for earlier in self.find_earlier_stages(stage):
+        needed, before = set(stage.inputs), list[Stage]()  # stages on which the stage depends, in their order
+        for earlier in reversed(self.stages):
+            if needed & set(earlier.outputs):
+                before.insert(0, earlier)
+                needed |= set(earlier.inputs)
+        for earlier in before:
             missing = [file for file in earlier.outputs if not self.folder.exists(file)]
             if missing:
                 why = f"{self.trial.out / missing[0]} is missing"
-            elif self.is_out_of_date(earlier):
-                why = f"{self.trial.out / earlier.outputs[0]} was made from another recording or with other settings"
             else:
-                continue
+                self.folder.origin(earlier.name, earlier.outputs)  # raises if an output is damaged
+                if self.find_current(earlier, self.compute_hashes(earlier)) is not None:
+                    continue
+                why = f"{self.trial.out / earlier.outputs[0]} was made from another recording or with other settings"
             first = f"mocap-id {earlier.name} {self.trial.file}"
             raise StoreError(f"{stage.name}: {why}. Run `{first}` first, or all with `mocap-id run {self.trial.file}`")
-
-    def is_out_of_date(self, stage: Stage) -> bool:
-        """Return whether the existing outputs of a stage are out of date; StoreError if one is damaged."""
-        self.folder.origin(stage.name, stage.outputs)
-        return self.find_current(stage, self.compute_hashes(stage)) is None
-
-    def find_earlier_stages(self, stage: Stage) -> list[Stage]:
-        """Return the stages on which a stage depends, directly or indirectly, in the order of the pipeline."""
-        needed = set(stage.inputs)
-        found: list[Stage] = []
-        for earlier in reversed(self.stages):
-            if needed & set(earlier.outputs):
-                found.insert(0, earlier)
-                needed |= set(earlier.inputs)
-        return found
 
     def compute_hashes(self, stage: Stage) -> dict[str, str]:
         """Return the hashes of user files, by YAML key, and the keys of artefacts, by file name, that a stage reads."""
@@ -342,14 +345,6 @@ def _name_errors(trial: Trial, stage: Stage) -> Iterator[None]:
             raise  # the background writer has already added the names
         error.add_note(f"trial {trial.name}, stage {stage.name}")
         raise
-
-
-def _check_names(stage: Stage, outputs: Outputs) -> None:
-    """Raise ValueError unless a stage returned the outputs that it declares; additional documents are allowed."""
-    given = [output.file if isinstance(output, Document) else output.schema.file for output in outputs]
-    extra = {output.file for output in outputs if isinstance(output, Document)} - set(stage.outputs)
-    if [file for file in given if file not in extra] != list(stage.outputs):
-        raise ValueError(f"{stage.name} returned {given}, it declares {list(stage.outputs)}")
 
 
 class BackgroundWriter:
@@ -398,53 +393,10 @@ class BackgroundWriter:
             raise
 
 
-_LONGEST = 600.0  # s; waiting time if another run updates the calibration
-
-
-def update_calibration(trial: Trial, stages: Sequence[Stage], run_to: Callable[..., Outcome]) -> None:
-    """Run the stages of a trial's calibration that the trial needs, unless they are up to date.
-
-    If several trials do this at the same time, one runs the stages and the others wait.
-
-    Raises
-    ------
-    RecordingError
-        The calibration was refused, so it has no chain.
-    ConfigError, NumericalError, StoreError
-        As for :func:`mocap_id.runner.run_to`.
-    """
-    if trial.keys.calibration is None:
-        return
-    other = load(trial.keys.calibration.trial, stages)
-    last = "fit-joints" if trial.keys.calibration.states is None else "ukf-smooth"
-    refused = run_to(other, last, stages, wait=_LONGEST).refused
-    if refused is not None:
-        raise RecordingError(
-            f"{other.file}: the calibration of {trial.file} was refused ({refused}); choose a trial in which every "
-            "joint moves"
-        )
-
-
-_FILE = ".mocap-id/refusal.json"
-
-
-def store_refusal(folder: Path, stage: str, key: str, refused: Refused) -> None:
-    """Store that the stage has refused the computation with the cache key ``key``, and why.
-
-    Raises
-    ------
-    StoreError
-        The folder cannot be written.
-    """
-    reason = {"code": refused.code, "message": refused.message, "value": refused.value, "limit": refused.limit}
-    text = json.dumps({"stage": stage, "key": key, "refused": reason}, indent=1)
-    replace_together(folder, {_FILE: text.encode()})
-
-
 def read_refusal(folder: Path, stage: str, key: str) -> Refused | None:
     """Return the stored refusal of the computation with the cache key ``key``; None if it was not refused."""
     try:
-        found: dict[str, Any] = json.loads(plain_files.read(folder / _FILE, links=False))
+        found: dict[str, Any] = json.loads(plain_files.read(folder / _REFUSAL_FILE, links=False))
         refused = Refused(**found["refused"]) if (found["stage"], found["key"]) == (stage, key) else None
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
@@ -453,5 +405,5 @@ def read_refusal(folder: Path, stage: str, key: str) -> Refused | None:
 
 def forget_refusal(folder: Path) -> None:
     """Delete the stored refusal, so that the stage is computed again."""
-    with converting_errors(folder / _FILE):
-        (folder / _FILE).unlink(missing_ok=True)
+    with converting_errors(folder / _REFUSAL_FILE):
+        (folder / _REFUSAL_FILE).unlink(missing_ok=True)

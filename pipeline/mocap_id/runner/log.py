@@ -26,21 +26,8 @@ def keep_log(folder: Path, trial: str, files: Mapping[str, Path]) -> Iterator[lo
     """Collect log messages and warnings, and append them to the log of the run folder at the end of the run.
 
     Nothing is written to a folder without other files. A log that cannot be written causes no error. The caller must
-    have locked the folder.
-
-    Parameters
-    ----------
-    folder : Path
-        The run folder.
-    trial : str
-        Name of the trial.
-    files : mapping
-        User files by YAML key. The log contains the keys, because file names may identify a person.
-
-    Yields
-    ------
-    Logger
-        Logger for messages that go only to the log.
+    have locked the folder. Instead of the names of the user ``files``, which may identify a person, the log contains
+    their YAML keys. The logger that is yielded is for messages that go only to the log.
     """
     lines = _Lines(files)
     every, own = logging.getLogger("mocap_id"), logging.Logger("mocap_id.run", logging.INFO)
@@ -55,10 +42,17 @@ def keep_log(folder: Path, trial: str, files: Mapping[str, Path]) -> Iterator[lo
     finally:
         every.removeHandler(lines)
         with contextlib.suppress(OSError, StoreError):
-            _append(folder, lines.text())
+            path = folder / RUN_LOG
+            unsafe = path.is_symlink() or (path.exists() and not path.is_file())  # a link may lead out of the folder
+            if not unsafe and (path.exists() or any(file.is_file() for file in folder.iterdir())):
+                with path.open("a", encoding="utf-8") as stream:
+                    stream.write("".join(lines.lines))
+                if path.stat().st_size > _LARGEST:
+                    kept = path.read_bytes()[-_LARGEST // 2 :]
+                    replace_together(folder, {RUN_LOG: kept[kept.find(b"\n") + 1 :]})
 
 
-def describe_verdict(folder: Path) -> str:
+def summarise_verdict(folder: Path) -> str:
     """Return the verdict in a run folder and the codes of its reasons, as a line of the log."""
     try:
         verdict = json.loads(plain_files.read(folder / "summary.json"))["verdict"]
@@ -83,7 +77,7 @@ class _Lines(logging.Handler):
 
     def __init__(self, files: Mapping[str, Path]) -> None:
         super().__init__(logging.INFO)
-        self._lines: list[str] = []
+        self.lines: list[str] = []
         self._keys = {name: key for key, path in files.items() for name in (str(path), path.name)}
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -92,20 +86,4 @@ class _Lines(logging.Handler):
         for name, key in self._keys.items():
             message = message.replace(name, key)
         level = "" if record.levelno <= logging.INFO else f"{record.levelname.lower()}: "
-        self._lines.append(f"{stamp} {level}{message}\n")
-
-    def text(self) -> str:
-        return "".join(self._lines)
-
-
-def _append(folder: Path, text: str) -> None:
-    path = folder / RUN_LOG
-    if path.is_symlink() or (path.exists() and not path.is_file()):
-        return  # a link may lead out of the folder
-    if not path.exists() and not any(file.is_file() for file in folder.iterdir()):
-        return
-    with path.open("a", encoding="utf-8") as stream:
-        stream.write(text)
-    if path.stat().st_size > _LARGEST:
-        kept = path.read_bytes()[-_LARGEST // 2 :]
-        replace_together(folder, {RUN_LOG: kept[kept.find(b"\n") + 1 :]})
+        self.lines.append(f"{stamp} {level}{message}\n")

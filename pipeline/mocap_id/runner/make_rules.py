@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from mocap_id.config import Trial
@@ -16,17 +16,8 @@ from mocap_id.stages import STAGES, Stage
 def make_rules(trials: Sequence[Trial], command: str, stages: Sequence[Stage] = STAGES) -> str:
     """Return Makefile rules that make the outputs of the last stage of every trial with the commands of the stages.
 
-    Parameters
-    ----------
-    trials : sequence of Trial
-        Trials with different run folders.
-    command : str
-        Command with which the recipes call mocap-id.
-
-    Raises
-    ------
-    ConfigError
-        Two trials share a run folder, or a path contains characters that make cannot handle.
+    The trials have different run folders; ``command`` calls mocap-id. Raises ConfigError if two trials share a run
+    folder, or if a path contains characters that make cannot handle.
     """
     folders: dict[Path, Trial] = {}
     for trial in trials:
@@ -46,15 +37,11 @@ def make_rules(trials: Sequence[Trial], command: str, stages: Sequence[Stage] = 
     ]
     for trial in trials:
         for stage in stages:
-            lines += ["", *_make_rule(trial, stage, command)]
+            needed = [trial.file, *find_user_files(trial, stage).values(), *(trial.out / file for file in stage.inputs)]
+            targets = " ".join(_format_path(trial.out / file, pattern=True) for file in stage.outputs)
+            lines += ["", f"{targets}: {' '.join(_format_path(path) for path in needed)}"]
+            lines.append(f"\t{command} {stage.name} {_format_path(trial.file)}")
     return "\n".join(lines) + "\n"
-
-
-def _make_rule(trial: Trial, stage: Stage, command: str) -> Iterator[str]:
-    needed = [trial.file, *find_user_files(trial, stage).values(), *(trial.out / file for file in stage.inputs)]
-    targets = " ".join(_format_path(trial.out / file, pattern=True) for file in stage.outputs)
-    yield f"{targets}: {' '.join(_format_path(path) for path in needed)}"
-    yield f"\t{command} {stage.name} {_format_path(trial.file)}"
 
 
 def _format_path(path: Path, *, pattern: bool = False) -> str:

@@ -67,18 +67,8 @@ def status(trial: Trial, stages: Sequence[Stage] = STAGES) -> TrialStatus:
 def clean(trial: Trial, first: str | None = None, stages: Sequence[Stage] = STAGES) -> None:
     """Delete the outputs of all stages, or of the stage ``first`` and all later stages.
 
-    Only files that stages or the runner wrote are deleted. The folder is deleted too if it is then empty.
-
-    Parameters
-    ----------
-    trial : Trial
-    first : str, optional
-        Name of the first stage whose outputs are deleted; all stages if omitted.
-
-    Raises
-    ------
-    StoreError
-        A run has locked the folder, it cannot be read or changed, or it belongs to another recording.
+    Only files that stages or the runner wrote are deleted. The folder is deleted too if it is then empty. Raises
+    StoreError if a run has locked the folder, or if it cannot be read or changed, or belongs to another recording.
     """
     folder, names = Folder(trial.out), [stage.name for stage in stages]
     if not folder.is_present():

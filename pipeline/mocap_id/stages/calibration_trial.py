@@ -43,7 +43,7 @@ def read_chain(calibration: Calibration) -> Tree:
     path = calibration.chain
     from mocap_id.store import hdf5  # noqa: PLC0415  the settings of the stages do not need it
 
-    tree = _read(calibration, path, lambda content: hdf5.decode(content, CHAIN)[0])
+    tree = _read(calibration, path, lambda content: hdf5.decode_tree(content, CHAIN)[0])
     plane = calibration.states is not None
     if tree.has("joints/kind") == plane:
         found, expected = ("space", "the plane") if plane else ("the plane", "space")
@@ -62,7 +62,7 @@ def read_states(calibration: Calibration) -> Table:
     assert calibration.states is not None
     from mocap_id.store import parquet  # noqa: PLC0415  as above
 
-    table = _read(calibration, calibration.states, lambda content: parquet.decode(content, STATES)[0])
+    table = _read(calibration, calibration.states, lambda content: parquet.decode_table(content, STATES)[0])
     assert isinstance(table, store.Table)
     return table
 

@@ -9,9 +9,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from mocap_id.store.artefact_set import ArtefactSet
 from mocap_id.store.atomic import hash_bytes, hash_file
-from mocap_id.store.folder import Folder
+from mocap_id.store.folder import ArtefactSet, Folder
 from mocap_id.store.provenance import Document, Origin, Provenance, dumps
 from mocap_id.store.schemas import Column, TableSchema, TreeSchema
 

@@ -17,7 +17,7 @@ from mocap_id.store.schemas import TableSchema, TreeSchema
 
 def conform(output: Artefact) -> Artefact:
     """Return an artefact as it would be read from its file."""
-    typed = hdf5.conform(output) if isinstance(output, Tree) else parquet.conform(output)
+    typed = hdf5.conform_tree(output) if isinstance(output, Tree) else parquet.conform_table(output)
     facts, reasons = convert_as_stored(output.facts, output.reasons)
     return _freeze(replace(typed, facts=facts, reasons=reasons))
 
@@ -50,7 +50,7 @@ def make_writer(artefact: Artefact, origin: Origin, checksums: dict[str, Checksu
     def write(stream: BinaryIO) -> None:
         hashed = HashedStream(stream)
         if isinstance(artefact, Tree):
-            hashed.write(hdf5.encode(artefact, origin))
+            hashed.write(hdf5.encode_tree(artefact, origin))
         else:
             parquet.write(artefact, origin, hashed)
         checksums[file] = Checksum(version, hashed.hash())
@@ -61,7 +61,7 @@ def make_writer(artefact: Artefact, origin: Origin, checksums: dict[str, Checksu
 def decode(stream: BinaryIO, schema: TableSchema | TreeSchema) -> tuple[Artefact, Provenance]:
     """Read an artefact and its provenance from an open file; ValueError if the file is damaged."""
     if isinstance(schema, TreeSchema):
-        tree, provenance = hdf5.decode(stream.read(), schema)
+        tree, provenance = hdf5.decode_tree(stream.read(), schema)
         return _freeze(tree), provenance
-    table, provenance = parquet.decode(stream, schema)
+    table, provenance = parquet.decode_table(stream, schema)
     return _freeze(table), provenance

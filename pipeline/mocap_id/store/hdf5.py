@@ -31,14 +31,32 @@ _KINDS = {"float64": "fiu", "int64": "iu", "bool": "b", "str": "UO"}
 _STORED = {"float64": "<f8", "int64": "<i8", "bool": "|b1", "str": "U"}
 
 
-def encode(tree: Tree, origin: Origin) -> bytes:
+def encode_tree(tree: Tree, origin: Origin) -> bytes:
     """Return the bytes of a tree's HDF5 file; ValueError if the tree does not match its schema."""
     provenance = Provenance(tree.schema.file, tree.schema.version, origin, tree.facts, tree.reasons).encode()
     arrays = {path: _encode_texts(array) for path, array in _find_arrays(tree).items()}
-    size = compute_block_size({path: (array.dtype.str, array.shape) for path, array in arrays.items()}, provenance)
-    file, places = _write(tree.schema, arrays, provenance, size)
-    whole = fill_block(file, size, places, provenance)
-    found = read(whole)[0]
+    # The block at the beginning has a size that can index the datasets at any offset.
+    farthest = {path: Place(array.dtype.str, array.shape, _FARTHEST) for path, array in arrays.items()}
+    needed, size = _HEAD + len(_format_index(farthest, provenance)), _SMALLEST
+    while size < needed:
+        size *= 2
+    import h5py  # noqa: PLC0415  reading does not need it
+
+    stream, places = io.BytesIO(), dict[str, Place]()
+    with h5py.File(stream, "w", libver=("v108", "v110"), userblock_size=size) as file:  # allows attributes > 64 KiB
+        for node in tree.schema.expand_nodes(arrays):
+            array = arrays[node.name]
+            text = h5py.string_dtype("utf-8", array.dtype.itemsize) if array.dtype.kind == "S" else None
+            data = array.astype(text) if text else array
+            dataset = file.create_dataset(node.name, data=data, track_times=False)
+            dataset.attrs["unit"], dataset.attrs["meaning"] = node.unit, node.meaning
+            start = dataset.id.get_offset() if array.size else 0
+            places[node.name] = Place(array.dtype.str, array.shape, start)
+        for key, value in provenance.items():
+            file.attrs[key] = value
+    rest = _format_index(places, provenance).ljust(size - _HEAD) + stream.getvalue()[size:]
+    whole = _format_head(rest) + rest
+    found = read_datasets(whole)[0]
     if any(_encode_texts(found[path]).tobytes() != array.tobytes() for path, array in arrays.items()):
         raise ValueError(
             f"{tree.schema.file} is damaged: the HDF5 library wrote values at other positions than it reports"
@@ -51,34 +69,13 @@ def _encode_texts(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     return np.char.encode(array, "utf-8") if array.dtype.kind == "U" else array
 
 
-def _write(
-    schema: TreeSchema, arrays: Leaves, provenance: Mapping[str, str], size: int
-) -> tuple[bytes, dict[str, Place]]:
-    """Return the bytes of an HDF5 file, of which the first ``size`` are free, and the positions of its datasets."""
-    import h5py  # noqa: PLC0415  reading does not need it
-
-    stream, places = io.BytesIO(), {}
-    with h5py.File(stream, "w", libver=("v108", "v110"), userblock_size=size) as file:  # allows attributes > 64 KiB
-        for node in schema.expand_nodes(arrays):
-            array = arrays[node.name]
-            text = h5py.string_dtype("utf-8", array.dtype.itemsize) if array.dtype.kind == "S" else None
-            data = array.astype(text) if text else array
-            dataset = file.create_dataset(node.name, data=data, track_times=False)
-            dataset.attrs["unit"], dataset.attrs["meaning"] = node.unit, node.meaning
-            start = dataset.id.get_offset() if array.size else 0
-            places[node.name] = Place(array.dtype.str, array.shape, start)
-        for key, value in provenance.items():
-            file.attrs[key] = value
-    return stream.getvalue(), places
-
-
-def decode(content: bytes, schema: TreeSchema) -> tuple[Tree, Provenance]:
+def decode_tree(content: bytes, schema: TreeSchema) -> tuple[Tree, Provenance]:
     """Read a tree from the bytes of an HDF5 file and check it against its hash and its schema.
 
     Raises ValueError if the file is damaged, from another program or of another schema. The message has no subject,
     because the caller writes the file name before it.
     """
-    leaves, metadata = read(content)
+    leaves, metadata = read_datasets(content)
     provenance = read_provenance(metadata, schema)
     problem = "; ".join(_find_mismatches(leaves, schema))
     if problem:
@@ -86,8 +83,8 @@ def decode(content: bytes, schema: TreeSchema) -> tuple[Tree, Provenance]:
     return Tree(schema, _nest(leaves), provenance.facts, provenance.reasons), provenance
 
 
-def conform(tree: Tree) -> Tree:
-    """Return a tree with exactly the nodes and types of its schema, as :func:`decode` would return it.
+def conform_tree(tree: Tree) -> Tree:
+    """Return a tree with exactly the nodes and types of its schema, as :func:`decode_tree` would return it.
 
     Raises ValueError if a node is missing, unknown or of another type.
     """
@@ -95,7 +92,7 @@ def conform(tree: Tree) -> Tree:
 
 
 def _find_arrays(tree: Tree) -> Leaves:
-    """Return the arrays of a tree by path, with the types of the schema; ValueError as for :func:`conform`."""
+    """Return the arrays of a tree by path, with the types of the schema; ValueError as for :func:`conform_tree`."""
     leaves = dict(_flatten(tree.data, ""))
     problem = "; ".join(_find_mismatches(leaves, tree.schema))
     unknown = sorted(set(leaves) - {node.name for node in tree.schema.expand_nodes(leaves)})
@@ -161,22 +158,7 @@ class Place:
         return math.prod(self.shape) * np.dtype(self.dtype).itemsize
 
 
-def compute_block_size(places: Mapping[str, tuple[str, tuple[int, ...]]], provenance: Mapping[str, str]) -> int:
-    """Return the size of a block that can index datasets of these types and shapes at any offset, bytes."""
-    farthest = {path: Place(dtype, shape, _FARTHEST) for path, (dtype, shape) in places.items()}
-    needed, size = _HEAD + len(_format_index(farthest, provenance)), _SMALLEST
-    while size < needed:
-        size *= 2
-    return size
-
-
-def fill_block(content: bytes, size: int, places: Mapping[str, Place], provenance: Mapping[str, str]) -> bytes:
-    """Return the bytes of an HDF5 file in which the block replaces the first ``size`` bytes, which are free."""
-    rest = _format_index(places, provenance).ljust(size - _HEAD) + content[size:]
-    return _format_head(rest) + rest
-
-
-def read(content: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, str]]:
+def read_datasets(content: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, str]]:
     """Return the datasets by path, and the provenance, from the bytes of a file.
 
     Texts are numpy ``U`` arrays, scalars have shape (). The hash is checked first, then that every dataset lies within
@@ -194,7 +176,13 @@ def read(content: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, str
         places = {path: Place(dtype, tuple(shape), start) for path, (dtype, shape, start) in index["nodes"].items()}
         provenance = {key: value for key, value in index["provenance"].items() if isinstance(value, str)}
         _check_places(places, len(content))
-        return {path: _read_values(content, place) for path, place in places.items()}, provenance
+        datasets = {}
+        for path, place in places.items():
+            values = np.frombuffer(content, place.dtype, math.prod(place.shape), place.start).reshape(place.shape)
+            if place.dtype == "|b1" and (values.view(np.uint8) > 1).any():
+                raise ValueError("a truth value that is neither true nor false")
+            datasets[path] = np.char.decode(values, "utf-8") if place.dtype.startswith("|S") else values.copy()
+        return datasets, provenance
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
         raise ValueError(f"is damaged ({first_line(error)[:200]})") from error
 
@@ -223,11 +211,3 @@ def _check_places(places: Mapping[str, Place], length: int) -> None:
     taken = sorted((place.start, place.start + place.size) for place in places.values() if place.size)
     if any(start < end for (_, end), (start, _) in pairwise(taken)):
         raise ValueError("two datasets share bytes")
-
-
-def _read_values(content: bytes, place: Place) -> np.ndarray[Any, Any]:
-    count = math.prod(place.shape)
-    values = np.frombuffer(content, place.dtype, count, place.start).reshape(place.shape)
-    if place.dtype == "|b1" and (values.view(np.uint8) > 1).any():
-        raise ValueError("a truth value that is neither true nor false")
-    return np.char.decode(values, "utf-8") if place.dtype.startswith("|S") else values.copy()

@@ -62,7 +62,7 @@ def write(table: Table | LongTable, origin: Origin, stream: BinaryIO | HashedStr
             writer.write_table(_rows_to_arrow(table, columns, schema, rows))
 
 
-def encode(table: Table | LongTable, origin: Origin) -> bytes:
+def encode_table(table: Table | LongTable, origin: Origin) -> bytes:
     """Return the bytes of a table's Parquet file; ValueError as for :func:`write`."""
     stream = io.BytesIO()
     write(table, origin, stream)
@@ -70,13 +70,13 @@ def encode(table: Table | LongTable, origin: Origin) -> bytes:
 
 
 def to_arrow(table: Table | LongTable) -> pa.Table:
-    """Return an Arrow table with the schema's columns, types and order; ValueError as for :func:`conform`."""
+    """Return an Arrow table with the schema's columns, types and order; ValueError as for :func:`conform_table`."""
     columns = _find_columns(table)
     return _rows_to_arrow(table, columns, pa.schema([_make_field(column) for column in columns]), slice(None))
 
 
-def conform(table: Table | LongTable) -> Table | LongTable:
-    """Return a table with exactly the columns, types and order of its schema, as :func:`decode` would return it.
+def conform_table(table: Table | LongTable) -> Table | LongTable:
+    """Return a table with exactly the columns, types and order of its schema, as :func:`decode_table` would return it.
 
     Raises ValueError if a column is missing, unknown or of another type.
     """
@@ -90,7 +90,7 @@ def conform(table: Table | LongTable) -> Table | LongTable:
     return replace(table, columns={c.name: _convert(table.columns[c.name], c, file) for c in columns})
 
 
-def decode(content: bytes | BinaryIO, schema: TableSchema) -> tuple[Table | LongTable, Provenance]:
+def decode_table(content: bytes | BinaryIO, schema: TableSchema) -> tuple[Table | LongTable, Provenance]:
     """Read a table from a Parquet file, given as bytes or as a stream, and check its schema and checksums.
 
     Columns are read one by one, so that the table is never in memory twice. Raises ValueError if the file is damaged,
@@ -213,19 +213,15 @@ def expand_columns(schema: TableSchema, names: Sequence[str]) -> Iterator[Column
     yield from schema.columns
     for group in (schema.repeated, *schema.optional):
         if group and "{name}" in group[0].name:
-            fields: list[dict[str, Any]] = [{"name": text} for text in _find_names(group[0], names)]
+            pattern = re.escape(group[0].name).replace(r"\{name\}", "(.+)")
+            matches = (re.fullmatch(pattern, str(name)) for name in names)
+            fields: list[dict[str, Any]] = [{"name": match[1]} for match in matches if match]
         else:
             numbers = {_find_number(column, str(name)) for name in names for column in group}
             fields = [{"k": k} for k in sorted(number for number in numbers if number is not None)]
         for values in fields:
             for column in group:
                 yield replace(column, name=column.name.format(**values))
-
-
-def _find_names(column: Column, names: Sequence[str]) -> list[str]:
-    """Return the text that each of ``names`` has in place of the column's ``{name}``; other names are left out."""
-    pattern = re.escape(column.name).replace(r"\{name\}", "(.+)")
-    return [match[1] for name in names if (match := re.fullmatch(pattern, str(name)))]
 
 
 def _find_number(column: Column, name: str) -> int | None:

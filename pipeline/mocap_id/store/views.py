@@ -255,19 +255,12 @@ NEAR_GIMBAL = float(1 / np.sin(np.radians(15)))
 MEANINGLESS_AT_POLE = ("shoulder_plane", "shoulder_axial")
 """Angles that have no meaning near a pole."""
 
-_VECTORS = ("centre", "glide", "rest", "long_axis")
-_MATRICES = ("covariance", "offset", "glide_covariance", "untwisted")
 _JOINT_ARRAYS: dict[str, tuple[int, ...]] = {
-    **dict.fromkeys(_VECTORS, (-1, 3)),
-    **dict.fromkeys(_MATRICES, (-1, 3, 3)),
+    **dict.fromkeys(("centre", "glide", "rest", "long_axis"), (-1, 3)),
+    **dict.fromkeys(("covariance", "offset", "glide_covariance", "untwisted"), (-1, 3, 3)),
     "axes_covariance": (-1, 2, 3, 3),
 }
 """Shapes of arrays in chain.h5 that are also fields of a joint, by name."""
-
-
-def is_in_space(facts: Facts) -> bool:
-    """Return whether the facts of ``planar.parquet`` describe a trial in space."""
-    return facts.get("space") == "3d"
 
 
 def is_skeleton(facts: Facts) -> bool:
@@ -294,8 +287,26 @@ class SpatialSkeleton:
     def from_tree(cls, tree: Tree) -> SpatialSkeleton:
         """Return the chain of a trial in space."""
         segments, names = tree.texts("segments/name"), tree.texts("joints/name")
+        parents, known = tree.integers("joints/parent"), tree.integers("joints/known")
+        axes, slide_sd = tree.numbers("joints/axes", (-1, 2, 3)), tree.numbers("joints/slide_sd")
+        arrays = {name: tree.numbers(f"joints/{name}", shape) for name, shape in _JOINT_ARRAYS.items()}
+        joints = tuple(
+            SpatialJoint(
+                kind=next(kind for kind in get_args(JointKind) if kind == text),
+                parent=int(parents[k]),
+                first_axis=axes[k, 0],
+                second_axis=axes[k, 1],
+                slide_sd=float(slide_sd[k]),
+                known=bool(known[k]),
+                **{name: values[k] for name, values in arrays.items()},
+            )
+            for k, text in enumerate(tree.texts("joints/kind"))
+        )
+        length, sd = tree.numbers("segments/length"), tree.numbers("segments/length_sd")
+        # Without anatomy, only segments between two joints have a length.
+        measured = segments if len(length) == len(segments) else segments[1 : 1 + len(length)]
         chain = SpatialChain(
-            _read_joints(tree),
+            joints,
             tree.integers("markers/segment"),
             tree.numbers("markers/local", (-1, 3)),
             tree.integers("markers/on_glide").astype(np.bool_),
@@ -303,10 +314,10 @@ class SpatialSkeleton:
             tree.numbers("markers/skin_sd"),
         )
         return cls(
-            joints=names or tuple(f"joint {k}" for k in range(1, len(chain.joints) + 1)),
+            joints=names or tuple(f"joint {k}" for k in range(1, len(joints) + 1)),
             segments=segments,
             arc=tree.numbers("joints/arc"),
-            lengths=_read_lengths(tree, segments),
+            lengths={name: (float(a), float(b)) for name, a, b in zip(measured, length, sd, strict=True)},
             chain=chain,
             markers=tree.texts("markers/name"),
             landmarks=tree.texts("landmarks/name"),
@@ -324,31 +335,6 @@ class SpatialSkeleton:
         """Return the tip (3,) of a segment without a child, in its own frame, m: the centroid of its markers, or 0."""
         own = self.chain.local[self.chain.segment == segment]
         return np.asarray(own.mean(axis=0)) if len(own) else np.zeros(3)
-
-
-def _read_joints(tree: Tree) -> tuple[SpatialJoint, ...]:
-    kinds, parents, known = tree.texts("joints/kind"), tree.integers("joints/parent"), tree.integers("joints/known")
-    axes, slide_sd = tree.numbers("joints/axes", (-1, 2, 3)), tree.numbers("joints/slide_sd")
-    arrays = {name: tree.numbers(f"joints/{name}", shape) for name, shape in _JOINT_ARRAYS.items()}
-    return tuple(
-        SpatialJoint(
-            kind=next(kind for kind in get_args(JointKind) if kind == text),
-            parent=int(parents[k]),
-            first_axis=axes[k, 0],
-            second_axis=axes[k, 1],
-            slide_sd=float(slide_sd[k]),
-            known=bool(known[k]),
-            **{name: values[k] for name, values in arrays.items()},
-        )
-        for k, text in enumerate(kinds)
-    )
-
-
-def _read_lengths(tree: Tree, segments: tuple[str, ...]) -> dict[str, tuple[float, float]]:
-    """Return length and standard deviation, m, by segment; without anatomy, only of segments between two joints."""
-    length, sd = tree.numbers("segments/length"), tree.numbers("segments/length_sd")
-    named = segments if len(length) == len(segments) else segments[1 : 1 + len(length)]
-    return {name: (float(a), float(b)) for name, a, b in zip(named, length, sd, strict=True)}
 
 
 @dataclass(frozen=True)

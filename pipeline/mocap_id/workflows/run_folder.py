@@ -53,13 +53,6 @@ class RunFolder(ArtefactSet):
             raise StoreError(f"{file} cannot be read ({error}): delete it and run `mocap-id report` again") from error
         return summary
 
-    @property
-    def in_space(self) -> bool:
-        """Whether the trial has `space: 3d`."""
-        from mocap_id.store.views import is_in_space  # noqa: PLC0415  most commands do not ask
-
-        return is_in_space(self.facts("planar.parquet"))
-
     def why_missing(self, file: str) -> str:
         """Return the reason why an artefact, or its data, is missing."""
         if file == "angles.parquet" and file in self.artefacts and not self.in_space:

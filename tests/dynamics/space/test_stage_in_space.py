@@ -101,7 +101,9 @@ def context(
 
 def run(given: Context) -> tuple[Table, Table, Tree, Table]:
     events, table, tree, averages = STAGE.function(given)
-    parquet.conform(events), parquet.conform(table), hdf5.conform(tree), parquet.conform(averages)
+    for one in (events, table, averages):
+        parquet.conform_table(one)
+    hdf5.conform_tree(tree)
     assert tuple(each.schema.file for each in (events, table, tree, averages)) == STAGE.outputs
     assert table.length == given.table("poses.parquet").length
     return events, table, tree, averages

@@ -13,7 +13,7 @@ from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.plates.choice import PlateChoice
 from mocap_id.recording import Recording, ThinnedFrames
 from mocap_id.recording.imu_log import read_imu
-from mocap_id.recording.marker_positions import rotate_z_up
+from mocap_id.recording.markers import rotate_z_up
 from mocap_id.recording.model import nearest_axis
 from mocap_id.recording.skeleton_log import read_skeleton
 from mocap_id.stages.base import Context, Findings, Outputs
