@@ -144,7 +144,7 @@ def circle_links(points: ComplexArray, segment: IntArray) -> ChainState:
     angles, seen_from = np.zeros((len(points), joints)), points
     for joint in range(joints):
         own = segment == joint + 1
-        centre = complex(fit_common_centre(seen_from[:, own], "kasa").centre[0])
+        centre = fit_common_centre(seen_from[:, own])
         if not np.isfinite(centre):
             raise NumericalError(
                 f"the markers of segment {joint + 1} move on straight lines relative to segment {joint}, so their "

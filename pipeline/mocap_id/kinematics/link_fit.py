@@ -377,7 +377,7 @@ def _fit_circle(track: ComplexArray, least_arc: float) -> complex | None:
     for _ in range(2):  # the second fit is without faults
         if len(known) < _FEWEST_FRAMES:
             return None
-        centre = complex(fit_circles(known[:, None]).centre[0])
+        centre = complex(fit_circles(known[:, None])[0])
         if not np.isfinite(centre):
             return None
         distance = np.abs(known - centre)
