@@ -36,9 +36,8 @@ class RigidBody:
         return float(self.residual * np.sqrt(coordinates / (coordinates - 3) / 2) / spread)
 
     def local(self, points: ComplexArray) -> ComplexArray:
-        """Return trajectories (F, ...) in the body's frame."""
-        shape = (-1,) + (1,) * (points.ndim - 1)
-        return np.asarray(np.conj(self.rotation).reshape(shape) * (points - self.position.reshape(shape)))
+        """Return trajectories (F, M) in the body's frame."""
+        return np.asarray(np.conj(self.rotation)[:, None] * (points - self.position[:, None]))
 
 
 def fit_body(points: ComplexArray, markers: IntArray) -> RigidBody:
