@@ -11,12 +11,13 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from circles import CircleMethod, fit_circles, fit_common_centre
 from harness import describe_source, format_table, make_parser, publish, rms
 
 from mocap_id.arrays import ComplexArray, IntArray
 from mocap_id.errors import NumericalError
 from mocap_id.kinematics.bundle import fit_chain
-from mocap_id.kinematics.joint import CircleMethod, fit_body, fit_circles, fit_common_centre, fit_joint, still_body
+from mocap_id.kinematics.joint import fit_body, fit_joint, still_body
 
 FRAMES, RADIUS = 200, 0.35
 ARCS = tuple(map(float, np.radians([5, 10, 15, 30, 60, 90])))

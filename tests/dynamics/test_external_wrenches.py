@@ -26,7 +26,7 @@ IN_PLANE = [0, 1, 5]
 
 
 def random_spatial_chain(rng: np.random.Generator, joints: int) -> Chain:
-    placements = se3.exp(rng.normal(size=(joints, 6)))
+    placements = se3.exp_twist(rng.normal(size=(joints, 6)))
     return Chain(tuple(Revolute(tuple(rng.normal(size=3))) for _ in range(joints)), placements)
 
 
@@ -92,7 +92,7 @@ def in_plane(
     q = states[0]
     regressor = planar_regressor(centres, *states)
     joints = np.arange(1, len(centres) + 1)
-    ground, torque = sum_external(planar.spatial_jacobian(q, centres), joints, wrenches, segment)
+    ground, torque = sum_external(planar.joint_twists(q, centres), joints, wrenches, segment)
     return np.hstack([regressor @ phi - ground, planar_torque_regressor(centres, q, regressor) @ phi - torque])
 
 
@@ -132,7 +132,7 @@ def test_the_plane_is_a_selection_of_space(seed: int, joints: int) -> None:
     rng = np.random.default_rng(seed)
     centres, q = random_chain(rng, joints), rng.normal(size=(9, joints))
     chain = planar.spatial_chain(centres)
-    flat = planar.spatial_jacobian(q, centres)
+    flat = planar.joint_twists(q, centres)
     np.testing.assert_allclose(flat, spatial_jacobian(chain, q)[:, IN_PLANE], atol=1e-12, rtol=0)
     wrenches, segment = rng.normal(size=(9, 6, 5)), rng.integers(0, joints + 1, size=5)
     joint = np.arange(1, joints + 1)
@@ -161,7 +161,7 @@ def test_a_weight_hung_on_a_segment_is_that_segments_own_weight(seed: int) -> No
 
 def test_a_wrench_passes_through_the_joints_below_it_only() -> None:
     rng = np.random.default_rng(3)
-    jacobian = planar.spatial_jacobian(rng.normal(size=(2, 3)), random_chain(rng, 3))
+    jacobian = planar.joint_twists(rng.normal(size=(2, 3)), random_chain(rng, 3))
     joint, wrench = np.arange(1, 4), rng.normal(size=(2, 3, 4))
     torque = project_on_joints(jacobian, joint, wrench, np.arange(4))
     np.testing.assert_array_equal(torque[0] != 0, joint[:, None] <= np.arange(4))

@@ -132,7 +132,7 @@ def test_the_torques_of_a_chain_are_the_chain_s(seed: int) -> None:
     regressor = wrench_regressor(motion)
     expected = planar_torque_regressor(centres, states[0], regressor)
     np.testing.assert_allclose(torque_regressor(motion, regressor), expected, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(motion.jacobian, planar.spatial_jacobian(states[0], centres), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(motion.jacobian, planar.joint_twists(states[0], centres), rtol=0, atol=1e-12)
 
 
 def test_a_joint_without_a_centre_has_no_torque_and_spoils_no_other() -> None:

@@ -23,7 +23,7 @@ seeds = pytest.mark.parametrize("seed", range(6))
 
 
 def random_spatial_chain(rng: np.random.Generator, joints: int) -> Chain:
-    placements = se3.exp(rng.normal(size=(joints, 6)))
+    placements = se3.exp_twist(rng.normal(size=(joints, 6)))
     return Chain(tuple(Revolute(tuple(rng.normal(size=3))) for _ in range(joints)), placements)
 
 

@@ -42,7 +42,7 @@ def twists() -> st.SearchStrategy[Array]:
 
 
 def poses() -> st.SearchStrategy[Array]:
-    return twists().map(se3.exp)
+    return twists().map(se3.exp_twist)
 
 
 seeds = st.integers(0, 2**32 - 1)

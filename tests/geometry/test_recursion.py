@@ -26,7 +26,7 @@ def test_velocities_and_accelerations_are_derivatives_of_the_poses(seed, joints)
     times = np.array([-step, 0.0, step])[:, None]
     poses = chain.poses(q + dq * times + ddq * times**2 / 2)
     rates = link_motion(chain, q + dq * times + ddq * times**2 / 2, dq + ddq * times, ddq, STILL)
-    velocity = se3.vee(se3.inverse(poses[1]) @ (poses[2] - poses[0]) / (2 * step))
+    velocity = se3.vee_twist(se3.inverse(poses[1]) @ (poses[2] - poses[0]) / (2 * step))
     np.testing.assert_allclose(rates.velocity[1], velocity, atol=1e-4)
     acceleration = (rates.velocity[2] - rates.velocity[0]) / (2 * step)
     np.testing.assert_allclose(rates.acceleration[1], acceleration, atol=1e-4)

@@ -1,6 +1,8 @@
-"""Circles through single tracks, and common centres."""
+"""Circles through single tracks, and common centres: the fits of the pipeline, and those of the benchmark."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize
 
-from mocap_id.kinematics.joint import fit_circles, fit_common_centre
+from mocap_id.kinematics import joint
+
+with pytest.MonkeyPatch.context() as patch:
+    patch.syspath_prepend(Path(__file__).resolve().parents[2] / "benchmarks")
+    from circles import fit_circles, fit_common_centre
 
 SEEDS = st.integers(0, 10_000)
 METHODS = ["kasa", "taubin", "pratt", "geometric"]
@@ -193,3 +199,13 @@ def test_an_arc_lost_in_noise_ends_without_harm(seed):
 def test_a_common_centre_by_pratt_is_refused():
     with pytest.raises(ValueError, match="method 'pratt' has no common centre"):
         fit_common_centre(np.ones((5, 2), dtype=complex), "pratt")
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.2, 0.97])
+def test_the_pipeline_has_the_fits_of_taubin_and_kasa(missing):
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        points = arcs(rng, 40, rng.uniform(0.2, 0.5, 3), noise=1e-3, missing=missing)
+        points[:, 2] = 0.1
+        np.testing.assert_array_equal(joint.fit_circles(points), fit_circles(points, "taubin").centre)
+        np.testing.assert_array_equal(joint.fit_common_centre(points), fit_common_centre(points, "kasa").centre[0])

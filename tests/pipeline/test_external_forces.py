@@ -294,7 +294,7 @@ def test_a_hand_on_a_rail_with_a_sensor(holding: Finished) -> None:
     with np.load(holding.source / "truth.npz") as arrays:
         q = CubicSpline(arrays["t"], arrays["q"])(time)
     centres = np.array([segment["p_in_parent_m"] for segment in holding.truth["segments"][1:]])
-    moment = np.einsum("tcj,tc->tj", planar.spatial_jacobian(q, centres), on_rail(time))
+    moment = np.einsum("tcj,tc->tj", planar.joint_twists(q, centres), on_rail(time))
     error = holding.torques() - (holding.true("tau") - moment)
     assert (rms(error) < (3.0, 2.0, 1.0)).all()
     assert (rms(moment) > 15).all()

@@ -218,7 +218,7 @@ def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: Float
     beyond it.
     """
     joints = np.arange(q.shape[1] + 1)
-    jacobian = planar.spatial_jacobian(q, centres)
+    jacobian = planar.joint_twists(q, centres)
     return project_on_joints(jacobian, joints[1:], regressor, np.repeat(joints, len(PLANAR_PARAMETERS)))
 
 

@@ -89,7 +89,8 @@ class Ball:
         """
         a, b, _, _ = _jacobian_coefficients(np.linalg.norm(q, axis=-1)[..., None, None])
         cross = so3.hat(q)
-        return _stack_below_zeros(np.eye(3) - a * cross + b * cross @ cross)
+        right = np.eye(3) - a * cross + b * cross @ cross
+        return np.concatenate([np.zeros_like(right), right], axis=-2)
 
     def subspace_rate(self, q: FloatArray, dq: FloatArray) -> FloatArray:
         """Return the time derivative of :meth:`subspace`, (..., 6, 3)."""
@@ -97,12 +98,8 @@ class Ball:
         cross, change = so3.hat(q), so3.hat(dq)
         along = np.sum(q * dq, axis=-1)[..., None, None]  # θ dθ/dt
         square = cross @ change + change @ cross
-        return _stack_below_zeros(along * (db * cross @ cross - da * cross) - a * change + b * square)
-
-
-def _stack_below_zeros(rotation: FloatArray) -> FloatArray:
-    """Return matrices (..., 6, 3): three rows of zeros above the matrices ``rotation`` (..., 3, 3)."""
-    return np.concatenate([np.zeros_like(rotation), rotation], axis=-2)
+        rate = along * (db * cross @ cross - da * cross) - a * change + b * square
+        return np.concatenate([np.zeros_like(rate), rate], axis=-2)
 
 
 def _jacobian_coefficients(angle: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -153,7 +150,7 @@ class Chain:
     def relative_poses(self, q: FloatArray) -> FloatArray:
         """Return the pose g_{i-1,i}(q) of each link in the previous link, (..., n, 4, 4) (eq. 2.29, 2.41)."""
         moved = [
-            placement @ se3.exp(q[..., part] @ joint.twists.T)
+            placement @ se3.exp_twist(q[..., part] @ joint.twists.T)
             for joint, placement, part in zip(self.joints, self.placements, self.slices, strict=True)
         ]
         return np.stack(moved, axis=-3)
@@ -178,7 +175,7 @@ def spatial_product(chain: Chain, q: FloatArray, tool: FloatArray) -> FloatArray
     """
     g: FloatArray = np.eye(4)
     for joint, home, part in zip(chain.joints, chain.home, chain.slices, strict=True):
-        g = g @ se3.exp(q[..., part] @ (se3.Ad(home) @ joint.twists).T)
+        g = g @ se3.exp_twist(q[..., part] @ (se3.Ad(home) @ joint.twists).T)
     at_home: FloatArray = chain.home[-1] @ tool
     return g @ at_home
 
@@ -192,7 +189,7 @@ def body_product(chain: Chain, q: FloatArray, tool: FloatArray) -> FloatArray:
     g = at_home
     for joint, home, part in zip(chain.joints, chain.home, chain.slices, strict=True):
         to_tool = se3.Ad(se3.inverse(at_home) @ home)
-        g = g @ se3.exp(q[..., part] @ (to_tool @ joint.twists).T)
+        g = g @ se3.exp_twist(q[..., part] @ (to_tool @ joint.twists).T)
     return g
 
 
@@ -287,18 +284,10 @@ def inverse_dynamics(
 ) -> JointLoads:
     """Return the joint wrenches, joint torques and ground wrench for a given motion (eq. 2.57).
 
-    Parameters
-    ----------
-    chain : Chain
-    inertias : (n + 1, 6, 6) array
-        :func:`spatial_inertia` of all links, base first.
-    q, dq, ddq : (..., N) arrays
-        Coordinates and their time derivatives.
-    base_acceleration : (6,) array
-        Acceleration of the base, ``(g·up, 0)`` for gravity.
-    applied : (..., n + 1, 6) array, optional
-        Other external wrenches on the links (for example, from a seat), in the links' frames. The thesis has the
-        opposite sign: its Γ_E is the wrench of the body on the surroundings.
+    ``inertias`` (n + 1, 6, 6) are the :func:`spatial_inertia` of all links, base first, and q, dq, ddq (..., N) the
+    coordinates and their time derivatives. ``base_acceleration`` (6,) is ``(g·up, 0)`` for gravity. ``applied`` (...,
+    n + 1, 6) are other external wrenches on the links (for example, from a seat), in the links' frames. The thesis has
+    the opposite sign: its Γ_E is the wrench of the body on the surroundings.
     """
     moving = link_motion(chain, q, dq, ddq, base_acceleration)
     needed = link_wrench(inertias, moving.velocity, moving.acceleration)

@@ -75,12 +75,12 @@ def _place_markers(angle: FloatArray, origin: FloatArray, segment: IntArray, loc
     return position
 
 
-def spatial_jacobian(q: FloatArray, centres: FloatArray) -> FloatArray:
-    """Return the rows v_x, v_y, ω_z of the spatial Jacobian, (..., 3, n), in the plane frame (eq. 2.47).
+def joint_twists(q: FloatArray, centres: FloatArray) -> FloatArray:
+    """Return the unit twists of all joints, the rows v_x, v_y, ω_z of the spatial Jacobian, (..., 3, n) (eq. 2.47).
 
-    Column j - 1 is the unit twist (p_y, -p_x, 1) of joint j, whose position is p. The product of this column and a
-    wrench (Fx, Fy, tauz) about the origin is the moment of the wrench about the joint. Parameters are as for
-    :func:`segment_poses`.
+    Column j - 1 is the twist (p_y, -p_x, 1) of joint j in the plane frame, in which its position is p. The product of
+    this column and a wrench (Fx, Fy, tauz) about the origin is the moment of the wrench about the joint. Parameters are
+    as for :func:`segment_poses`.
     """
     _, origin = segment_poses(q, centres)
     x, y = origin[..., 1:, 0], origin[..., 1:, 1]

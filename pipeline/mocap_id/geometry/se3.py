@@ -11,6 +11,8 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 
+_SMALL = 1e-2  # rad; the series are accurate to rounding below this angle, and the closed forms above it
+
 
 def pose(rotation: FloatArray, position: FloatArray) -> FloatArray:
     """Return the pose matrix of a rotation (..., 3, 3) and a position (..., 3), m (eq. 2.9, 2.16)."""
@@ -31,7 +33,7 @@ def act(g: FloatArray, points: FloatArray) -> FloatArray:
     return (g[..., :3, :3] @ points[..., None])[..., 0] + g[..., :3, 3]
 
 
-def hat(twist: FloatArray) -> FloatArray:
+def hat_twist(twist: FloatArray) -> FloatArray:
     """Return the matrix (..., 4, 4) of a twist in se(3) (eq. 2.19)."""
     twist = np.asarray(twist, dtype=np.float64)
     matrix = np.zeros((*twist.shape[:-1], 4, 4))
@@ -39,28 +41,35 @@ def hat(twist: FloatArray) -> FloatArray:
     return matrix
 
 
-def vee(matrix: FloatArray) -> FloatArray:
-    """Return the twist of a matrix in se(3); the inverse of :func:`hat`."""
+def vee_twist(matrix: FloatArray) -> FloatArray:
+    """Return the twist of a matrix in se(3); the inverse of :func:`hat_twist`."""
     return np.concatenate([matrix[..., :3, 3], so3.vee(matrix[..., :3, :3])], axis=-1)
 
 
-def exp(twist: FloatArray) -> FloatArray:
+def exp_twist(twist: FloatArray) -> FloatArray:
     """Return the pose after a motion with a constant twist (m, rad; ξθ in the thesis) for unit time (eq. 2.20)."""
     twist = np.asarray(twist, dtype=np.float64)
     v, omega = twist[..., :3], twist[..., 3:]
     angle = np.linalg.norm(omega, axis=-1)[..., None]
     _, second = so3.exp_coefficients(angle)
+    small = np.abs(angle) < _SMALL
+    safe = np.where(small, 1.0, angle)
+    third = np.where(small, 1 / 6 - angle**2 / 120 + angle**4 / 5040, (safe - np.sin(safe)) / safe**3)  # (θ - sin θ)/θ³
     once = np.cross(omega, v)
-    position = v + second * once + _third_coefficient(angle) * np.cross(omega, once)
+    position = v + second * once + third * np.cross(omega, once)
     return pose(so3.exp(omega), position)
 
 
-def log(g: FloatArray) -> FloatArray:
-    """Return the twist (m, rad) whose :func:`exp` is this pose. Its rotation angle is 0 to π."""
+def log_pose(g: FloatArray) -> FloatArray:
+    """Return the twist (m, rad) whose :func:`exp_twist` is this pose. Its rotation angle is 0 to π."""
     omega, position = so3.log(g[..., :3, :3]), g[..., :3, 3]
     angle = np.linalg.norm(omega, axis=-1)[..., None]
+    small = np.abs(angle) < _SMALL
+    safe = np.where(small, 1.0, angle)
+    closed = (1 - safe / 2 * np.cos(safe / 2) / np.sin(safe / 2)) / safe**2
+    factor = np.where(small, 1 / 12 + angle**2 / 720 + angle**4 / 30240, closed)  # (1 - (θ/2) cot(θ/2))/θ²
     once = np.cross(omega, position)
-    v = position - once / 2 + _log_coefficient(angle) * np.cross(omega, once)
+    v = position - once / 2 + factor * np.cross(omega, once)
     return np.concatenate([v, omega], axis=-1)
 
 
@@ -76,7 +85,7 @@ def Ad(g: FloatArray) -> FloatArray:
 def ad(twist: FloatArray) -> FloatArray:
     """Return the matrix (..., 6, 6) of the Lie bracket with a twist (eq. 2.35, 2.36).
 
-    ``hat(ad(a) @ b) == hat(a) @ hat(b) - hat(b) @ hat(a)``
+    ``hat_twist(ad(a) @ b) == hat_twist(a) @ hat_twist(b) - hat_twist(b) @ hat_twist(a)``
     """
     twist = np.asarray(twist, dtype=np.float64)
     matrix = np.zeros((*twist.shape[:-1], 6, 6))
@@ -97,21 +106,3 @@ def move_wrench(g: FloatArray, wrench: FloatArray) -> FloatArray:
     its product with the twist, is the same in both frames.
     """
     return (np.swapaxes(Ad(inverse(g)), -1, -2) @ wrench[..., None])[..., 0]
-
-
-_SMALL = 1e-2  # rad; the series are accurate to rounding below this angle, and the closed forms above it
-
-
-def _third_coefficient(angle: FloatArray) -> FloatArray:
-    """Return (θ - sin θ) / θ³."""
-    small = np.abs(angle) < _SMALL
-    safe = np.where(small, 1.0, angle)
-    return np.where(small, 1 / 6 - angle**2 / 120 + angle**4 / 5040, (safe - np.sin(safe)) / safe**3)
-
-
-def _log_coefficient(angle: FloatArray) -> FloatArray:
-    """Return (1 - (θ/2) cot(θ/2)) / θ²."""
-    small = np.abs(angle) < _SMALL
-    safe = np.where(small, 1.0, angle)
-    closed = (1 - safe / 2 * np.cos(safe / 2) / np.sin(safe / 2)) / safe**2
-    return np.where(small, 1 / 12 + angle**2 / 720 + angle**4 / 30240, closed)

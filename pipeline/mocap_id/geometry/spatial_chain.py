@@ -147,34 +147,24 @@ def change_frames(chain: SpatialChain, rotations: FloatArray, origin: FloatArray
     """
     origins = np.zeros((len(chain.joints) + 1, 3))
     origins[0] = origin
+    joints = []
+    for k, joint in enumerate(chain.joints, 1):
+        parent, child = rotations[joint.parent], rotations[k]
+        first, second = joint.axes_covariance
+        moved = replace(
+            joint,
+            centre=parent.T @ (joint.centre - origins[joint.parent]),
+            covariance=parent.T @ joint.covariance @ parent,
+            first_axis=parent.T @ joint.first_axis,
+            second_axis=child.T @ joint.second_axis,
+            axes_covariance=np.stack([parent.T @ first @ parent, child.T @ second @ child]),
+            offset=parent.T @ joint.offset @ child,
+            glide=parent.T @ joint.glide,
+            glide_covariance=parent.T @ joint.glide_covariance @ parent,
+            rest=parent.T @ joint.rest,
+            long_axis=child.T @ joint.long_axis,
+            untwisted=parent.T @ joint.untwisted @ child,
+        )
+        joints.append(moved)
     local = np.einsum("mji,mj->mi", rotations[chain.segment], chain.local - origins[chain.segment])
-    joints = tuple(
-        _change_joint_frames(joint, rotations[joint.parent], rotations[k + 1], origins[joint.parent])
-        for k, joint in enumerate(chain.joints)
-    )
-    return replace(chain, joints=joints, local=local)
-
-
-def _change_joint_frames(
-    joint: SpatialJoint, parent: FloatArray, child: FloatArray, origin: FloatArray
-) -> SpatialJoint:
-    """Return a joint in the new frames of its parent and its child.
-
-    The columns of ``parent`` and ``child`` (3, 3) are the new axes. ``origin`` (3,) is the new origin of the parent's
-    frame, m.
-    """
-    first, second = joint.axes_covariance
-    return replace(
-        joint,
-        centre=parent.T @ (joint.centre - origin),
-        covariance=parent.T @ joint.covariance @ parent,
-        first_axis=parent.T @ joint.first_axis,
-        second_axis=child.T @ joint.second_axis,
-        axes_covariance=np.stack([parent.T @ first @ parent, child.T @ second @ child]),
-        offset=parent.T @ joint.offset @ child,
-        glide=parent.T @ joint.glide,
-        glide_covariance=parent.T @ joint.glide_covariance @ parent,
-        rest=parent.T @ joint.rest,
-        long_axis=child.T @ joint.long_axis,
-        untwisted=parent.T @ joint.untwisted @ child,
-    )
+    return replace(chain, joints=tuple(joints), local=local)

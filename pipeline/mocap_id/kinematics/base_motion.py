@@ -116,31 +116,31 @@ class BaseMotion:
 
         Positions are in lab axes with Z up, at the times (F,), s.
         """
-        pose = self._interpolate_pose(time)
-        moved = self._rotate_back(positions - _set_zero_height(self.centre + pose[:, :2])[:, None], pose[:, 2, None])
-        return np.where(self.fixed[:, None], positions, moved + _set_zero_height(self.centre))
+        place, turn = self._interpolate_pose(time)
+        moved = self._rotate_back(positions - place[:, None], turn[:, None])
+        return np.where(self.fixed[:, None], positions, moved + np.append(self.centre, 0.0))
 
     def undo_wrench(self, force: FloatArray, moment: FloatArray, time: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return force and moment about the lab's origin (F, 3) as if the base stood still, N and N·m.
 
         Body and wrench undergo the same rigid motion, so the wrench relative to the body does not change.
         """
-        pose = self._interpolate_pose(time)
-        about = moment - np.cross(_set_zero_height(self.centre + pose[:, :2]), force)
-        force, about = self._rotate_back(force, pose[:, 2]), self._rotate_back(about, pose[:, 2])
-        return force, about + np.cross(_set_zero_height(self.centre), force)
+        place, turn = self._interpolate_pose(time)
+        about = self._rotate_back(moment - np.cross(place, force), turn)
+        force = self._rotate_back(force, turn)
+        return force, about + np.cross(np.append(self.centre, 0.0), force)
 
     @property
     def rigid(self) -> bool:
         """Whether one rigid motion describes both feet."""
         return not self.alone and all(each.misfit <= _RIGID_M for each in self.stretches)
 
-    def _interpolate_pose(self, time: FloatArray) -> FloatArray:
-        """Return shift, m, and rotation, rad, of the base (F, 3) at the times (F,), s."""
+    def _interpolate_pose(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the place of the feet's centre (F, 3) at height 0, m, and the rotation of the base (F,), rad."""
         from scipy.interpolate import PchipInterpolator  # noqa: PLC0415  a fixed base is usual
 
-        inside = np.clip(time, self.knots[0], self.knots[-1])
-        return np.asarray(PchipInterpolator(self.knots, self.poses)(inside))
+        pose = PchipInterpolator(self.knots, self.poses)(np.clip(time, self.knots[0], self.knots[-1]))
+        return np.column_stack([self.centre + pose[:, :2], np.zeros(len(pose))]), pose[:, 2]
 
     @staticmethod
     def _rotate_back(vectors: FloatArray, turn: FloatArray) -> FloatArray:
@@ -327,11 +327,6 @@ def block_means(values: FloatArray, size: int) -> FloatArray:
     known = np.isfinite(parts)
     number = known.sum(axis=1)
     return np.asarray(np.where(number > 0, np.where(known, parts, 0.0).sum(axis=1), np.nan) / np.maximum(number, 1))
-
-
-def _set_zero_height(points: FloatArray) -> FloatArray:
-    """Return horizontal points (..., 2) as points (..., 3) with height 0."""
-    return np.concatenate([points, np.zeros((*points.shape[:-1], 1))], axis=-1)
 
 
 _HEEL_LIFT_BLOCK_S = 0.1

@@ -72,10 +72,8 @@ def fit_links(points: ComplexArray, segment: IntArray, method: LinkMethod) -> Ch
     arcs = np.array([arc(np.exp(1j * relative)) for relative in joint_angles(angles[used]).T])
     covariance = np.full((len(arcs), 2, 2), np.nan)
     if method == "rigid-body":
-        slip = _slip_variance(off[used], segment, arcs)
-        covariance = _jackknife_covariance(points, segment, state, np.flatnonzero(used)) + slip[:, None, None] * np.eye(
-            2
-        )
+        covariance = _jackknife_covariance(points, segment, state, np.flatnonzero(used))
+        covariance += _slip_variance(off[used], segment, arcs)[:, None, None] * np.eye(2)
     sd = length_sd(state.centres, covariance)
     return ChainFit(state.centres, state.local, segment, angles, covariance, sd, _rms(off), arcs)
 
@@ -144,7 +142,7 @@ def circle_links(points: ComplexArray, segment: IntArray) -> ChainState:
     angles, seen_from = np.zeros((len(points), joints)), points
     for joint in range(joints):
         own = segment == joint + 1
-        centre = complex(fit_common_centre(seen_from[:, own], "kasa").centre[0])
+        centre = fit_common_centre(seen_from[:, own])
         if not np.isfinite(centre):
             raise NumericalError(
                 f"the markers of segment {joint + 1} move on straight lines relative to segment {joint}, so their "

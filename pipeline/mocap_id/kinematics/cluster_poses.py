@@ -63,18 +63,20 @@ def measure_cluster(points: ComplexArray, target: ComplexArray | None = None) ->
     for part in chunks(len(points)):
         rotation[part], position[part], count[part], off = _fit_poses(points[part], body.template, own)
         squares, used = squares + float(off @ off), used + len(off)
-    turn, shift = _align_frame(body.template, target, rotation[count >= LEAST_MARKERS])
-    angle = np.full(len(points), np.nan)
+    # rotation and shift from the template's frame to the body's frame
     known = count >= LEAST_MARKERS
+    if target is None:
+        turn, shift = complex(np.exp(1j * np.angle(rotation[known].mean()))), 0j
+    else:
+        both = np.isfinite(target)
+        a, b = body.template[both], target[both]
+        moment = np.sum((b - b.mean()) * np.conj(a - a.mean()))
+        turn = complex(moment / abs(moment))
+        shift = complex(b.mean() - turn * a.mean())
+    angle = np.full(len(points), np.nan)
     angle[known] = np.unwrap(np.angle(rotation[known] / turn))
-    return ClusterPose(
-        markers=markers,
-        local=turn * body.template + shift,
-        position=position,
-        angle=angle,
-        count=count,
-        residual=float(np.sqrt(squares / used)),
-    )
+    local, residual = turn * body.template + shift, float(np.sqrt(squares / used))
+    return ClusterPose(markers, local, position, angle, count, residual)
 
 
 def _fit_poses(
@@ -91,7 +93,15 @@ def _fit_poses(
         rows = np.flatnonzero(far)
         if not len(rows):
             break
-        seen[rows, _find_worst_marker(points[rows], seen[rows], template)] = False
+        # The marker whose removal improves the fit most is left out. The largest residual is not a reliable sign,
+        # because an outlier also increases the residuals of the others.
+        cost = np.full((len(rows), seen.shape[1]), np.inf)
+        for k in range(seen.shape[1]):
+            others = seen[rows]
+            others[:, k] = False
+            square = _fit_template(points[rows], others, template)[2] ** 2
+            cost[:, k] = np.where(seen[rows, k], np.sum(np.where(others, square, 0), axis=1), np.inf)
+        seen[rows, np.argmin(cost, axis=1)] = False
         rotation[rows], position[rows], off[rows] = _fit_template(points[rows], seen[rows], template)
     count = seen.sum(axis=1)
     known = count >= LEAST_MARKERS
@@ -106,33 +116,6 @@ def _fit_template(
     z = np.where(seen, points, 0)
     rotation, position = planar_poses(z, seen, template)
     return rotation, position, np.abs(z - position[:, None] - rotation[:, None] * template)
-
-
-def _find_worst_marker(points: ComplexArray, seen: BoolArray, template: ComplexArray) -> IntArray:
-    """Return the marker (f,) whose removal improves the fit most in each frame.
-
-    The largest residual is not a reliable sign, because an outlier also increases the residuals of the others.
-    """
-    cost = np.full(seen.shape, np.inf)
-    for k in range(seen.shape[1]):
-        others = seen.copy()
-        others[:, k] = False
-        off = _fit_template(points, others, template)[2]
-        cost[:, k] = np.where(seen[:, k], np.sum(np.where(others, off**2, 0), axis=1), np.inf)
-    return np.asarray(np.argmin(cost, axis=1))
-
-
-def _align_frame(
-    template: ComplexArray, target: ComplexArray | None, rotation: ComplexArray
-) -> tuple[complex, complex]:
-    """Return rotation and shift from the template's frame to the body's frame as complex numbers."""
-    if target is None:
-        return complex(np.exp(1j * np.angle(rotation.mean()))), 0j
-    known = np.isfinite(target)
-    a, b = template[known], target[known]
-    moment = np.sum((b - b.mean()) * np.conj(a - a.mean()))
-    turn = moment / abs(moment)
-    return complex(turn), complex(b.mean() - turn * a.mean())
 
 
 _RATIO, _RATIO_SD = 0.8, 0.4  # v: height of the lumbar joint above the hip, over its distance behind the marker

@@ -100,12 +100,11 @@ def log_cost(residual: FloatArray) -> FloatArray:
 def path_cost(problem: SegmentationProblem, path: Path) -> float:
     """Return the cost of a path before any fit, in a few frames; inf for too few frames or a too short segment."""
     state, used = _start_chain(path)
-    if len(used) < _FRAMES_A_SEGMENT * len(path):
+    short = np.abs(state.centres[1:]).min(initial=np.inf) < _SHORTEST
+    if len(used) < _FRAMES_A_SEGMENT * len(path) or short:
         return np.inf
     few = used[:: max(1, len(used) // 60)]
     state = replace(state, angles=state.angles[few])
-    if np.abs(state.centres[1:]).min(initial=np.inf) < _SHORTEST:
-        return np.inf
     costs, _ = costs_on_segments(problem.points[few], state)
     each = np.minimum(costs.min(axis=0), _log_cost(_LEFT_OUT))
     return float(each[np.isfinite(problem.base.scatter)].sum()) + SEGMENT_PRICE * len(path)
@@ -377,7 +376,7 @@ def _fit_circle(track: ComplexArray, least_arc: float) -> complex | None:
     for _ in range(2):  # the second fit is without faults
         if len(known) < _FEWEST_FRAMES:
             return None
-        centre = complex(fit_circles(known[:, None]).centre[0])
+        centre = complex(fit_circles(known[:, None])[0])
         if not np.isfinite(centre):
             return None
         distance = np.abs(known - centre)

@@ -51,23 +51,41 @@ def fit_plane(positions: FloatArray) -> PlaneFit:
     >>> round(fit_plane(path).yaw, 6)
     0.3
     """
-    displacements = _displacements(positions)
+    seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
+    counts = np.maximum(seen.sum(axis=0), 1)
+    means = np.where(seen[..., None], positions, 0.0).sum(axis=0) / counts[:, None]
+    displacements = np.asarray((positions - means)[seen])
     horizontal = displacements[:, :2]
     if not len(horizontal) or not np.any(horizontal):
         return PlaneFit(0.0, 0.0)
+    total = np.sum(displacements**2)
+
+    # a vertical plane: the axis has the largest weighted second moment of the horizontal displacements
     weights = np.ones(len(horizontal))
-    axis = _principal_axis(horizontal, weights)
-    for _ in range(_REWEIGHTINGS):
-        off_axis = horizontal @ np.array([-axis[1], axis[0]])
-        scale = 1.4826 * np.median(np.abs(off_axis))
+    for _ in range(_REWEIGHTINGS + 1):
+        axis = np.linalg.eigh((horizontal * weights[:, None]).T @ horizontal)[1][:, 1]
+        off_plane = horizontal @ np.array([-axis[1], axis[0]])
+        scale = 1.4826 * np.median(np.abs(off_plane))
         if scale == 0:
             break
-        weights = 1 / (1 + (off_axis / (3 * scale)) ** 2)
-        axis = _principal_axis(horizontal, weights)
-    off_plane = horizontal @ np.array([-axis[1], axis[0]])
-    yaw = float(np.arctan2(axis[1], axis[0]))
-    vertical = PlaneFit(_wrap_half_circle(yaw), float(np.sum(off_plane**2) / np.sum(displacements**2)))
-    leaning = _fit_leaning(displacements)
+        weights = 1 / (1 + (off_plane / (3 * scale)) ** 2)
+    yaw = _wrap_half_circle(float(np.arctan2(axis[1], axis[0])))
+    vertical = PlaneFit(yaw, float(np.sum(off_plane**2) / total))
+
+    # a plane with any normal
+    weights = np.ones(len(displacements))
+    for _ in range(_REWEIGHTINGS + 1):
+        normal = np.linalg.eigh((displacements * weights[:, None]).T @ displacements)[1][:, 0]
+        off_plane = displacements @ normal
+        scale = 1.4826 * np.median(np.abs(off_plane))
+        if scale == 0:
+            break
+        weights = 1 / (1 + (off_plane / (3 * scale)) ** 2)
+    x, y, z = normal
+    yaw = _wrap_half_circle(float(np.arctan2(x, -y)))
+    if x * np.sin(yaw) - y * np.cos(yaw) < 0:  # the normal points along z of the plane frame
+        z = -z
+    leaning = PlaneFit(yaw, float(np.sum(off_plane**2) / total), -float(np.arcsin(np.clip(z, -1, 1))))
     clear = _LEANS[0] <= abs(leaning.lean) <= _LEANS[1] and leaning.planarity < _EXPLAINED * vertical.planarity
     return leaning if clear else vertical
 
@@ -77,38 +95,6 @@ def find_feet(positions: FloatArray) -> FloatArray:
     seen = np.isfinite(positions).all(axis=2).any(axis=0)
     means = np.nanmean(positions[:, seen], axis=0)
     return np.asarray(means[means[:, 2] <= means[:, 2].min() + _LOW_M].mean(axis=0))
-
-
-def _fit_leaning(displacements: FloatArray) -> PlaneFit:
-    """Fit a plane with any normal to displacements (K, 3), m, with the reweighting of :func:`fit_plane`."""
-    weights = np.ones(len(displacements))
-    for _ in range(_REWEIGHTINGS + 1):
-        _, vectors = np.linalg.eigh((displacements * weights[:, None]).T @ displacements)
-        off_plane = displacements @ vectors[:, 0]
-        scale = 1.4826 * np.median(np.abs(off_plane))
-        if scale == 0:
-            break
-        weights = 1 / (1 + (off_plane / (3 * scale)) ** 2)
-    x, y, z = vectors[:, 0]
-    yaw = _wrap_half_circle(float(np.arctan2(x, -y)))
-    if x * np.sin(yaw) - y * np.cos(yaw) < 0:  # the normal points along z of the plane frame
-        z = -z
-    lean = -float(np.arcsin(np.clip(z, -1, 1)))
-    return PlaneFit(yaw, float(np.sum(off_plane**2) / np.sum(displacements**2)), lean)
-
-
-def _displacements(positions: FloatArray) -> FloatArray:
-    """Return the displacements (K, 3) of all visible samples from their marker's mean."""
-    seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
-    counts = np.maximum(seen.sum(axis=0), 1)
-    means = np.where(seen[..., None], positions, 0.0).sum(axis=0) / counts[:, None]
-    return np.asarray((positions - means)[seen])
-
-
-def _principal_axis(points: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return the unit vector (2,) of the largest weighted second moment about the origin."""
-    _, vectors = np.linalg.eigh((points * weights[:, None]).T @ points)
-    return np.asarray(vectors[:, 1])
 
 
 def _wrap_half_circle(angle: float) -> float:

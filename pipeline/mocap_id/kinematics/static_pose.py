@@ -34,15 +34,9 @@ def fit_static_pose(
 ) -> StaticPose:
     """Fit a chain to the marker positions of a still pose.
 
-    Parameters
-    ----------
-    points : (M, 3) array
-        Markers in the pose, in a lab with Z up, m.
-    lateral : (M,) array
-        Mean out-of-plane coordinates of the same markers in the trial of the chain, m. They and ``local`` determine the
-        direction of the plane.
-    segment, local, centres
-        As for :func:`mocap_id.geometry.planar.marker_positions`.
+    ``points`` (M, 3) are the markers in the pose, in a lab with Z up, m. ``lateral`` (M,) are the mean out-of-plane
+    coordinates of the same markers in the trial of the chain, m; they and ``local`` determine the direction of the
+    plane. The other arguments are as for :func:`mocap_id.geometry.planar.marker_positions`.
     """
     count = len(centres)
     groups = [np.flatnonzero(segment == k) for k in range(count + 1)]

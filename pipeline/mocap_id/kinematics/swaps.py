@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -24,35 +25,29 @@ def find_bursts(points: FloatArray, rate: float) -> BoolArray:
     """
     out = np.zeros(points.shape[:2], dtype=np.bool_)
     for marker in range(points.shape[1]):
-        track = points[:, marker]
-        seen = np.flatnonzero(np.isfinite(track[:, 0]))
-        if len(seen) > 10:
-            out[seen, marker] = _find_marker_bursts(track[seen], seen, rate)
-    return out
-
-
-def _find_marker_bursts(track: FloatArray, frames: IntArray, rate: float) -> BoolArray:
-    """Return which visible samples ``track`` (K, 3) of one marker, at the frames ``frames`` (K,), are in a burst."""
-    out = np.zeros(len(track), dtype=np.bool_)
-    apart = np.diff(frames)
-    velocity = np.diff(track, axis=0) / apart[:, None]  # m per frame
-    jumps, excess = find_jumps(velocity, apart)
-    free = np.ones(len(jumps), dtype=np.bool_)
-    for back_is_near, longest in ((False, _LONGEST * rate), (True, _SHORT * rate)):
-        for one in range(len(jumps)):
-            for other in range(one + 1, len(jumps)):
-                away, back = jumps[one], jumps[other]
-                if not free[one] or frames[back] - frames[away] > longest:
-                    break
-                left = excess[one] + excess[other]
-                if back_is_near:
-                    around = np.array([away - 2, away - 1, back + 1, back + 2])
-                    around = around[(around >= 0) & (around < len(velocity))]
-                    onwards = velocity[around].mean(axis=0) * (frames[back + 1] - frames[away])
-                    left = track[back + 1] - track[away] - onwards
-                if free[other] and np.linalg.norm(left) < np.linalg.norm(excess[[one, other]], axis=1).min() / 2:
-                    out[away + 1 : back + 1] = True
-                    free[[one, other]] = False
+        frames = np.flatnonzero(np.isfinite(points[:, marker, 0]))
+        if len(frames) <= 10:
+            continue
+        track, apart = points[frames, marker], np.diff(frames)
+        velocity = np.diff(track, axis=0) / apart[:, None]  # m per frame
+        jumps, excess = find_jumps(velocity, apart)
+        free = np.ones(len(jumps), dtype=np.bool_)
+        for back_is_near, longest in ((False, _LONGEST * rate), (True, _SHORT * rate)):
+            for one in range(len(jumps)):
+                for other in range(one + 1, len(jumps)):
+                    away, back = jumps[one], jumps[other]
+                    if not free[one] or frames[back] - frames[away] > longest:
+                        break
+                    left = excess[one] + excess[other]
+                    if back_is_near:
+                        around = np.array([away - 2, away - 1, back + 1, back + 2])
+                        around = around[(around >= 0) & (around < len(velocity))]
+                        onwards = velocity[around].mean(axis=0) * (frames[back + 1] - frames[away])
+                        left = track[back + 1] - track[away] - onwards
+                    smallest = np.linalg.norm(excess[[one, other]], axis=1).min()
+                    if free[other] and np.linalg.norm(left) < smallest / 2:
+                        out[frames[away + 1 : back + 1], marker] = True
+                        free[[one, other]] = False
     return out
 
 
@@ -108,7 +103,8 @@ class Continuations:
         The marker is visible in ``column`` at frame ``last`` and next at frame ``following``, each (N,).
         """
         out = np.zeros(len(column), dtype=np.bool_)
-        for rows in _chunks(len(column)):
+        for start in range(0, len(column), _CHUNK):
+            rows = slice(start, start + _CHUNK)
             i, a, b = column[rows], last[rows], following[rows]
             change = self._changes(i, a, i, b)
             for scale in (self._usual_changes(i, a, b - a, -1), self._usual_changes(i, b, b - a, 1)):
@@ -126,7 +122,8 @@ class Continuations:
         ``frame``, all (N,).
         """
         out = np.full(len(column), -np.inf)
-        for rows in _chunks(len(column)):
+        for start in range(0, len(column), _CHUNK):
+            rows = slice(start, start + _CHUNK)
             i, a, b, j, c = column[rows], last[rows], own[rows], other[rows], frame[rows]
             scale = np.fmax(self._usual_changes(i, a, c - a, -1), self._usual_changes(j, c, c - a, 1))
             change_here, change_there = self._changes(i, a, i, b) / scale, self._changes(i, a, j, c) / scale
@@ -143,8 +140,11 @@ class Continuations:
             enough = used.sum(axis=1) >= _LEAST_PARTNERS
             usual_there, usual_here = (_quantile(x[:, :_MOST_RIGID], 0.5) for x in (change_there, change_here))
             constant = usual_there <= np.maximum(_HOLDS, _OF_VIOLATION * usual_here)
-            expected = self._expected_positions(i, a, c, partners, used)
-            nearer = _norm(self._positions[c, j] - expected) < _norm(self._positions[b, i] - expected)
+            # expected position of the marker at the later frame, if it moves like its partners
+            points = self._positions
+            moved = np.where(used[..., None], points[c[:, None], partners] - points[a[:, None], partners], np.nan)
+            expected = points[a, i] + _quantile(np.moveaxis(moved, 1, 2), 0.5)
+            nearer = _norm(points[c, j] - expected) < _norm(points[b, i] - expected)
             fine = enough & constant & nearer
             out[rows] = np.where(fine, np.where(used, ratio, 0.0).sum(axis=1), -np.inf)
         return out
@@ -176,14 +176,6 @@ class Continuations:
             _quantile(np.moveaxis(change, 1, 2), _QUANTILE), _FLOOR * np.where(room > lag, 1, np.nan)[:, None]
         )
 
-    def _expected_positions(
-        self, i: IntArray, a: IntArray, c: IntArray, partners: IntArray, used: BoolArray
-    ) -> FloatArray:
-        """Return the position (N, 3) of column ``i``, m, if it moves like its partners from frame ``a`` to ``c``."""
-        points = self._positions
-        moved = np.where(used[..., None], points[c[:, None], partners] - points[a[:, None], partners], np.nan)
-        return points[a, i] + _quantile(np.moveaxis(moved, 1, 2), 0.5)
-
 
 def _norm(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))
@@ -195,10 +187,6 @@ def _quantile(values: FloatArray, part: float) -> FloatArray:
     last = np.maximum(np.isfinite(ordered).sum(axis=-1) - 1, 0)
     place = np.round(part * last).astype(np.int64)[..., None]
     return np.asarray(np.take_along_axis(ordered, place, axis=-1)[..., 0])
-
-
-def _chunks(count: int) -> list[slice]:
-    return [slice(start, start + _CHUNK) for start in range(0, count, _CHUNK)]
 
 
 _GAP = 1.0  # s; longest gap of a column: two markers hidden for half a second each
@@ -218,19 +206,8 @@ class Swap:
     stop: int  # frame after the last one; the number of frames if the labels are never exchanged back
 
 
-@dataclass(frozen=True)
-class _Breaks:
-    """Breaks (N,) of columns between the visible frames ``last`` and ``following``; the marker may change there."""
-
-    column: IntArray
-    last: IntArray
-    following: IntArray
-
-    def __getitem__(self, rows: IntArray) -> _Breaks:
-        return _Breaks(self.column[rows], self.last[rows], self.following[rows])
-
-    def __len__(self) -> int:
-        return len(self.column)
+# Breaks (3, N): column, last visible frame and next visible frame; between these, the marker in the column may change.
+_Breaks: TypeAlias = IntArray
 
 
 def find_swaps(positions: FloatArray, rate: float) -> tuple[Swap, ...]:
@@ -245,13 +222,11 @@ def find_swaps(positions: FloatArray, rate: float) -> tuple[Swap, ...]:
     if count < 2 or markers < 4:
         return ()
     breaks = _find_breaks(positions, rate)
-    if len(breaks) < 2:
+    if breaks.shape[1] < 2:
         return ()
-    suspects = breaks[np.unique(_drop_implausible(positions, breaks, *_pair_overlapping(breaks))[0])]
+    suspects = breaks[:, np.unique(_drop_implausible(positions, breaks, *_pair_overlapping(breaks))[0])]
     continuations = Continuations(positions, rate)
-    suspects = suspects[
-        np.flatnonzero(continuations.find_violations(suspects.column, suspects.last, suspects.following))
-    ]
+    suspects = suspects[:, continuations.find_violations(*suspects)]
     swaps = _find_durations(_find_exchanges(positions, suspects, continuations), markers, count)
     bounded = [_bound_swap(positions, rate, breaks, swap) if swap.stop == count else swap for swap in swaps]
     return tuple(sorted(bounded, key=lambda swap: (swap.start, swap.first)))
@@ -279,41 +254,31 @@ def _find_breaks(positions: FloatArray, rate: float) -> _Breaks:
     frame, column = np.nonzero(bent)
     # a large second difference at a frame is a jump before or after it
     jumps = np.unique(np.stack([np.tile(column, 2), np.concatenate([frame, frame + 1])], axis=1), axis=0)
+    breaks = np.stack([jumps[:, 0], jumps[:, 1], jumps[:, 1] + 1])
     seen = np.isfinite(positions[..., 0] + positions[..., 1] + positions[..., 2])
     if seen.all():
-        return _Breaks(jumps[:, 0], jumps[:, 1], jumps[:, 1] + 1)
-    last_visible, last_column = np.nonzero(seen[:-1] & ~seen[1:])
-    first_visible, first_column = np.nonzero(~seen[:-1] & seen[1:])
-    gaps = _find_gaps(last_visible, last_column, first_visible + 1, first_column, round(_GAP * rate))
-    columns = np.concatenate([jumps[:, 0], gaps[0]])
-    last = np.concatenate([jumps[:, 1], gaps[1]])
-    return _Breaks(columns, last, np.concatenate([jumps[:, 1] + 1, gaps[2]]))
-
-
-def _find_gaps(
-    last_visible: IntArray, last_column: IntArray, first_visible: IntArray, first_column: IntArray, longest: int
-) -> tuple[IntArray, IntArray, IntArray]:
-    """Return column, last visible and next visible frame of all gaps of at most ``longest`` frames."""
-    kind = np.concatenate([np.zeros(len(last_visible), dtype=np.int64), np.ones(len(first_visible), dtype=np.int64)])
-    frame, column = np.concatenate([last_visible, first_visible]), np.concatenate([last_column, first_column])
+        return breaks
+    # gaps up to the longest: a column disappears, and then appears
+    (last, last_column), (first, first_column) = np.nonzero(seen[:-1] & ~seen[1:]), np.nonzero(~seen[:-1] & seen[1:])
+    kind = np.repeat([0, 1], [len(last), len(first)])
+    frame, column = np.concatenate([last, first + 1]), np.concatenate([last_column, first_column])
     order = np.lexsort((1 - kind, frame, column))  # a marker that is visible for one frame appears before it disappears
     kind, frame, column = kind[order], frame[order], column[order]
     closed = np.flatnonzero((kind[:-1] == 0) & (kind[1:] == 1) & (column[:-1] == column[1:]))
-    closed = closed[frame[closed + 1] - frame[closed] - 1 <= longest]
-    return column[closed], frame[closed], frame[closed + 1]
+    closed = closed[frame[closed + 1] - frame[closed] - 1 <= round(_GAP * rate)]
+    return np.concatenate([breaks, np.stack([column[closed], frame[closed], frame[closed + 1]])], axis=1)
 
 
 def _drop_implausible(
     positions: FloatArray, breaks: _Breaks, source: IntArray, target: IntArray
 ) -> tuple[IntArray, IntArray]:
     """Return pairs of breaks, except those at adjacent frames whose own column is nearer to the expected position."""
-    last, column = breaks.last[source], breaks.column[source]
+    (column, last, following), (other, _, there) = breaks[:, source], breaks[:, target]
     start = positions[last, column]
     step = np.where((last > 0)[:, None], start - positions[last - 1, column], np.nan)
     start = start + np.where(np.isfinite(step), step, 0.0)
-    own = positions[breaks.following[source], breaks.column[source]] - start
-    cross = positions[breaks.following[target], breaks.column[target]] - start
-    longer = np.maximum(breaks.following[source], breaks.following[target]) - breaks.last[source] > 1
+    own, cross = positions[following, column] - start, positions[there, other] - start
+    longer = np.maximum(following, there) - last > 1
     gain = np.einsum("ni,ni->n", own, own) - np.einsum("ni,ni->n", cross, cross)
     keep = longer | (gain > 0)
     return source[keep], target[keep]
@@ -324,9 +289,9 @@ def _find_exchanges(
 ) -> list[tuple[int, tuple[int, ...]]]:
     """Return first frame and columns of each exchange; each marker continues in the next column (cyclically)."""
     source, target = _drop_implausible(positions, breaks, *_pair_overlapping(breaks))
-    here, there = breaks[source], breaks[target]
-    evidence = continuations.weigh_evidence(here.column, here.last, here.following, there.column, there.following)
-    gap = np.maximum(here.following, there.following) - here.last > 1
+    (column, last, following), (other, _, there) = breaks[:, source], breaks[:, target]
+    evidence = continuations.weigh_evidence(column, last, following, other, there)
+    gap = np.maximum(following, there) - last > 1
     strong = np.flatnonzero(evidence > np.where(gap, _EVIDENCE[1], _EVIDENCE[0]))
     while not (mutual := np.isin(target[strong], source[strong])).all():
         strong = strong[mutual]  # a marker can only continue in a column that another marker leaves
@@ -340,22 +305,23 @@ def _find_exchanges(
         closed = best.get(path[-1]) == start and not done.intersection(path)
         if closed:
             done.update(path)
-            first = int(breaks.following[path].min())
-            if breaks.last[path].max() < first:
-                out.append((first, tuple(int(breaks.column[one]) for one in path)))
+            columns, lasts, followings = breaks[:, path]
+            first = int(followings.min())
+            if lasts.max() < first:
+                out.append((first, tuple(columns.tolist())))
     return sorted(out)
 
 
 def _pair_overlapping(breaks: _Breaks) -> tuple[IntArray, IntArray]:
     """Return all ordered pairs of breaks of two columns that overlap in time, as two arrays of indices."""
-    order = np.argsort(breaks.last, kind="stable")
-    last, following = breaks.last[order], breaks.following[order]
-    stop = np.searchsorted(last, following, side="left")
+    column, last, following = breaks
+    order = np.argsort(last, kind="stable")
+    stop = np.searchsorted(last[order], following[order], side="left")
     number = np.maximum(stop - np.arange(len(last)) - 1, 0)
     left = np.repeat(np.arange(len(last)), number)
     right = left + 1 + np.arange(len(left)) - np.repeat(np.cumsum(number) - number, number)
     one, two = order[left], order[right]
-    apart = breaks.column[one] != breaks.column[two]
+    apart = column[one] != column[two]
     one, two = one[apart], two[apart]
     return np.concatenate([one, two]), np.concatenate([two, one])
 
@@ -370,22 +336,17 @@ def _find_durations(events: list[tuple[int, tuple[int, ...]]], markers: int, cou
             shown = [shown_by[column] for column in columns]
             for column, marker in zip(columns[1:] + columns[:1], shown, strict=True):
                 shown_by[column] = marker
-        now = _list_exchanges(shown_by)
+        # exchanges of two columns that restore the order of all columns; each column comes first at most once
+        rest, now = list(shown_by), []
+        for column in range(len(rest)):
+            if rest[column] != column:
+                other = rest.index(column)
+                rest[column], rest[other] = rest[other], rest[column]
+                now.append((column, other))
         out += [Swap(*pair, start, frame) for pair, start in standing.items() if pair not in now]
         standing = {pair: standing.get(pair, frame) for pair in now}
     out += [Swap(*pair, start, count) for pair, start in standing.items()]
     return tuple(sorted(out, key=lambda swap: (swap.start, swap.first)))
-
-
-def _list_exchanges(shown_by: list[int]) -> list[tuple[int, int]]:
-    """Return exchanges of two columns that restore the order of all columns; each column comes first at most once."""
-    rest, out = list(shown_by), []
-    for column in range(len(rest)):
-        if rest[column] != column:
-            other = rest.index(column)
-            rest[column], rest[other] = rest[other], rest[column]
-            out.append((column, other))
-    return out
 
 
 def _bound_swap(positions: FloatArray, rate: float, breaks: _Breaks, swap: Swap) -> Swap:
@@ -398,10 +359,10 @@ def _bound_swap(positions: FloatArray, rate: float, breaks: _Breaks, swap: Swap)
     exchanges: list[tuple[float, int]] = []
     for column, other in ((swap.first, swap.second), (swap.second, swap.first)):
         seen = np.isfinite(positions[:, other].sum(axis=1))
-        for k in np.flatnonzero((breaks.column == column) & ~seen[breaks.following]):
-            following = int(breaks.following[k])
+        for k in np.flatnonzero((breaks[0] == column) & ~seen[breaks[2]]):
+            following = int(breaks[2, k])
             before = np.flatnonzero(seen[max(following - round(_GAP * rate), 0) : following][::-1])[:1]
-            here, own = last - np.array([following]), last - breaks.last[[k]]
+            here, own = last - np.array([following]), last - breaks[1, [k]]
             if before.size:
                 evidence = backwards.weigh_evidence(np.array([column]), here, own, np.array([other]), here + 1 + before)
                 exchanges.append((float(evidence[0]), following))

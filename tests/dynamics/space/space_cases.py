@@ -41,7 +41,7 @@ def random_chain(rng: np.random.Generator, kinds: Sequence[JointKind], parents: 
 
 
 def random_base(rng: np.random.Generator) -> np.ndarray:
-    return se3.exp(rng.normal(size=6))
+    return se3.exp_twist(rng.normal(size=6))
 
 
 def random_bodies(rng: np.random.Generator, count: int) -> np.ndarray:

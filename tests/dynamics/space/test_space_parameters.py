@@ -51,7 +51,7 @@ def test_the_wrench_does_not_depend_on_the_frame_of_the_parameters(seed: int) ->
     rng = np.random.default_rng(seed)
     chain, base, bodies = random_chain(rng, ("ball", "hinge")), random_base(rng), random_bodies(rng, 3)
     motion = move_joints(chain, base, *rng.normal(size=(3, 3, 4)))
-    frames = se3.exp(rng.normal(size=(3, 6)))
+    frames = se3.exp_twist(rng.normal(size=(3, 6)))
     moved = np.stack([change_of_frame(se3.inverse(f)) @ body for f, body in zip(frames, bodies, strict=True)])
     here, there = (
         segment_regressor(motion) @ bodies.ravel(),

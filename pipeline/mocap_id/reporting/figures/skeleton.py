@@ -125,7 +125,7 @@ def draw_recovery(data: ReportData) -> Figure | str:
         # in the frame of the previous segment: paths of the markers, centres of their circles near the joint, the joint
         points = rotate(-angle[:, j, None], own - origin[:, j, None])
         circles = fit_circles(points[..., 0] + 1j * points[..., 1])
-        centre = circles.centre[np.isfinite(circles.residual)]
+        centre = circles[np.isfinite(circles)]
         reach = float(np.nanmax(np.linalg.norm(points - skeleton.centres[j], axis=-1), initial=0.0))
         near = centre[np.abs(centre - complex(*skeleton.centres[j])) < reach]
         centres = Points(near.real, near.imag, style.INK, "circle centre of one marker", "+", 5.0)
