@@ -442,9 +442,9 @@ def refine_axes(chain: SpatialChain, rotations: FloatArray) -> tuple[SpatialChai
         turn = turn[np.isfinite(turn).all(axis=(1, 2))]
         if not has_known_axes(joint) or not len(turn):
             continue
-        refined_joint = _refine_joint(joint, turn)
-        if np.trace(refined_joint.axes_covariance[0]) < _SHOWN**2 * np.trace(joint.axes_covariance[0]):
-            joints[k] = refined_joint
+        better = _refine_joint(joint, turn)
+        if np.trace(better.axes_covariance[0]) < _SHOWN**2 * np.trace(joint.axes_covariance[0]):
+            joints[k] = better
             refined.append(k)
     return replace(chain, joints=tuple(joints)), tuple(refined)
 
