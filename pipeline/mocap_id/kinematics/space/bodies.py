@@ -357,13 +357,14 @@ class Division:
 
 
 def divide(
-    sorter: SpatialBodies, start: Sequence[SpatialBody], needed: float = 1.0
+    sorter: SpatialBodies, start: Sequence[SpatialBody], needed: float
 ) -> tuple[list[SpatialBody], list[Division], list[Division]]:
     """Divide bodies, best division first, until there are 16 or no division has the evidence ``needed``.
 
     The results are the bodies, the accepted divisions, and the best division of every body that was not divided.
     """
-    bodies, made = list(start), []
+    bodies = list(start)
+    made: list[Division] = []
     tried: dict[bytes, Division | None] = {}
     while True:
         edges = spanning_tree(sorter.joints(bodies), len(bodies))

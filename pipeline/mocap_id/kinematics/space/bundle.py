@@ -372,12 +372,13 @@ def chain_covariance(bundle: Bundle) -> FloatArray:
         flat = gradients @ inverse
         total = total + flat.T @ flat
     along_hinges = np.zeros((cols.size, cols.size))
-    for j in np.flatnonzero([kind == "hinge" for kind in problem.kinds]):
-        move = np.zeros(cols.size)
-        move[cols.centre[j]] = state.first[j]
-        for m in np.flatnonzero(problem.segment == j + 1):
-            move[3 * m : 3 * m + 3] = -state.second[j]
-        for i in np.flatnonzero(np.array(problem.parents) == j + 1):
-            move[cols.centre[i]] = -state.second[j]
-        along_hinges += _ALONG_HINGE**2 * np.outer(move, move)
+    for j, kind in enumerate(problem.kinds):
+        if kind == "hinge":
+            move = np.zeros(cols.size)
+            move[cols.centre[j]] = state.first[j]
+            for m in np.flatnonzero(problem.segment == j + 1):
+                move[3 * m : 3 * m + 3] = -state.second[j]
+            for i in np.flatnonzero(np.array(problem.parents) == j + 1):
+                move[cols.centre[i]] = -state.second[j]
+            along_hinges += _ALONG_HINGE**2 * np.outer(move, move)
     return np.asarray(total + along_hinges)

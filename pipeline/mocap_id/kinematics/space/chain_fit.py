@@ -58,7 +58,8 @@ _FEWEST = 20
 _FIRST_SD = 0.002  # m; first guess of the error of a marker
 _LASTING = 1.5  # frames over which errors persist; a larger number is soft tissue
 _UP = (0.0, 1.0, 0.0)
-_SIMPLEST: tuple[JointKind, ...] = ("hinge", "two-axis", "ball")
+_BALL: JointKind = "ball"
+_SIMPLEST: tuple[JointKind, ...] = ("hinge", "two-axis", _BALL)
 _NO_AXES = JointAxes(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]), 1.0)
 
 
@@ -132,7 +133,7 @@ def fit_spatial_chain(
     )
 
     # fit to some frames with ball joints only; implausible skin motion is set to zero
-    balls: tuple[JointKind, ...] = ("ball",) * len(parents)
+    balls = (_BALL,) * len(parents)
     rough = solve_bundle(*start.build_problem(few, balls))
     if unlike := find_implausible_skin(rough.problem, rough.state):
         start = replace(start, firm=start.firm | unlike)
@@ -165,7 +166,7 @@ def fit_spatial_chain(
         bundle = solve_bundle(*start.build_problem(every, chosen, guess, riding))
         parallel = (np.abs(bundle.state.cosine) > PARALLEL) & (np.array(chosen) == "two-axis")
         if parallel.any():
-            chosen = tuple("ball" if near else kind for kind, near in zip(chosen, parallel, strict=True))
+            chosen = tuple(_BALL if near else kind for kind, near in zip(chosen, parallel, strict=True))
             guess = rough  # because wrong axes distort the whole fit
         elif unlike := find_implausible_skin(bundle.problem, bundle.state) - start.firm:
             start, guess = replace(start, firm=start.firm | unlike), bundle
@@ -345,11 +346,12 @@ class _Start:
             if estimator == "bundle":  # markers and centres of the rough fit, with hinges shifted along their axes
                 placed, places = rough.state.centres.copy(), rough.state.local.copy()
                 skin = rough.state.skin * np.isin(self.segment, np.flatnonzero(soft) + 1)
-                for j in np.flatnonzero([kind == "hinge" for kind in kinds]):
-                    ahead = axes[j].first @ (centres[j] - placed[j])
-                    placed[j] += ahead * axes[j].first
-                    places[self.segment == j + 1] -= ahead * axes[j].second
-                    placed[np.array(self.parents) == j + 1] -= ahead * axes[j].second
+                for j, kind in enumerate(kinds):
+                    if kind == "hinge":
+                        ahead = axes[j].first @ (centres[j] - placed[j])
+                        placed[j] += ahead * axes[j].first
+                        places[self.segment == j + 1] -= ahead * axes[j].second
+                        placed[np.array(self.parents) == j + 1] -= ahead * axes[j].second
         state = BundleState(
             places,
             placed,
