@@ -34,7 +34,7 @@ from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import RecordingError
 from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.geometry.spatial_chain import SpatialChain, change_frames
-from mocap_id.kinematics.space.chain_result import SpatialFit, move_centre
+from mocap_id.kinematics.space.chain_fit import SpatialFit, move_centre
 from mocap_id.kinematics.space.rigid_body import rigid_poses
 from mocap_id.recording import Recording
 from mocap_id.stages.base import Context, Findings
