@@ -27,6 +27,7 @@ WRIST = ("wrist_flexion", "wrist_deviation")
 GIMBAL = float(np.sin(np.radians(15)))
 """Least sine of the elevation at which plane and axial rotation are defined separately."""
 
+_TERMS = 40  # of a power series
 _X, _Y, _Z = np.eye(3)
 
 
@@ -77,19 +78,28 @@ def shoulder_angles(motion: RelativeMotion, frames: FloatArray | None = None) ->
     return _build_joint_angles(SHOULDER, angles, axes_of_rotations(turns, angles), motion, frames, sine=np.abs(sine))
 
 
-def elbow_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> JointAngles:
-    """Return flexion, carrying angle and pronation of the forearm in the upper arm."""
-    return _flexion_angles(ELBOW, motion, frames)
+def elbow_angles(
+    motion: RelativeMotion, frames: FloatArray | None = None, names: tuple[str, ...] = ELBOW
+) -> JointAngles:
+    """Return flexion, carrying angle and pronation of the forearm in the upper arm, without angles not in ``names``."""
+    r = motion.rotation
+    cosine = np.hypot(r[:, 0, 1], r[:, 1, 1])
+    flexion = _unwrap(np.arctan2(-r[:, 0, 1], r[:, 1, 1]))
+    carrying = np.arctan2(r[:, 2, 1], cosine)
+    pronation = _unwrap(np.arctan2(-r[:, 2, 0], r[:, 2, 2]))
+    angles = np.stack([flexion, carrying, pronation], axis=1)
+    axes = axes_of_rotations(np.stack([_Z, _X, _Y]), angles)
+    return _build_joint_angles(names, angles, axes, motion, frames, sine=cosine)
 
 
 def hinge_elbow_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> JointAngles:
     """Return flexion and carrying angle of the forearm, if no marker or joint determines its pronation."""
-    return _flexion_angles(ELBOW[:2], motion, frames)
+    return elbow_angles(motion, frames, ELBOW[:2])
 
 
 def wrist_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> JointAngles:
     """Return flexion and deviation of the hand in the forearm. Flexion and ulnar deviation are positive."""
-    return _flexion_angles(WRIST, motion, frames)
+    return elbow_angles(motion, frames, WRIST)
 
 
 def joint_coordinates(motion: RelativeMotion, joint: SpatialJoint, names: tuple[str, ...]) -> JointAngles:
@@ -109,19 +119,6 @@ def joint_coordinates(motion: RelativeMotion, joint: SpatialJoint, names: tuple[
         turns, offsets, columns = np.stack([a, b]), joint.offset[None], [first, _measure_rotation_about(b, rest)]
     angles = np.stack([_unwrap(column) for column in columns], axis=1)
     return _build_joint_angles(names, angles, axes_of_rotations(turns, angles, offsets), motion, None, sine=one)
-
-
-def _flexion_angles(names: tuple[str, ...], motion: RelativeMotion, frames: FloatArray | None) -> JointAngles:
-    """Return flexion, carrying (or deviation) angle and pronation; angles without a name in ``names`` are left out."""
-    r = motion.rotation
-    cosine = np.hypot(r[:, 0, 1], r[:, 1, 1])
-    flexion = _unwrap(np.arctan2(-r[:, 0, 1], r[:, 1, 1]))
-    carrying = np.arctan2(r[:, 2, 1], cosine)
-    pronation = _unwrap(np.arctan2(-r[:, 2, 0], r[:, 2, 2]))
-    angles = np.stack([flexion, carrying, pronation], axis=1)
-    return _build_joint_angles(
-        names, angles, axes_of_rotations(np.stack([_Z, _X, _Y]), angles), motion, frames, sine=cosine
-    )
 
 
 def _build_joint_angles(
@@ -310,7 +307,23 @@ def axes_of_rotation_vector(q: FloatArray) -> AxisDerivatives:
     B = 1 - a(s) q^ + c(s) q^ q^, where q^ is the cross-product matrix of q. Further,
     s = |q|², a = (1 - cos |q|) / s and c = (|q| - sin |q|) / |q|³.
     """
-    a, c = _sum_series(np.sum(q**2, axis=1))
+    s = np.sum(q**2, axis=1)
+    powers = [np.ones(len(q))]
+    for _ in range(_TERMS):
+        powers.append(powers[-1] * s)
+    series = []  # a(s) and c(s), each with its first two derivatives, by power series
+    for shift in (2, 3):
+        values = [np.zeros(len(q)) for _ in range(3)]
+        factor = 1.0 / np.prod(np.arange(1, shift + 1))
+        for n in range(_TERMS):
+            values[0] += factor * powers[n]
+            if n > 0:
+                values[1] += factor * n * powers[n - 1]
+            if n > 1:
+                values[2] += factor * n * (n - 1) * powers[n - 2]
+            factor /= -(2 * n + shift + 1) * (2 * n + shift + 2)
+        series.append(values)
+    a, c = series
     cross, unit = so3.hat(q), so3.hat(np.eye(3))
     square = cross @ cross
     mixed = np.einsum("kij,fjl->fkil", unit, cross) + np.einsum("fij,kjl->fkil", cross, unit)
@@ -329,26 +342,6 @@ def axes_of_rotation_vector(q: FloatArray) -> AxisDerivatives:
     second = second - da[:, :, None] * unit[None, None] - da[:, None, :] * unit[None, :, None]
     second = second + dc[:, :, None] * mixed[:, None] + dc[:, None, :] * mixed[:, :, None]
     return axes, np.einsum("fkim->fimk", first), np.einsum("fklim->fimkl", second)
-
-
-def _sum_series(square: FloatArray) -> tuple[tuple[FloatArray, FloatArray, FloatArray], ...]:
-    """Return a(s) and c(s) of :func:`axes_of_rotation_vector`, each with its first two derivatives, by power series."""
-    terms = 40
-    results = []
-    for shift in (2, 3):
-        values = [np.zeros_like(square) for _ in range(3)]
-        factor = 1.0 / np.prod(np.arange(1, shift + 1))
-        powers = [np.ones_like(square)]
-        for n in range(terms):
-            values[0] += factor * powers[n]
-            if n > 0:
-                values[1] += factor * n * powers[n - 1]
-            if n > 1:
-                values[2] += factor * n * (n - 1) * powers[n - 2]
-            powers.append(powers[n] * square)
-            factor /= -(2 * n + shift + 1) * (2 * n + shift + 2)
-        results.append((values[0], values[1], values[2]))
-    return tuple(results)
 
 
 def compute_rates(axes: AxisDerivatives, motion: RelativeMotion) -> tuple[FloatArray, FloatArray, FloatArray]:

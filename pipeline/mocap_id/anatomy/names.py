@@ -81,19 +81,10 @@ def find_landmarks(
 ) -> NamedLandmarks:
     """Find the landmarks among the names of all markers of a recording.
 
-    Parameters
-    ----------
-    labels : sequence of str
-        Names of the markers.
-    given : mapping, optional
-        Marker names of landmarks that the user has set. They have priority over recognised names.
-    side : {"right", "left"}, optional
-        Arm to use. By default the arm with more landmarks, and the right one if both have the same number.
-
-    Raises
-    ------
-    RecordingError
-        A given landmark or marker does not exist, or all landmarks of an arm are on the arm that ``side`` excludes.
+    ``given`` are the marker names of landmarks that the user has set; they have priority over recognised names.
+    ``side`` is the arm to use: by default the arm with more landmarks, and the right one if both have the same number.
+    A RecordingError is raised if a given landmark or marker does not exist, or if all landmarks of an arm are on the
+    arm that ``side`` excludes.
 
     Examples
     --------
@@ -181,18 +172,8 @@ def _read_label(label: str, marker: int) -> list[_Reading]:
     if not words:
         return []
     bare = "".join(words).lower()
-    for side, rest in _split_side(text, bare):
-        hits = [hit for hit in _BY_NAME.get(rest, []) if side is None or hit[0] in SIDED]
-        if hits:
-            return [_Reading(name, side if name in SIDED else None, marker, rank) for name, rank in hits]
-    return []
-
-
-def _split_side(text: str, bare: str) -> list[tuple[Side | None, str]]:
-    """Return possible splits of a name into side and rest: side at the start, no side, then side at the end.
-
-    Some programs write the letter p, for point, before every name.
-    """
+    # Possible splits into side and rest: side at the start, no side, then side at the end. Some programs write the
+    # letter p, for point, before every name.
     before: list[tuple[Side | None, str]] = []
     behind: list[tuple[Side | None, str]] = []
     for side, marks in _SIDES:
@@ -201,7 +182,11 @@ def _split_side(text: str, bare: str) -> list[tuple[Side | None, str]]:
             apart = len(mark) > 2 or text[-1:].isupper() or re.search(rf"[^A-Za-z0-9]{mark}$", text) is not None
             if bare.endswith(mark) and apart:
                 behind.append((side, bare[: -len(mark)]))
-    return [*before, (None, bare), *([(None, bare[1:])] if bare.startswith("p") else []), *behind]
+    for own, rest in [*before, (None, bare), *([(None, bare[1:])] if bare.startswith("p") else []), *behind]:
+        hits = [hit for hit in _BY_NAME.get(rest, []) if own is None or hit[0] in SIDED]
+        if hits:
+            return [_Reading(name, own if name in SIDED else None, marker, rank) for name, rank in hits]
+    return []
 
 
 _BY_NAME: dict[str, list[tuple[str, int]]] = {}  # landmarks with each spelling, and its rank

@@ -10,8 +10,7 @@ import pytest
 from mocap_id.errors import NumericalError
 from mocap_id.geometry import so3
 from mocap_id.kinematics.space.bundle_equations import segment_origins
-from mocap_id.kinematics.space.chain_fit import fit_spatial_chain
-from mocap_id.kinematics.space.chain_result import SpatialFit, move_centre
+from mocap_id.kinematics.space.chain_fit import SpatialFit, fit_spatial_chain, move_centre
 from mocap_id.kinematics.space.rigid_body import rigid_poses
 from mocap_id_simulation import SpaceRobotOptions, generate_space_robot, simulate_arm, simulate_chain
 

@@ -357,13 +357,14 @@ class Division:
 
 
 def divide(
-    sorter: SpatialBodies, start: Sequence[SpatialBody], needed: float = 1.0
+    sorter: SpatialBodies, start: Sequence[SpatialBody], needed: float
 ) -> tuple[list[SpatialBody], list[Division], list[Division]]:
     """Divide bodies, best division first, until there are 16 or no division has the evidence ``needed``.
 
     The results are the bodies, the accepted divisions, and the best division of every body that was not divided.
     """
-    bodies, made = list(start), []
+    bodies = list(start)
+    made: list[Division] = []
     tried: dict[bytes, Division | None] = {}
     while True:
         edges = spanning_tree(sorter.joints(bodies), len(bodies))
@@ -432,111 +433,88 @@ _ROUNDS = 3
 _Pair: TypeAlias = tuple[SpatialBody, SpatialBody]
 
 
-def exchange_markers(sorter: SpatialBodies, bodies: Sequence[SpatialBody]) -> tuple[SpatialBody, ...]:
-    """Return the bodies of a division after neighbours have exchanged one or two markers at a time."""
-    exchange = _Exchange(sorter, bodies)
-    for _ in range(_ROUNDS):
-        improved = [exchange.improve(i, j) for i, j in exchange.edges]
-        if not any(improved):
-            break
-    return tuple(exchange.bodies)
+def exchange_markers(sorter: SpatialBodies, start: Sequence[SpatialBody]) -> list[SpatialBody]:
+    """Return the bodies of a division after neighbours have exchanged one or two markers at a time.
 
+    An exchange is made if it reduces the summed log residual of two bodies: that of all motion, plus that of the motion
+    that their neighbours do not explain.
+    """
+    bodies, constraints = list(start), sorter.constraints
+    edges = spanning_tree(sorter.joints(bodies), len(bodies))
+    costs: dict[bytes, float] = {}
 
-class _Exchange:
-    """Bodies, the tree of their joints, and cached costs."""
+    def plain_cost(pair: _Pair) -> float:
+        residual = np.concatenate([body.residual[body.markers] for body in pair])
+        return float(np.sum(np.log(np.minimum(residual, _EXCHANGE_UNKNOWN) ** 2 + _EXCHANGE_FLOOR**2))) / 2
 
-    def __init__(self, sorter: SpatialBodies, bodies: Sequence[SpatialBody]) -> None:
-        self.sorter, self.bodies = sorter, list(bodies)
-        self.edges = spanning_tree(sorter.joints(bodies), len(bodies))
-        self._costs: dict[bytes, float] = {}
-
-    def improve(self, i: int, j: int) -> bool:
-        """Exchange markers of two neighbours while this reduces the cost; return whether the bodies have changed."""
-        before = self.bodies[i]
-        new = self.sorter.joint(self.bodies[i], self.bodies[j]).free < _SMALL
-        for _ in range(_ROUNDS):
-            pair: _Pair = self.bodies[i], self.bodies[j]
-            plain, own = _plain_cost(*pair), self._own_cost(*pair, i, j)
-            best, chosen = plain + own - _MARGIN, pair
-            choices: list[tuple[_Pair, float]] = [
-                *self._propose_exchanges(*pair),
-                *(self._propose_divisions(*pair) if new else ()),
-            ]
-            for choice, doubt in choices:
-                rigid = _plain_cost(*choice) + doubt
-                if rigid > plain + _HOPELESS:
-                    continue
-                cost = rigid + self._own_cost(*choice, i, j)
-                if cost < best:
-                    best, chosen = cost, choice
-            if chosen is pair:
-                break
-            self.bodies[i], self.bodies[j] = chosen
-            new = False
-        return self.bodies[i] is not before
-
-    def _own_cost(self, first: SpatialBody, second: SpatialBody, i: int, j: int) -> float:
-        """Return the summed log residual of two bodies, without the motion that their neighbours explain."""
-        at = {i: first, j: second}
+    def own_cost(pair: _Pair, i: int, j: int) -> float:
+        at = {i: pair[0], j: pair[1]}
         total = 0.0
         for k, body in at.items():
-            others = [b if a == k else a for a, b in self.edges if k in (a, b)]
-            around = [at.get(other, self.bodies[other]) for other in others]
+            others = [b if a == k else a for a, b in edges if k in (a, b)]
+            around = [at.get(other, bodies[other]) for other in others]
             key = b"|".join(each.markers.tobytes() for each in (body, *around))
-            if key not in self._costs:
-                left = _without_pose(*unexplained_motion(self.sorter.points, body, around))
-                self._costs[key] = float(np.sum(np.log(left**2 + _OWN_FLOOR**2))) / 2
-            total += self._costs[key]
+            if key not in costs:
+                left = _without_pose(*unexplained_motion(sorter.points, body, around))
+                costs[key] = float(np.sum(np.log(left**2 + _OWN_FLOOR**2))) / 2
+            total += costs[key]
         return total
 
-    def _propose_exchanges(self, first: SpatialBody, second: SpatialBody) -> Iterator[tuple[_Pair, float]]:
+    def is_possible(first: IntArray, second: IntArray) -> bool:
+        apart = np.isin(constraints.unit[first], constraints.unit[second]).any()
+        return not apart and min(len(first), len(second)) >= LEAST and all(map(constraints.allow, (first, second)))
+
+    def propose_exchanges(first: SpatialBody, second: SpatialBody) -> Iterator[tuple[_Pair, float]]:
         """Yield both bodies after one marker, or one of each, has changed its body, and the penalty for this."""
-        joint = self.sorter.joint(first, second)
-        leaving, joining = self._find_movable(first, second), self._find_movable(second, first)
-        doubts = self._penalise(first, leaving, joint.in_first), self._penalise(second, joining, joint.in_second)
-        moves: list[tuple[list[int], list[int], float]]
-        moves = [([m], [], doubt) for m, doubt in zip(leaving, doubts[0], strict=True)]
-        moves += [([], [m], doubt) for m, doubt in zip(joining, doubts[1], strict=True)]
-        moves += [([m], [k], 0.0) for m in leaving for k in joining]
+        joint = sorter.joint(first, second)
+        sides: list[list[tuple[int, float]]] = []  # markers that also fit the other body roughly, and their penalties
+        for body, other, centre in ((first, second, joint.in_first), (second, first, joint.in_second)):
+            close = other.residual[body.markers] <= np.maximum(_FAR * body.residual[body.markers], _CLOSE)
+            movable = body.markers[close]
+            _, place, _ = subtract_means(body.local(sorter.points[:, movable]))
+            near = np.linalg.norm(place - centre, axis=1) <= _NEAR_JOINT
+            sides.append([(int(m), _LANDMARK if each else 0.0) for m, each in zip(movable, near, strict=True)])
+        leaving, joining = sides
+        moves: list[tuple[list[int], list[int], float]] = [([m], [], doubt) for m, doubt in leaving]
+        moves += [([], [m], doubt) for m, doubt in joining]
+        moves += [([m], [k], 0.0) for m, _ in leaving for k, _ in joining]
         for out, back, doubt in moves:
             markers = [
                 np.sort(np.append(np.setdiff1d(body.markers, gone), come).astype(np.int64))
                 for body, gone, come in ((first, out, back), (second, back, out))
             ]
-            if self._is_possible(*markers):
-                made = self.sorter.body(markers[0]), self.sorter.body(markers[1])
+            if is_possible(*markers):
+                made = sorter.body(markers[0]), sorter.body(markers[1])
                 if min(body.width for body in made) >= NARROW:
                     yield made, doubt
 
-    def _propose_divisions(self, first: SpatialBody, second: SpatialBody) -> Iterator[tuple[_Pair, float]]:
-        """Yield other divisions of the markers of both bodies, in both orders."""
-        for one, other in self.sorter.divisions(np.sort(np.concatenate([first.markers, second.markers]))):
-            if self._is_possible(one.markers, other.markers):
-                yield (one, other), 0.0
-                yield (other, one), 0.0
-
-    def _find_movable(self, body: SpatialBody, other: SpatialBody) -> list[int]:
-        """Return the markers of a body that also fit the other body roughly."""
-        own = body.residual[body.markers]
-        close = other.residual[body.markers] <= np.maximum(_FAR * own, _CLOSE)
-        return [int(m) for m in body.markers[close]]
-
-    def _penalise(self, body: SpatialBody, markers: list[int], centre: FloatArray) -> list[float]:
-        """Return the penalties for removing single markers from a body: 0 except near the joint ``centre`` (3,), m."""
-        if not markers:
-            return []
-        _, place, _ = subtract_means(body.local(self.sorter.points[:, markers]))
-        near = np.linalg.norm(place - centre, axis=1) <= _NEAR_JOINT
-        return [_LANDMARK if each else 0.0 for each in near]
-
-    def _is_possible(self, first: IntArray, second: IntArray) -> bool:
-        """Return whether both groups are large enough for a body and satisfy the constraints of the user."""
-        constraints = self.sorter.constraints
-        apart = np.isin(constraints.unit[first], constraints.unit[second]).any()
-        return not apart and min(len(first), len(second)) >= LEAST and all(map(constraints.allow, (first, second)))
-
-
-def _plain_cost(first: SpatialBody, second: SpatialBody) -> float:
-    """Return the summed log residual of two bodies."""
-    residual = np.concatenate([body.residual[body.markers] for body in (first, second)])
-    return float(np.sum(np.log(np.minimum(residual, _EXCHANGE_UNKNOWN) ** 2 + _EXCHANGE_FLOOR**2))) / 2
+    for _ in range(_ROUNDS):
+        improved = False
+        for i, j in edges:
+            before = bodies[i]
+            new = sorter.joint(bodies[i], bodies[j]).free < _SMALL
+            for _ in range(_ROUNDS):
+                pair: _Pair = bodies[i], bodies[j]
+                plain, own = plain_cost(pair), own_cost(pair, i, j)
+                best, chosen = plain + own - _MARGIN, pair
+                choices = list(propose_exchanges(*pair))
+                if new:  # other divisions of the markers of both bodies, in both orders
+                    together = np.sort(np.concatenate([body.markers for body in pair]))
+                    for one, other in sorter.divisions(together):
+                        if is_possible(one.markers, other.markers):
+                            choices += [((one, other), 0.0), ((other, one), 0.0)]
+                for choice, doubt in choices:
+                    rigid = plain_cost(choice) + doubt
+                    if rigid > plain + _HOPELESS:
+                        continue
+                    cost = rigid + own_cost(choice, i, j)
+                    if cost < best:
+                        best, chosen = cost, choice
+                if chosen is pair:
+                    break
+                bodies[i], bodies[j] = chosen
+                new = False
+            improved |= bodies[i] is not before
+        if not improved:
+            break
+    return bodies

@@ -82,16 +82,6 @@ class ChainPrior:
         add(root @ state.skin, cols.skin, root)
         return np.concatenate(values), np.concatenate(rows)
 
-    def axis_errors(self, problem: BundleProblem, state: BundleState) -> FloatArray:
-        """Return the gradients (K, P) of the cost for typical errors of the likely second axes."""
-        cols = problem.columns
-        rows = np.zeros((2 * len(problem.kinds), cols.size))
-        for j, second in enumerate(cols.second):
-            if self.along[j] and second is not None:
-                across = tangents(problem.long_axes[j]).T @ tangents(state.second[j])
-                rows[2 * j : 2 * j + 2, second] = across * _OFF_LONG_AXIS / _LONG_AXIS**2
-        return rows
-
 
 _ITERATIONS = 60
 _CONVERGED = 1e-4  # relative decrease of the cost
@@ -374,15 +364,21 @@ def chain_covariance(bundle: Bundle) -> FloatArray:
             flat = (turned.reshape(3, -1) @ moved).reshape(-1, inverse.shape[0])
             total = total + _TURN * flat.T @ flat
     if bundle.prior is not None:
-        flat = bundle.prior.axis_errors(problem, state) @ inverse
+        gradients = np.zeros((2 * len(problem.kinds), cols.size))  # of the cost for typical errors of the likely axes
+        for j, second in enumerate(cols.second):
+            if bundle.prior.along[j] and second is not None:
+                across = tangents(problem.long_axes[j]).T @ tangents(state.second[j])
+                gradients[2 * j : 2 * j + 2, second] = across * _OFF_LONG_AXIS / _LONG_AXIS**2
+        flat = gradients @ inverse
         total = total + flat.T @ flat
     along_hinges = np.zeros((cols.size, cols.size))
-    for j in np.flatnonzero([kind == "hinge" for kind in problem.kinds]):
-        move = np.zeros(cols.size)
-        move[cols.centre[j]] = state.first[j]
-        for m in np.flatnonzero(problem.segment == j + 1):
-            move[3 * m : 3 * m + 3] = -state.second[j]
-        for i in np.flatnonzero(np.array(problem.parents) == j + 1):
-            move[cols.centre[i]] = -state.second[j]
-        along_hinges += _ALONG_HINGE**2 * np.outer(move, move)
+    for j, kind in enumerate(problem.kinds):
+        if kind == "hinge":
+            move = np.zeros(cols.size)
+            move[cols.centre[j]] = state.first[j]
+            for m in np.flatnonzero(problem.segment == j + 1):
+                move[3 * m : 3 * m + 3] = -state.second[j]
+            for i in np.flatnonzero(np.array(problem.parents) == j + 1):
+                move[cols.centre[i]] = -state.second[j]
+            along_hinges += _ALONG_HINGE**2 * np.outer(move, move)
     return np.asarray(total + along_hinges)

@@ -19,16 +19,10 @@ def fit_shape(points: FloatArray, start: FloatArray | None = None, iterations: i
     """Fit the shape of a rigid body to its markers (generalised Procrustes analysis with gaps and robust weights).
 
     The coordinates (k, 3), m, are relative to their centroid, in arbitrary axes. They are NaN for markers that are
-    never visible together with three markers of known coordinates.
-
-    Parameters
-    ----------
-    points : (F, k, 3) array
-        Trajectories of the body's markers, m; NaN where missing. A few hundred frames along the motion are enough.
-    start : (k, 3) array, optional
-        First guess, m; NaN where unknown. Default: the frame with most visible markers.
-    iterations : int, optional
-        Largest number of iterations; two are enough to compare groups of markers.
+    never visible together with three markers of known coordinates. The trajectories ``points`` (F, k, 3) are in m, NaN
+    where missing; a few hundred frames along the motion are enough. ``start`` (k, 3) is a first guess, m, NaN where
+    unknown; by default, it is the frame with most visible markers. Two ``iterations`` are enough to compare groups of
+    markers.
 
     Examples
     --------
@@ -54,7 +48,12 @@ def fit_shape(points: FloatArray, start: FloatArray | None = None, iterations: i
         local = updated
         if not known.any() or (not grown and float(step[known].max()) < _TOLERANCE):
             break
-        weights = _robust_weights(back - places, seen)
+        # robust weights: near 1 for usual samples and small for outliers
+        distance = np.linalg.norm(back - places, axis=2)
+        measured = np.isfinite(distance)
+        usual = max(float(np.median(distance[measured])) if measured.any() else 0.0, _FLOOR)
+        outlying = 1 / (1 + (np.where(measured, distance, 0.0) / (_OUTLIER * usual)) ** 2)
+        weights = np.where(seen, outlying, 0.0)
     return np.asarray(local)
 
 
@@ -64,16 +63,9 @@ def rigid_poses(
     """Return the pose of a rigid body in every frame, by weighted least squares (Kabsch's closed form).
 
     The trajectories (F, k, 3), m, are NaN where missing. ``local`` (k, 3) are the coordinates in the body's frame, m,
-    NaN where unknown. The weights (k,) or (F, k) are 0 or more, by default equal.
-
-    Returns
-    -------
-    rotation : (F, 3, 3) array
-        Body to the frame of ``points``; NaN with fewer than three visible markers, or with markers on one line.
-    origin : (F, 3) array
-        Origin of the body's frame, m; NaN in the same frames.
-    seen : (F,) int array
-        Number of markers used.
+    NaN where unknown. The weights (k,) or (F, k) are 0 or more, by default equal. The results are the rotation
+    (F, 3, 3) from the body to the frame of ``points``, the origin (F, 3) of the body's frame, m, and the number (F,) of
+    markers used. The pose is NaN with fewer than three visible markers, or with markers on one line.
     """
     weight = np.ones(points.shape[:2]) * (1.0 if weights is None else weights)
     rotation, origin = np.empty((len(points), 3, 3)), np.empty((len(points), 3))
@@ -205,12 +197,3 @@ def _rotate(square: FloatArray, axes: FloatArray, p: int, q: int) -> None:
 @compiled
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
-
-
-def _robust_weights(off: FloatArray, seen: BoolArray) -> FloatArray:
-    """Return weights (F, k), near 1 for usual samples and small for outliers, from their offsets (F, k, 3), m."""
-    distance = np.linalg.norm(off, axis=2)
-    known = np.isfinite(distance)
-    usual = max(float(np.median(distance[known])) if known.any() else 0.0, _FLOOR)
-    weight = 1 / (1 + (np.where(known, distance, 0.0) / (_OUTLIER * usual)) ** 2)
-    return np.where(seen, weight, 0.0)

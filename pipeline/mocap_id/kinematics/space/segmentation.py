@@ -47,19 +47,12 @@ _CLEAR = 1.5  # evidence above which a division is kept in any case
 _COARSE = 4.0  # evidence above which a division is made first
 
 
-@dataclass(frozen=True)
-class SpatialBodyChain:
-    """Bodies from base to tip."""
-
-    bodies: tuple[SpatialBody, ...]  # n + 1 bodies
-    branches: tuple[SpatialBody, ...]  # bodies that are not on the chain
-    joined: tuple[bool, ...]  # for each branch, whether joints connect it with the chain
-
-
 def find_chain(
     sorter: SpatialBodies, bodies: Sequence[SpatialBody], rules: SegmentationRules, chance: float = CHANCE
-) -> SpatialBodyChain | None:
-    """Return the longest chain of real joints from the body that moves least; None if there is no real joint.
+) -> tuple[list[SpatialBody], list[SpatialBody], list[bool]]:
+    """Return the longest chain of real joints from the body that moves least; empty if there is no real joint.
+
+    The further results are the branches, which are all other bodies, and whether joints connect each with the chain.
 
     At a real joint, two bodies rotate far enough about a common point. Bodies that hardly move also share a point.
     ``chance`` is therefore the largest residual of the joint, relative to the motion of one body in the other without
@@ -97,11 +90,10 @@ def find_chain(
     paths = [path[: rules.longest] for root in roots for path in extend([root])]
     best = max(paths, key=lambda path: (len(path), summed_arcs(path)), default=[])
     if len(best) < 2:
-        return None
+        return [], [], []
     reached = next(group for group in groups if best[0] in group)
     rest = [body for body in range(count) if body not in best]
-    branches = tuple(bodies[body] for body in rest)
-    return SpatialBodyChain(tuple(bodies[body] for body in best), branches, tuple(body in reached for body in rest))
+    return [bodies[body] for body in best], [bodies[body] for body in rest], [body in reached for body in rest]
 
 
 def give_landmarks_to_parents(bodies: Sequence[SpatialBody], sorter: SpatialBodies) -> list[SpatialBody]:
@@ -150,7 +142,9 @@ def measure_scatter(points: FloatArray) -> FloatArray:
 class SpatialSearch:
     """Chain, if there is one, and the divisions that led to it."""
 
-    chain: SpatialBodyChain | None  # None if there is no chain
+    chain: Sequence[SpatialBody]  # bodies from base to tip; empty if there is no chain
+    branches: Sequence[SpatialBody]  # bodies that are not on the chain
+    joined: Sequence[bool]  # for each branch, whether joints connect it with the chain
     bodies: Sequence[SpatialBody]  # all rigid bodies
     made: Sequence[Division]  # accepted divisions
     refused: Sequence[Division]  # best division of every body that was not divided
@@ -158,7 +152,7 @@ class SpatialSearch:
     @property
     def carried(self) -> int:
         """Number of markers on the chain."""
-        return 0 if self.chain is None else sum(len(body.markers) for body in self.chain.bodies)
+        return sum(len(body.markers) for body in self.chain)
 
 
 def search_best_chain(sorter: SpatialBodies, rules: SegmentationRules) -> SpatialSearch:
@@ -170,7 +164,7 @@ def search_best_chain(sorter: SpatialBodies, rules: SegmentationRules) -> Spatia
     best = search = search_chain(sorter, rules, 1.0)
     for _ in range(_ROUNDS):
         weakest = min((each.evidence for each in search.made), default=np.inf)
-        if best.chain is None or not best.chain.branches or weakest > _CLEAR:
+        if not best.chain or not best.branches or weakest > _CLEAR:
             break
         search = search_chain(sorter, rules, weakest * (1 + 1e-9))
         if search.carried > best.carried:
@@ -187,8 +181,8 @@ def search_chain(sorter: SpatialBodies, rules: SegmentationRules, needed: float)
     """
 
     def reassign_landmarks(bodies: Sequence[SpatialBody]) -> list[SpatialBody]:
-        chain = find_chain(sorter, bodies, rules, _LENIENT)
-        return list(bodies) if chain is None else [*give_landmarks_to_parents(chain.bodies, sorter), *chain.branches]
+        chain, branches, _ = find_chain(sorter, bodies, rules, _LENIENT)
+        return [*give_landmarks_to_parents(chain, sorter), *branches] if chain else list(bodies)
 
     start = [sorter.body(sorter.markers)]
     made: list[Division] = []
@@ -205,7 +199,7 @@ def search_chain(sorter: SpatialBodies, rules: SegmentationRules, needed: float)
             break
         made += new
         start = bodies
-    return SpatialSearch(find_chain(sorter, bodies, rules), bodies, made, refused)
+    return SpatialSearch(*find_chain(sorter, bodies, rules), bodies, made, refused)
 
 
 _BEST = 3.3  # log odds without evidence against the segments
@@ -351,11 +345,11 @@ def segment_in_space(
             float(2 * LEAST),
         )
     searched = points[frames_along_motion(points, min(frames, _SEARCH_FRAMES))]
-    search, chain = _search_with_count(SpatialBodies(searched, markers, constraints), rules)
+    search = _search_with_count(SpatialBodies(searched, markers, constraints), rules)
 
     # the bodies are fitted to all chosen frames
     sorter = SpatialBodies(points, np.flatnonzero(seen), constraints)
-    bodies = [sorter.body(body.markers) for body in chain.bodies]
+    bodies = [sorter.body(body.markers) for body in search.chain]
     joints = tuple(sorter.joint(first, second) for first, second in pairwise(bodies))
     residuals = np.stack([body.residual for body in bodies])
     segment = np.full(points.shape[1], -1)
@@ -369,7 +363,7 @@ def segment_in_space(
         foreign = own[residuals[k, own] > max(_FOREIGN * usual, rules.max_body_residual)]
         if len(own) - len(foreign) >= LEAST:
             segment[foreign] = -1
-    branched = np.isin(np.arange(len(segment)), [marker for body in chain.branches for marker in body.markers])
+    branched = np.isin(np.arange(len(segment)), [marker for body in search.branches for marker in body.markers])
     for marker in np.flatnonzero(seen & ~branched & (segment < 0)):
         unit = np.flatnonzero((constraints.unit == constraints.unit[marker]) & (segment >= 0))
         taken = segment[constraints.barred[marker]]
@@ -381,37 +375,37 @@ def segment_in_space(
 
     scatter = measure_scatter(points)
     base, tip = (float(np.median(scatter[segment == k])) for k in (0, len(bodies) - 1))
-    beside = [branch for branch, joined in zip(chain.branches, chain.joined, strict=True) if joined]
+    beside = [branch for branch, joined in zip(search.branches, search.joined, strict=True) if joined]
     explained = int(np.sum(segment >= 0)) + sum(len(branch.markers) for branch in beside)
     left_out = 1 - explained / max(int(seen.sum()), 1)
     divisions = [(each, True) for each in search.made] + [(each, False) for each in search.refused]
     return SpatialSegmentation(
         segment=segment,
         residual=np.where(segment >= 0, residuals[segment, np.arange(len(segment))], np.nan),
-        reasons=tuple(_explain_assignment(m, segment, residuals, chain, seen) for m in range(len(segment))),
+        reasons=tuple(_explain_assignment(m, segment, residuals, search, seen) for m in range(len(segment))),
         count=len(bodies),
         confidence=assess_spatial_confidence(bodies, joints, search, motion=tip / max(base, 1e-6), left_out=left_out),
         joints=joints,
         moving_base=base > rules.still_limit,
         planarity=_measure_planarity(bodies),
         divisions=tuple(sorted(divisions, key=lambda pair: -pair[0].gain)),
-        branches=tuple(branch.markers for branch in chain.branches),
+        branches=tuple(branch.markers for branch in search.branches),
     )
 
 
-def _search_with_count(sorter: SpatialBodies, rules: SegmentationRules) -> tuple[SpatialSearch, SpatialBodyChain]:
-    """Return the search whose chain has the requested number of segments, and the chain; refuse a trial without it."""
+def _search_with_count(sorter: SpatialBodies, rules: SegmentationRules) -> SpatialSearch:
+    """Return the search whose chain has the requested number of segments; refuse the trial if there is none."""
     search = search_best_chain(sorter, rules)
     lengths = set()
     for _ in range(_SEGMENTATION_ROUNDS):
-        length = 0 if search.chain is None else len(search.chain.bodies)
+        length = len(search.chain)
         lengths.add(length)
         sizes = [each.evidence for each in (search.refused if length < (rules.count or 0) else search.made)]
         if rules.count is None or length == rules.count or not sizes:
             break
         search = search_chain(sorter, rules, max(sizes) if length < rules.count else min(sizes) * (1 + 1e-9))
-    if search.chain is not None and rules.count in (None, len(search.chain.bodies)):
-        return search, search.chain
+    if search.chain and rules.count in (None, len(search.chain)):
+        return search
     if lengths - {0}:
         raise Refused(
             "no-chain",
@@ -444,7 +438,7 @@ def _search_with_count(sorter: SpatialBodies, rules: SegmentationRules) -> tuple
 
 
 def _explain_assignment(
-    marker: int, segment: IntArray, residuals: FloatArray, chain: SpatialBodyChain, seen: BoolArray
+    marker: int, segment: IntArray, residuals: FloatArray, search: SpatialSearch, seen: BoolArray
 ) -> str:
     """Return in words why a marker is on its segment, or on none."""
     k = int(segment[marker])
@@ -456,7 +450,7 @@ def _explain_assignment(
         return f"{own}; at the joint to segment {better}, which it fits within {1e3 * residuals[better, marker]:.1f} mm"
     if not seen[marker]:
         return "visible in too few frames"
-    for branch, joined in zip(chain.branches, chain.joined, strict=True):
+    for branch, joined in zip(search.branches, search.joined, strict=True):
         if marker in branch.markers:
             with_others = f"rigid with {len(branch.markers) - 1} other markers"
             where = "on a branch beside the chain" if joined else "that no joint connects with the chain"

@@ -34,7 +34,7 @@ from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import RecordingError
 from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.geometry.spatial_chain import SpatialChain, change_frames
-from mocap_id.kinematics.space.chain_result import SpatialFit, move_centre
+from mocap_id.kinematics.space.chain_fit import SpatialFit, move_centre
 from mocap_id.kinematics.space.rigid_body import rigid_poses
 from mocap_id.recording import Recording
 from mocap_id.stages.base import Context, Findings
@@ -188,24 +188,11 @@ def fit_anatomical_frames(
 ) -> tuple[SpatialFit, SpatialChain, dict[str, Any]]:
     """Refine the joint centres by landmarks and express the chain in the anatomical frames of the ISB.
 
-    The facts ``frames`` ("isb", or "own" without landmarks), ``still_s`` and ``frame_covariance``, and cautions and
-    notes about landmarks are added to ``out``.
-
-    Parameters
-    ----------
-    columns : (M,) int array
-        Indices of the markers of the chain in ``view``.
-    names : sequence of str, length n + 1
-        Names of the segments; only segments with anatomical names get anatomical frames.
-
-    Returns
-    -------
-    fit : SpatialFit
-        The fit with joint centres refined by landmarks, in the frames of the fit.
-    chain : SpatialChain
-        The same chain in anatomical frames, or in the frames of the fit without landmarks.
-    landmarks : dict
-        Datasets of the group ``landmarks`` of chain.h5.
+    The results are the fit with joint centres refined by landmarks, the same chain in anatomical frames (without
+    landmarks, in the frames of the fit), and the datasets of the group ``landmarks`` of chain.h5. The facts ``frames``
+    ("isb", or "own" without landmarks), ``still_s`` and ``frame_covariance``, and cautions and notes about landmarks
+    are added to ``out``. ``columns`` (M,) are the indices of the chain's markers in ``view``, and ``names`` (n + 1) the
+    names of the segments; only segments with anatomical names get anatomical frames.
     """
     settings: FitJointsSettings = context.settings
     trial = context.trial
@@ -280,15 +267,17 @@ def fit_anatomical_frames(
 
     # The centres of shoulder, elbow and wrist are combined with the midpoints of their landmarks. The landmarks are
     # located again for each centre, because the centre is the origin of its segment.
-    refined = fit
+    refined, located = fit, locate(fit)
+    measured = {name: place.local for name, place in located[0].items()}
     for child, beside in _MIDDLES.items():
-        positions = locate(refined)[0]
+        positions = located[0]
         if child in numbers and all(name in positions for name in beside):
             middle = np.mean([positions[name].local for name in beside], axis=0)
             square = np.mean([positions[name].sd ** 2 for name in beside]) / 2
             sd = _GH_SD if beside == ("GH",) else float(np.sqrt(square))
             refined = move_centre(refined, numbers[child], middle, sd**2 * np.eye(3))
-    positions, reasons, rotations, origins = locate(refined)
+            located = locate(refined)
+    positions, reasons, rotations, origins = located
     complete = still.start + np.flatnonzero(np.isfinite(rotations[still]).all(axis=(1, 2, 3)))
     moment = int(complete[len(complete) // 2]) if len(complete) else still.start
     standing = ClusterPoses(rotations[moment], origins[moment])
@@ -297,8 +286,7 @@ def fit_anatomical_frames(
         refined, positions, where, rotations=rotations, origins=origins, standing=standing, option=settings.humerus
     )
     out.reasons += [*named.reasons, *pose.reasons, *reasons]
-    at = {name: place.local for name, place in locate(fit)[0].items()}
-    report_implausible_arm(out, _find_contradictions(fit, at, frames, numbers, standing))
+    report_implausible_arm(out, _find_contradictions(fit, measured, frames, numbers, standing))
     out.reasons += frames.reasons
     out.fact(
         frames="isb" if frames.frames else "own",
