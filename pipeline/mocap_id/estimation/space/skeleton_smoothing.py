@@ -16,12 +16,13 @@ from mocap_id.estimation.space.frame_poses import (
     predict_positions,
     select_frames,
 )
-from mocap_id.estimation.space.skin_errors import SkinErrors, compute_rates
 from mocap_id.estimation.space.space_kernels import ChainModel, Pose, locate_markers
 from mocap_id.estimation.space.space_smoothing import (
+    SkinErrors,
     SpatialSettings,
     SpatialStates,
     collect_states,
+    compute_rates,
     filter_and_smooth,
     find_uncertain_segments,
     scale_to_movement,
