@@ -411,8 +411,9 @@ class Rates:
 
     def at(self, frames: slice | IntArray) -> Rates:
         """Return the rates in the chosen frames."""
-        maps, joints = [each[frames] for each in self.maps], (self.velocity, self.acceleration, self.jerk)
-        return Rates(*(each[frames] for each in joints), maps, self.omega[frames], self.alpha[frames])
+        velocity, acceleration, jerk = (each[frames] for each in (self.velocity, self.acceleration, self.jerk))
+        maps = [each[frames] for each in self.maps]
+        return Rates(velocity, acceleration, jerk, maps, self.omega[frames], self.alpha[frames])
 
 
 def compute_rates(chain: SpatialChain, model: ChainModel, pose: Pose, turns: FloatArray) -> Rates:
