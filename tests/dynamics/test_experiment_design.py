@@ -9,8 +9,13 @@ import pytest
 from dynamics_cases import BODY, CENTRES
 from excitation_cases import EXACT, SLIDING, identified, recorded
 
-from mocap_id.design.experiment import ExperimentDesign, design_experiment
-from mocap_id.design.movements import balance, hold_posture, static_centre_of_pressure
+from mocap_id.design.experiment import (
+    ExperimentDesign,
+    balance,
+    design_experiment,
+    hold_posture,
+    static_centre_of_pressure,
+)
 from mocap_id.design.predicted_covariance import (
     CovariancePredictor,
     IdentifiedBody,

@@ -231,10 +231,7 @@ def filter_forwards(problem: FilterProblem) -> Track:
 def smooth_backwards(problem: FilterProblem, track: Track) -> Track:
     """Run the Rauch–Tung–Striebel smoother over a filtered track, and return this track with its arrays overwritten.
 
-    Raises
-    ------
-    NumericalError
-        A predicted covariance is not positive definite.
+    Raise NumericalError if a predicted covariance is not positive definite.
     """
     failed = run_smoother(_make_model(problem), track.restarted, track.mean, track.covariance)
     if failed >= 0:

@@ -90,7 +90,18 @@ def smooth_with_sensors(
             raise NumericalError("the sensors pull the chain away from the markers")
     except NumericalError as error:
         return alone, {s: replace(each, why=each.why or str(error)) for s, each in results.items()}
-    return replace(both, sd=_add_drift(both, worn, 1.0 / rate)), results
+    # in gaps, the standard deviations increase by the drift of the angles from the sensors
+    sd, gaps = both.sd.copy(), [find_runs(~each) for each in both.observed.T]
+    longest = max((run.stop - run.start for runs in gaps for run in runs), default=0)
+    drifts = {s: _measure_drift(each.left, longest, 1.0 / rate) ** 2 for s, each in worn.items()} if longest else {}
+    for j, runs in enumerate(gaps):
+        own = [drifts[s] for s in (j, j + 1) if s in drifts]
+        for run in runs:
+            variance = np.sum(own, axis=0)[: run.stop - run.start + 1] if own else np.zeros(run.stop - run.start + 1)
+            ends = [variance[1:]] * (run.start > 0) + [variance[:0:-1]] * (run.stop < len(sd))
+            if ends:
+                sd[run, j, 0] = np.hypot(sd[run, j, 0], np.sum([1.0 / np.maximum(v, 1e-12) for v in ends], 0) ** -0.5)
+    return replace(both, sd=sd), results
 
 
 def compute_segment_motions(states: States, rate: float) -> list[MotionFromMarkers]:
@@ -161,22 +172,6 @@ def calibrate_worn_sensor(  # noqa: PLR0917
     again = calibrate_sensor(signals, skin, time, clock, follows=False, start=replace(found, lag=0.0)) or found
     prepared = prepare_sensor(signals, again, skin, time, seen, SHARES)
     return WornSensor(again, prepared, share, prepared.gyro[:, 2] - skin.omega[:, 2])
-
-
-def _add_drift(states: States, worn: Mapping[int, WornSensor], dt: float) -> FloatArray:
-    """Return the standard deviations (F, n, 4), increased in gaps by the drift of the angles from the sensors."""
-    sd = states.sd.copy()
-    gaps = [find_runs(~states.observed[:, j]) for j in range(sd.shape[1])]
-    longest = max((run.stop - run.start for runs in gaps for run in runs), default=0)
-    drifts = {s: _measure_drift(each.left, longest, dt) ** 2 for s, each in worn.items()} if longest else {}
-    for j, runs in enumerate(gaps):
-        own = [drifts[s] for s in (j, j + 1) if s in drifts]
-        for run in runs:
-            variance = np.sum(own, axis=0)[: run.stop - run.start + 1] if own else np.zeros(run.stop - run.start + 1)
-            ends = [variance[1:]] * (run.start > 0) + [variance[:0:-1]] * (run.stop < len(sd))
-            if ends:
-                sd[run, j, 0] = np.hypot(sd[run, j, 0], np.sum([1.0 / np.maximum(v, 1e-12) for v in ends], 0) ** -0.5)
-    return sd
 
 
 def _measure_drift(left: FloatArray, count: int, dt: float) -> FloatArray:

@@ -159,8 +159,8 @@ class DeadReckoning:
         angle, off = self._motion(unknowns)[0], self._residual(unknowns)
         some = np.unique(np.linspace(0, len(angle) - 1, _SD_FRAMES).astype(np.int64))
         moved = [self._motion(unknowns + _STEP * e)[0][some] for e in np.eye(self._size)]
-        rows = (np.stack(moved, axis=2) - angle[some, :, None]) / _STEP
-        variance = np.einsum("fkp,pq,fkq->kf", rows, covariance, rows)
+        slopes = (np.stack(moved, axis=2) - angle[some, :, None]) / _STEP
+        variance = np.einsum("fkp,pq,fkq->kf", slopes, covariance, slopes)
         knots = sd[self._at[1]].reshape(len(self._signals), -1)
         return Reckoning(
             angle=angle,

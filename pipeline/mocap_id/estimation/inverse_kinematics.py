@@ -152,36 +152,28 @@ def _guess_angles(observed: FloatArray, used: BoolArray, chain: MarkerChain) -> 
     absolute, origin = np.zeros(len(observed)), np.zeros((len(observed), 2))
     for j in range(n):
         origin = origin + rotate(absolute, np.broadcast_to(chain.centres[j], origin.shape))
-        turned = np.concatenate([_find_angle(observed[s], used[s], chain, j, origin[s]) for s in chunks(len(observed))])
-        found = np.flatnonzero(np.isfinite(turned))
-        if found.size:
-            relative = np.unwrap((turned - absolute)[found])
-            angles[:, j] = np.interp(np.arange(len(observed)), found, relative)
+        turned = np.empty(len(observed))  # absolute angle of segment j + 1; NaN without markers
+        own, beyond = chain.segment == j + 1, chain.segment == j + 2
+        for s in chunks(len(observed)):
+            arm = np.where(used[s, own, None], observed[s, own] - origin[s, None], 0.0)
+            found = np.where(used[s, own].any(axis=1), _fit_rotation(chain.local[own][None], arm), np.nan)
+            unseen = np.flatnonzero(np.isnan(found))
+            if unseen.size and j + 1 < n:
+                # the direction to the next joint, whose position needs two or more of the next segment's markers
+                weight = used[s][unseen][:, beyond, None].astype(np.float64)
+                count = np.maximum(weight.sum(axis=1), 1.0)
+                z, local = np.where(weight > 0, observed[s][unseen][:, beyond], 0.0), chain.local[beyond]
+                middle, local_middle = z.sum(axis=1) / count, (weight * local).sum(axis=1) / count
+                next_turned = _fit_rotation(weight * (local - local_middle[:, None]), z - middle[:, None])
+                joint = middle - rotate(next_turned, local_middle)
+                pointed = _fit_rotation(chain.centres[j + 1][None, None], (joint - origin[s][unseen])[:, None])
+                found[unseen] = np.where(count[:, 0] >= 2.0, pointed, np.nan)
+            turned[s] = found
+        known = np.flatnonzero(np.isfinite(turned))
+        if known.size:
+            angles[:, j] = np.interp(np.arange(len(observed)), known, np.unwrap((turned - absolute)[known]))
         absolute = absolute + angles[:, j]
     return angles
-
-
-def _find_angle(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: int, origin: FloatArray) -> FloatArray:
-    """Return the absolute angle (f,), rad, of segment j + 1 from its own or the next segment's markers.
-
-    It is NaN without such markers. ``origin`` (f, 2) is the position of the segment's joint, m.
-    """
-    own = chain.segment == j + 1
-    arm = np.where(used[:, own, None], observed[:, own] - origin[:, None], 0.0)
-    turned = np.where(used[:, own].any(axis=1), _fit_rotation(chain.local[own][None], arm), np.nan)
-    unseen = np.flatnonzero(np.isnan(turned))
-    if unseen.size and j + 1 < len(chain.centres):
-        # the direction to the next joint, whose position needs two or more of the next segment's markers
-        own = chain.segment == j + 2
-        weight = used[unseen][:, own, None].astype(np.float64)
-        count = np.maximum(weight.sum(axis=1), 1.0)
-        z, local = np.where(weight > 0, observed[unseen][:, own], 0.0), chain.local[own]
-        middle, local_middle = z.sum(axis=1) / count, (weight * local).sum(axis=1) / count
-        next_turned = _fit_rotation(weight * (local - local_middle[:, None]), z - middle[:, None])
-        joint = middle - rotate(next_turned, local_middle)
-        pointed = _fit_rotation(chain.centres[j + 1][None, None], (joint - origin[unseen])[:, None])
-        turned[unseen] = np.where(count[:, 0] >= 2.0, pointed, np.nan)
-    return turned
 
 
 def _fit_rotation(start: FloatArray, end: FloatArray) -> FloatArray:

@@ -275,8 +275,8 @@ def compute_variance_growth(
     # mean square (M,) of each marker's residual per coordinate without camera noise, m^2
     squares, count = np.zeros(used_markers.shape[1]), np.zeros(used_markers.shape[1])
     spread = np.arange(0, len(used_markers), max(1, len(used_markers) // _ENOUGH))
-    for part in chunks(len(spread)):
-        off = used_markers[spread[part]] - states.predicted_in(spread[part])
+    for block in chunks(len(spread)):
+        off = used_markers[spread[block]] - states.predicted_in(spread[block])
         known = np.isfinite(off)
         squares += np.where(known, off**2, 0.0).sum(axis=(0, 2))
         count += known.sum(axis=(0, 2))

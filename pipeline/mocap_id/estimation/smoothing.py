@@ -12,7 +12,12 @@ from typing import Literal
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
-from mocap_id.estimation.alternative_estimators import average_two_passes, smooth_butterworth, smooth_joints
+from mocap_id.estimation.alternative_estimators import (
+    average_two_passes,
+    fit_smoothing_spline,
+    smooth_butterworth,
+    smooth_joints,
+)
 from mocap_id.estimation.filter_kernels import Inertial
 from mocap_id.estimation.filter_problem import (
     FilterProblem,
@@ -25,7 +30,6 @@ from mocap_id.estimation.filter_problem import (
 )
 from mocap_id.estimation.inverse_kinematics import FrameAngles, MarkerChain, find_determined_angles, find_frame_angles
 from mocap_id.estimation.noise import FilterNoise, estimate_marker_noise, estimate_process_noise
-from mocap_id.estimation.quintic_spline import fit_smoothing_spline
 from mocap_id.geometry.planar import marker_jacobian, marker_positions, rotate
 
 Method = Literal["rts", "two-filter", "butterworth", "spline"]

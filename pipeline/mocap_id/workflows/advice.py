@@ -13,8 +13,7 @@ import numpy as np
 
 from mocap_id import runner
 from mocap_id.arrays import FloatArray
-from mocap_id.design.experiment import SMALLER, ExperimentDesign, design_experiment
-from mocap_id.design.movements import static_centre_of_pressure
+from mocap_id.design.experiment import SMALLER, ExperimentDesign, design_experiment, static_centre_of_pressure
 from mocap_id.design.predicted_covariance import (
     CovariancePredictor,
     IdentifiedBody,

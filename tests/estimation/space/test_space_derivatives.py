@@ -8,8 +8,8 @@ from spatial_cases import mixed_chain, positions
 
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation.space.frame_poses import degrees_of_freedom, group_columns, make_chain_model, make_track
-from mocap_id.estimation.space.skin_errors import compute_rate_jacobians, compute_rates
 from mocap_id.estimation.space.space_kernels import ChainModel, Pose, locate_markers
+from mocap_id.estimation.space.space_smoothing import compute_rate_jacobians, compute_rates
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 

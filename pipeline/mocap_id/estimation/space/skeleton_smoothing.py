@@ -16,12 +16,13 @@ from mocap_id.estimation.space.frame_poses import (
     predict_positions,
     select_frames,
 )
-from mocap_id.estimation.space.skin_errors import SkinErrors, compute_rates
 from mocap_id.estimation.space.space_kernels import ChainModel, Pose, locate_markers
 from mocap_id.estimation.space.space_smoothing import (
+    SkinErrors,
     SpatialSettings,
     SpatialStates,
     collect_states,
+    compute_rates,
     filter_and_smooth,
     find_uncertain_segments,
     scale_to_movement,
@@ -56,9 +57,23 @@ def find_skeleton_poses(
     track.turn[:, 0], track.origin[:] = rotation, origin
     ends = [points[:, int(np.flatnonzero(chain.segment == s)[0])] for s in range(1, segments)]
     shoulder = origin + rotation @ chain.joints[0].centre
-    upper, flexion, shown = _find_arm_pose(chain, ends[0] - shoulder, ends[1] - ends[0])
+    # the humerus's rotation and the flexion, from the vectors from shoulder to elbow and from elbow to wrist
+    upper, lower = ends[0] - shoulder, ends[1] - ends[0]
+    wrist = chain.local[int(np.flatnonzero(chain.segment == 2)[0])]
+    along = chain.joints[1].offset @ (wrist / np.linalg.norm(wrist))
+    y = -upper / np.linalg.norm(upper, axis=1, keepdims=True)
+    v = lower / np.linalg.norm(lower, axis=1, keepdims=True)
+    rise = np.einsum("fi,fi->f", v, y)
+    size, phase = np.hypot(along[0], along[1]), np.arctan2(along[0], along[1]) % (2 * np.pi)
+    flexion = np.maximum(phase - np.arccos(np.clip(rise / size, -1, 1)), LEAST_FLEXION)
+    forward = np.cos(flexion) * along[0] - np.sin(flexion) * along[1]
+    across = v - rise[:, None] * y
+    bent = np.linalg.norm(across, axis=1)
+    first = across / np.maximum(bent, 1e-9)[:, None]
+    second = np.cross(first, y)
+    x = (forward[:, None] * first - along[2] * second) / np.hypot(forward, along[2])[:, None]
     observed[:, 1] = observed[:, 2] = observed[:, 0] & np.isfinite(flexion)
-    upper, flexion = _hold_last(upper), _hold_last(flexion)
+    upper, flexion = _hold_last(np.stack([x, y, np.cross(x, y)], axis=2)), _hold_last(flexion)
     track.turn[:, 1] = np.swapaxes(rotation, 1, 2) @ upper
     track.angle[:, 1, 0] = flexion
     track.turn[:, 2] = chain.joints[1].rotation(flexion[:, None])
@@ -80,32 +95,7 @@ def find_skeleton_poses(
     variance = np.diagonal(np.linalg.inv(normal), axis1=1, axis2=2).copy()
     residual, none = points - predict_positions(model, track), np.zeros((frames, count))
     poses = FramePoses(track, variance, observed, seen, residual, none, np.zeros(points.shape))
-    return poses, shown & observed[:, 1]
-
-
-def _find_arm_pose(
-    chain: SpatialChain, upper: FloatArray, lower: FloatArray
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return the humerus's rotation (F, 3, 3), the flexion (F,), rad, and whether (F,) the axial rotation is known.
-
-    ``upper`` and ``lower`` (F, 3) are the vectors from shoulder to elbow and from elbow to wrist, m.
-    """
-    wrist = chain.local[int(np.flatnonzero(chain.segment == 2)[0])]
-    along = chain.joints[1].offset @ (wrist / np.linalg.norm(wrist))
-    y = -upper / np.linalg.norm(upper, axis=1, keepdims=True)
-    v = lower / np.linalg.norm(lower, axis=1, keepdims=True)
-    rise = np.einsum("fi,fi->f", v, y)
-    size, phase = np.hypot(along[0], along[1]), np.arctan2(along[0], along[1]) % (2 * np.pi)
-    flexion = np.maximum(phase - np.arccos(np.clip(rise / size, -1, 1)), LEAST_FLEXION)
-    forward = np.cos(flexion) * along[0] - np.sin(flexion) * along[1]
-    across = v - rise[:, None] * y
-    bent = np.linalg.norm(across, axis=1)
-    first = across / np.maximum(bent, 1e-9)[:, None]
-    second = np.cross(first, y)
-    part = np.hypot(forward, along[2])
-    x = (forward[:, None] * first - along[2] * second) / part[:, None]
-    rotation = np.stack([x, y, np.cross(x, y)], axis=2)
-    return rotation, flexion, np.asarray(bent > _STRAIGHT)
+    return poses, np.asarray(bent > _STRAIGHT) & observed[:, 1]
 
 
 def _hold_last(values: FloatArray) -> FloatArray:
