@@ -113,10 +113,7 @@ def combine_with_sensors(
     *,
     consistency: Consistency = "grid",
 ) -> Identification:
-    """Return the identification from the ground's wrench and the built-in sensors together.
-
-    ``alone`` is the result from the ground's wrench; it is returned if no sensor has enough samples.
-    """
+    """Return the identification from the ground's wrench and the built-in sensors that have enough samples."""
     fits = (fit_sensor(prepared, gate, each) for each in prepared.recorded.built_in)
     sensors, regrouping = [each for each in fits if each is not None], prepared.base.regrouping
     if not sensors:

@@ -15,8 +15,7 @@ from mocap_id.dynamics.least_squares import CompressedProblem
 if TYPE_CHECKING:
     from mocap_id.dynamics.space.consistency import SemidefiniteBodies
 
-PROVEN = 1e-6
-"""Possible decrease of the cost, relative to the cost, below which a solution counts as optimal."""
+PROVEN = 1e-6  # possible decrease of the cost, relative to the cost, below which a solution counts as optimal
 _INSIDE = 1e-9  # relative violation that counts as rounding
 _HEAVIER = 2.0  # the bound is valid for bodies of up to this multiple of the mass
 
@@ -62,14 +61,22 @@ class Optimality:
 
 @dataclass(frozen=True)
 class SolverAnswer:
-    """The solution of a solver and its report."""
-
     solver: str  # name of the solver
     body: FloatArray  # (v,) numbers of the body; NaN if the solver found no solution
     cost: float  # cost of the body
     optimality: Optimality  # result of the check
     status: str  # the solver's own status text
     iterations: int = 0  # number of iterations; 0 if the solver does not report it
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Consistent parameters and the solver's report."""
+
+    parameters: FloatArray  # (b + k,) parameters of the problem: first those of the bodies, then the free ones
+    full: FloatArray  # full parameters of one of many bodies with these parameters, 4(n + 1) or in space 10K
+    answer: SolverAnswer  # solution used
+    price: float  # relative increase of the cost over that of unconstrained parameters
 
 
 _NO_OTHERS: FloatArray = np.zeros(0)
@@ -116,12 +123,9 @@ def _estimate_gain(columns: FloatArray, rest: FloatArray) -> float:
     return float(np.sum((columns @ step) ** 2))
 
 
-LENGTH = 0.3
-"""Unit of length with which the parameters of a segment have similar magnitudes, m."""
-UNITS = np.array([1.0, LENGTH, LENGTH, LENGTH**2])
-"""Divisors of a link's m, mx, my and Izz that convert all four to kg."""
-FAR = 10.0
-"""Distance up to which masses are searched without a box, m."""
+LENGTH = 0.3  # m: unit of length with which the parameters of a segment have similar magnitudes
+UNITS = np.array([1.0, LENGTH, LENGTH, LENGTH**2])  # divisors of a link's m, mx, my and Izz that convert all to kg
+FAR = 10.0  # m: distance up to which masses are searched without a box
 ConeKind: TypeAlias = Literal["round", "flat", "semidefinite"]
 
 
@@ -139,14 +143,10 @@ class ConeBodies:
 
     @property
     def units(self) -> FloatArray:
-        """Divisors (4(n + 1),) of the full parameters that convert all of them to kg."""
         return np.tile(UNITS, self.links)
 
     def sides(self) -> tuple[FloatArray, tuple[tuple[ConeKind, int], ...]]:
-        """Return rows (r, 4(n + 1)) whose products with a body must be in cones, and the kind and size of each cone.
-
-        The size of a round (second-order) or a flat cone is its number of rows. Round cones are first.
-        """
+        """Return rows (r, 4(n + 1)) whose products with a body are in cones, and kind and size of the cones."""
         round_, flat = self.round_sides(), self.flat_sides()
         cones: list[tuple[ConeKind, int]] = [("round", 4) for _ in round_]
         return np.vstack([*round_, flat]), (*cones, ("flat", len(flat)))
@@ -158,8 +158,7 @@ class ConeBodies:
     def round_sides(self) -> FloatArray:
         """Return four rows, (l, 4, 4(n + 1)), for each of the l links that the cone limits.
 
-        Their products with a body, (m + J, m - J, 2 mx / L, 2 my / L), kg, must be in a second-order cone; J = Izz /
-        L².
+        Their products with a body, (m + J, m - J, 2 mx / L, 2 my / L), kg, are in a second-order cone; J is Izz / L².
         """
         limited = [link for link in range(self.links) if self.is_limited(link)]
         rows = np.zeros((len(limited), 4, 4 * self.links))
@@ -191,13 +190,10 @@ class ConeBodies:
         return float(np.abs(body[::4]).sum())
 
     def find_cheapest(self, prices: FloatArray) -> FloatArray:
-        """Return, for each link, the parameters of 1 kg where it costs least, as columns (4(n + 1), n + 1).
-
-        ``prices`` (4(n + 1),) has four coefficients c for each link; 1 kg at (x, y) costs c₀ + c₁x + c₂y + c₃(x² + y²).
-        """
+        """Return the parameters of 1 kg where each link costs least, as columns (4(n + 1), n + 1)."""
         columns = np.zeros((len(prices), self.links))
         for link in range(self.links):
-            _, mx, my, izz = prices[4 * link : 4 * link + 4]
+            _, mx, my, izz = prices[4 * link : 4 * link + 4]  # 1 kg at (x, y) costs c₀ + mx x + my y + izz (x² + y²)
             (x0, y0), (x1, y1) = [[-FAR] * 2, [FAR] * 2] if self.boxes is None else self.boxes[link]
             x, y = _find_minimum(mx, izz, x0, x1), _find_minimum(my, izz, y0, y1)
             columns[4 * link : 4 * link + 4, link] = 1.0, x, y, x * x + y * y
@@ -221,7 +217,6 @@ def _find_minimum(linear: float, square: float, low: float, high: float) -> floa
 
 
 ConicBodies: TypeAlias = "ConeBodies | SemidefiniteBodies"
-"""Possible bodies in the plane or in space, given by v numbers each."""
 _ACCURACY, _ITERATIONS = 1e-12, 200
 _ROUNDS = 3
 _REGULARIZATION = 1e-6  # Clarabel's default is 1e-8

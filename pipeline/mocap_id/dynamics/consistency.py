@@ -18,6 +18,7 @@ from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.cone_solver import (
     BodyCone,
     ConeBodies,
+    Solution,
     SolverAnswer,
     check_optimality,
     find_closest_links,
@@ -103,10 +104,7 @@ class GridBodies:
 
 
 def solve_osqp(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
-    """Fit the point masses with OSQP, with the variables ρ and y = R B ρ.
-
-    ``moments`` (b, p) is B = M P of eq. 4.25. The problem must have no free parameters.
-    """
+    """Fit point masses with OSQP, given B = M P (b, p) of eq. 4.25; the problem must have no free parameters."""
     mapped = problem.factor @ moments
     masses, status, iterations = np.zeros(moments.shape[1]), "not run", 0
     for accuracy in _ACCURACIES:
@@ -204,21 +202,19 @@ _TOLERABLE = 1e-3  # largest relative distance to the least cost with which a so
 
 
 @dataclass(frozen=True)
-class ConsistentSolution:
-    """Consistent parameters and the solver's report."""
+class ConsistentSolution(Solution):
+    """Consistent parameters in the plane.
+
+    ``full`` are those of the body closest to the reference, or of a body of evenly spread point masses. An Izz that
+    possible bodies only approach is NaN. ``answer`` is checked on the whole problem.
+    """
 
     # requested, consistency: the requested set of bodies, and the set used: `grid` if the solution in the cone was
     # not proven to be optimal
     requested: Consistency
     consistency: Consistency
-    parameters: FloatArray  # (b + k,) parameters of the problem: first those of the bodies, then the free ones
-    # (4(n + 1),) full parameters of one body with these parameters: the body closest to the reference, or a body of
-    # evenly spread point masses. NaN for an Izz that possible bodies only approach.
-    full: FloatArray
-    # (p,) point masses with these full parameters, kg; NaN for the cone, whose bodies need not be on the grid
+    # (p,) point masses with the full parameters, kg; NaN for the cone, whose bodies need not be on the grid
     masses: FloatArray
-    answer: SolverAnswer  # the solution used, checked on the whole problem
-    price: float  # relative increase of the cost over that of unconstrained parameters
 
 
 def fit_consistent(
@@ -278,10 +274,7 @@ def fit_consistent(
 def fit_quickly(
     problem: CompressedProblem, regrouping: FloatArray, grid: PointGrid, consistency: Consistency
 ) -> FloatArray:
-    """Return only the parameters (b + k,) of :func:`fit_consistent`, in a fraction of the time.
-
-    :func:`fit_consistent` is called if the solution is not proven to be optimal.
-    """
+    """Return only the parameters (b + k,) of :func:`fit_consistent`, faster if the solution is proven to be optimal."""
     small, bodies = problem.eliminate_others(len(regrouping)), _choose_bodies(regrouping, grid, consistency)
     answer = solve_nnls(small, bodies.mapping) if isinstance(bodies, GridBodies) else solve_links(small, bodies)
     if answer.optimality.proven:

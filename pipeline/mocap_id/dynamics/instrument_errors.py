@@ -67,10 +67,7 @@ class PlanarCalibration:
         return float(np.sqrt(evidence @ square / evidence.sum()))
 
     def mass_limit(self, mass: float) -> float:
-        """Return the relative difference above which the mass that the plates measure, kg, contradicts the scale.
-
-        It is 5 %, or the relative error of plate and scale that is not exceeded in 99 % of all cases, if this is less.
-        """
+        """Return the relative difference, at most 5 %, above which the plates' mass, kg, contradicts the scale."""
         return float(min(_MASS_APART, _SURE * np.hypot(self.gain, self.mass_sd / mass)))
 
 
@@ -104,8 +101,6 @@ class ScaleCause:
 
 @dataclass(frozen=True)
 class ScaleCheck:
-    """Result of the check for a wrong scale."""
-
     causes: dict[str, ScaleCause]  # estimate of each cause
     # causes that explain a contradiction, the most likely first; empty without a contradiction. A single cause is
     # identified by the data.
@@ -249,14 +244,9 @@ def propagate_to_wrench(
     """Return the change (R, 3, S) of the modelled wrench with every mode, for sample indices (R,), N and N·m."""
     if error.centre.shape[-1] == 0:
         return np.zeros((len(samples), 3, 0))
-    full = prepared.base.expand(base)
-
-    def wrench(states: FloatArray, centres: FloatArray) -> FloatArray:
-        return np.asarray(_build_regressor(prepared, states, centres) @ full)
-
-    return np.concatenate(
-        [_propagate_modes(wrench, prepared, samples[s], error) for s in chunks(len(samples), _AT_ONCE)]
-    )
+    full, parts = prepared.base.expand(base), chunks(len(samples), _AT_ONCE)
+    changes = [_propagate_modes(lambda _, __, rows: rows @ full, prepared, samples[part], error) for part in parts]
+    return np.concatenate(changes)
 
 
 def propagate_to_torques(
@@ -274,9 +264,8 @@ def propagate_to_torques(
         variance[valid] = 0.0
         return variance
 
-    def torques(states: FloatArray, centres: FloatArray) -> FloatArray:
-        regressor = _build_regressor(prepared, states, centres)
-        return planar_torque_regressor(centres, states[:, : recorded.q.shape[1]], regressor) @ full
+    def torques(q: FloatArray, centres: FloatArray, regressor: FloatArray) -> FloatArray:
+        return planar_torque_regressor(centres, q, regressor) @ full
 
     steps = valid[:: max(1, round(recorded.rate / _KINEMATIC_ERROR_RATE))]
     variance = np.empty((len(steps), recorded.q.shape[1]))
@@ -288,14 +277,14 @@ def propagate_to_torques(
 
 
 def _propagate_modes(
-    function: Callable[[FloatArray, FloatArray], FloatArray],
+    function: Callable[[FloatArray, FloatArray, FloatArray], FloatArray],
     prepared: PreparedTrial,
     samples: IntArray,
     error: KinematicError,
 ) -> FloatArray:
     """Return the changes (R, m, S) of the m values of a function with every mode, for sample indices (R,).
 
-    The function is of states (R, 3 n) and joint centres (n, 2), or (R, n, 2) for different centres in every row.
+    The arguments of the function are angles (R, n), joint centres (R, n, 2) and the full regressor (R, 3, 4(n + 1)).
     """
     recorded, centres = prepared.recorded, prepared.recorded.centres
     errors = error.states(recorded.q[samples], recorded.dq[samples], recorded.ddq[samples])
@@ -306,16 +295,12 @@ def _propagate_modes(
     moved = states + steps[..., :count]
     places = centres + steps[..., count:].reshape(-1, 1, *centres.shape)
     places = np.broadcast_to(places, (*moved.shape[:2], *centres.shape))
-    values = function(moved.reshape(-1, count), places.reshape(-1, *centres.shape)).reshape(*moved.shape[:2], -1)
+    (q, dq, ddq), places = np.split(moved.reshape(-1, count), 3, axis=1), places.reshape(-1, *centres.shape)
+    regressor = planar_regressor(places, q, dq, ddq, prepared.settings.gravity)
+    values = function(q, places, regressor).reshape(*moved.shape[:2], -1)
     slopes = np.stack([*(values[1:] - values[0]) / _KINEMATIC_ERROR_STEP], axis=-1)
     of_centres = slopes[..., count:] @ error.centre.reshape(centres.size, errors.shape[-1])
     return np.asarray(slopes[..., :count] @ errors + of_centres)
-
-
-def _build_regressor(prepared: PreparedTrial, states: FloatArray, centres: FloatArray) -> FloatArray:
-    """Return the full regressor (R, 3, 4(n + 1)) of states (R, 3 n)."""
-    q, dq, ddq = np.split(states, 3, axis=1)
-    return planar_regressor(centres, q, dq, ddq, prepared.settings.gravity)
 
 
 _POSE_ERROR_RATE = 50.0  # Hz: rate at which the effect is computed; movements are below 3 Hz
@@ -342,11 +327,7 @@ class PoseEffect:
 
 
 def propagate_slides(local: FloatArray, variance: FloatArray, joints: tuple[int, ...]) -> SlidingBody:
-    """Return the error of a body's pose due to the slides of its markers, which are proportional to joint angles.
-
-    ``local`` (m, 2) are the markers in the body's frame, m, and ``variance`` (m,) are those of each slide per
-    coordinate, m².
-    """
+    """Return the error of a pose from the ``variance`` (m,), m², of slides of its markers at ``local`` (m, 2), m."""
     arm = local - local.mean(axis=0)
     count, spread = len(local), float(np.sum(arm**2))
     gain = np.zeros((count, 3, 2))  # change of the pose by a slide along x, along y
@@ -357,18 +338,13 @@ def propagate_slides(local: FloatArray, variance: FloatArray, joints: tuple[int,
 
 @dataclass(frozen=True)
 class PoseErrors:
-    """Measured poses and their errors."""
-
     poses: BodyPoses  # poses from which the motion was computed
     sliding: tuple[SlidingBody, ...]  # error of each body
     bands: tuple[float, float, float]  # cut-offs of the poses, Hz
 
 
 def propagate_pose_errors(prepared: PreparedTrial, result: Fit, full: FloatArray, errors: PoseErrors) -> PoseEffect:
-    """Return the effect of the errors of all bodies' poses on the fit and on the torques.
-
-    ``full`` (4K,) are the full parameters of the bodies.
-    """
+    """Return the effect of the poses' errors of bodies with the parameters ``full`` (4K,) on fit and torques."""
     recorded, gravity, components = prepared.recorded, prepared.settings.gravity, list(prepared.settings.components)
     step = max(1, int(recorded.rate / _POSE_ERROR_RATE))
     every = errors.poses

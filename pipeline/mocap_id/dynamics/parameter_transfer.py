@@ -22,10 +22,8 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 
-LEAST_MARKERS = 2
-"""Least number of common markers with which a body is registered."""
-LEAST_SPREAD = 0.02
-"""Least rms distance of the common markers from their centroid with which they determine a body's orientation, m."""
+LEAST_MARKERS = 2  # least number of common markers with which a body is registered
+LEAST_SPREAD = 0.02  # m: least rms distance of common markers from their centroid that determines the orientation
 
 
 @dataclass(frozen=True)

@@ -232,11 +232,7 @@ class WrenchAgreement:
 
 
 def centre_of_pressure(wrench: FloatArray, threshold: float) -> FloatArray:
-    """Return the x coordinate (...), m, at which the line of the ground's force crosses the plane y = 0.
-
-    ``wrench`` (..., 3) is (Fx, Fy, tauz) about the origin, N and N·m. The result is NaN where Fy is at most
-    ``threshold``, N.
-    """
+    """Return where the line of the ground's force crosses y = 0, m, for (..., 3); NaN for Fy up to ``threshold``, N."""
     vertical = wrench[..., 1]
     loaded = vertical > threshold
     return np.where(loaded, wrench[..., 2] / np.where(loaded, vertical, 1.0), np.nan)

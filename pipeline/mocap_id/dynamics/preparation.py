@@ -225,7 +225,6 @@ class CoarseClock:
 
 
 NO_CLOCK = CoarseClock()
-"""No coarse clock offset."""
 
 
 @dataclass(frozen=True)
@@ -271,7 +270,6 @@ class TrialData:
 
     @property
     def rate(self) -> float:
-        """Samples per second."""
         return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
 
     @property
@@ -280,28 +278,14 @@ class TrialData:
         return next((each for each in self.external if each.name == SEAT), None)
 
     @property
-    def plates(self) -> FloatArray:
-        """Sum (T, 3) of all wrenches that follow the clock of the plates."""
-        return self.wrench + self._sum(by_plates=True)
-
-    @property
-    def sensors(self) -> FloatArray:
-        """Sum (T, 3) of the wrenches that follow the clock of the cameras; zeros if there are none."""
-        return self._sum(by_plates=False)
-
-    @property
     def elsewhere(self) -> FloatArray:
         """Sum (T, 3) of all wrenches except the ground's, without correction of the clock offset."""
-        return self._sum()
+        return sum((each.wrench for each in self.external), np.zeros_like(self.wrench))
 
     @property
     def surroundings(self) -> FloatArray:
         """Sum (T, 3) of all wrenches, without correction of the clock offset."""
         return self.wrench + self.elsewhere
-
-    def _sum(self, by_plates: bool | None = None) -> FloatArray:
-        chosen = (each.wrench for each in self.external if by_plates is None or each.by_plates == by_plates)
-        return sum(chosen, np.zeros_like(self.wrench))
 
 
 @dataclass(frozen=True)
@@ -350,7 +334,6 @@ class PreparedTrial:
 
     @cached_property
     def motion(self) -> PlanarMotion:
-        """The motion from which the regressor is computed."""
         return self.recorded.motion
 
     @cached_property
@@ -391,10 +374,7 @@ class PreparedTrial:
 
 
 def prepare(recorded: TrialData, settings: FitSettings, prior: BodyPrior | None = None) -> PreparedTrial:
-    """Build the regressor, find the base parameters, filter regressor and wrench, and mark the usable samples.
-
-    With a prior, all full parameters are fitted instead of the base parameters.
-    """
+    """Build regressor, base parameters, filtered signals and usable samples; a prior keeps all full parameters."""
     regressor = wrench_regressor(recorded.motion, settings.gravity)
     moving = find_complete_rows(regressor)
     cutoff = settings.cutoff
@@ -408,7 +388,11 @@ def prepare(recorded: TrialData, settings: FitSettings, prior: BodyPrior | None 
         base = regroup_columns(selected.reshape(-1, columns))
     else:
         base = BaseSet(np.arange(columns), np.eye(columns))
-    wrench, sensors = blank_incomplete(recorded.plates), blank_incomplete(recorded.sensors)
+    # sums of the wrenches that follow the clock of the plates, and of those that follow the clock of the cameras
+    nothing = np.zeros_like(recorded.wrench)
+    plates = recorded.wrench + sum((each.wrench for each in recorded.external if each.by_plates), nothing)
+    sensors = sum((each.wrench for each in recorded.external if not each.by_plates), nothing)
+    wrench, sensors = blank_incomplete(plates), blank_incomplete(sensors)
     filtered_wrench = _filter_wrench(recorded, lowpass, wrench)
     observed = moving & recorded.observed & find_complete_rows(sensors)
     return PreparedTrial(

@@ -39,7 +39,6 @@ class BodyMotion(ABC):
         """Unit twists of the coordinates, (T, 3, N) or (T, 6, N): times a wrench, the moments about the joints."""
 
     def at(self, samples: IntArray | slice) -> Self:
-        """Return the motion at some samples."""
         chosen = {each.name: getattr(self, each.name)[samples] for each in fields(self) if each.name != "beyond"}
         return replace(self, **chosen)
 
@@ -75,10 +74,7 @@ class PlanarMotion(BodyMotion):
 
 
 def move_chain(centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> PlanarMotion:
-    """Return the motion of the n + 1 segments of a pinned chain on a fixed base, base first.
-
-    ``centres`` (n, 2) or (T, n, 2) contains the centre of joint j in the frame of segment j - 1, m.
-    """
+    """Return the motion of a pinned chain on a fixed base; ``centres`` (n, 2) or (T, n, 2) may change over time."""
     angle, origin = planar.segment_poses(q, centres)  # (T, n + 1), (T, n + 1, 2)
     omega = np.concatenate([np.zeros_like(q[:, :1]), np.cumsum(dq, axis=1)], axis=1)
     alpha = np.concatenate([np.zeros_like(q[:, :1]), np.cumsum(ddq, axis=1)], axis=1)
@@ -191,10 +187,7 @@ def wrench_regressor(motion: PlanarMotion, gravity: float = 9.81) -> FloatArray:
 
 
 def torque_regressor(motion: BodyMotion, regressor: FloatArray) -> FloatArray:
-    """Return the regressor (T, N, p K) of the joint torques, given that of the wrench (T, c, p K) on K bodies.
-
-    A row gives the moment about a joint of the wrench on the bodies beyond it, N·m; NaN where a joint has no centre.
-    """
+    """Return the regressor (T, N, p K) of the joint torques from that of the wrench (T, c, p K); NaN without centre."""
     torque = np.swapaxes(motion.jacobian, -1, -2) @ regressor
     distal = np.repeat(motion.beyond, regressor.shape[-1] // motion.beyond.shape[1], axis=1)
     return np.where(distal, torque, np.where(np.isnan(torque), np.nan, 0.0))
@@ -212,11 +205,7 @@ def planar_regressor(
 
 
 def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: FloatArray) -> FloatArray:
-    """Return the regressor (T, n, 4(n + 1)) of the joint torques of a planar chain, given :func:`planar_regressor`.
-
-    tau_j is the torque of segment j - 1 on segment j, N·m: the moment about joint j of the wrench on the segments
-    beyond it.
-    """
+    """Return the regressor (T, n, 4(n + 1)) of the joint torques of a planar chain, given that of the wrench."""
     joints = np.arange(q.shape[1] + 1)
     jacobian = planar.spatial_jacobian(q, centres)
     return project_on_joints(jacobian, joints[1:], regressor, np.repeat(joints, len(PLANAR_PARAMETERS)))
@@ -262,8 +251,7 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
     return product
 
 
-SEAT = "seat"
-"""Name of the chair's wrench, if a separate force plate measures it."""
+SEAT = "seat"  # name of the chair's wrench, if a separate force plate measures it
 
 
 @dataclass(frozen=True)
@@ -282,8 +270,5 @@ class ExternalWrench:
 def sum_external(
     jacobian: FloatArray, joint: IntArray, wrenches: FloatArray, segment: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return how much external wrenches reduce the ground's wrench (..., c) and the joint torques (..., N).
-
-    ``wrenches`` (..., c, K) are about the origin and act on ``segment`` (K,); see :func:`project_on_joints`.
-    """
+    """Return how much wrenches (..., c, K) on ``segment`` (K,) reduce the ground's wrench and the joint torques."""
     return wrenches.sum(axis=-1), project_on_joints(jacobian, joint, wrenches, segment).sum(axis=-1)

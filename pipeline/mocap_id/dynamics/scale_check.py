@@ -177,26 +177,18 @@ _LEAST_MODE = 0.1  # least squared norm of a mode of the geometry's error, in st
 _FOLLOWED = np.array([2.5, 2.0])  # N: rms residuals of Fx and Fy below which a pinned chain describes the person
 
 
-@dataclass(frozen=True)
-class _Size:
-    """Standard deviations of a cause: kept near zero, free, and of its estimates in people without such an error."""
-
-    held: float
-    free: float
-    spread: float
-
-
-CAUSES: Mapping[str, _Size] = {
-    "inertia": _Size(0.003, 0.5, 0.02),
-    "moments": _Size(0.003, 0.5, 0.05),
-    "vertical gain": _Size(0.003, 0.5, 0.05),
-    "vertical force": _Size(1.5, 100.0, 30.0),
-    "position": _Size(0.0015, 0.1, 0.015),
-    "lengths": _Size(0.001, 0.05, 0.015),
-    "tilt": _Size(0.0015, 0.1, 0.02),
-    "gain": _Size(0.003, 1.0, 0.05),
+# Causes of a wrong scale, and their standard deviations: kept near zero, free, and of their estimates in people without
+# such an error. `inertia` is the factor of the inertial terms minus 1, which depends on the frame rate.
+CAUSES: Mapping[str, tuple[float, float, float]] = {
+    "inertia": (0.003, 0.5, 0.02),
+    "moments": (0.003, 0.5, 0.05),
+    "vertical gain": (0.003, 0.5, 0.05),
+    "vertical force": (1.5, 100.0, 30.0),
+    "position": (0.0015, 0.1, 0.015),
+    "lengths": (0.001, 0.05, 0.015),
+    "tilt": (0.0015, 0.1, 0.02),
+    "gain": (0.003, 1.0, 0.05),
 }
-"""Causes of a wrong scale. ``inertia`` is the factor of the inertial terms minus 1, which depends on the frame rate."""
 _OF_MODEL = ("inertia", "lengths", "tilt")
 
 
@@ -285,7 +277,7 @@ def check_scales(
         first = model.shape[-1] + nuisance.shape[-1] - modes
         zero = np.arange(first, first + modes + len(CAUSES))
         limits = np.zeros((len(zero), zero[-1] + 1))
-        held = [size.free if name == free else size.held for name, size in CAUSES.items()]
+        held = [open_sd if name == free else held_sd for name, (held_sd, open_sd, _) in CAUSES.items()]
         limits[np.arange(len(zero)), zero] = np.concatenate([np.ones(modes), 1.0 / np.array(held)])
         parameters, value = base, dict.fromkeys(CAUSES, 0.0)
         solution, previous = (np.inf, 0.0, np.inf), np.inf
@@ -315,11 +307,11 @@ def check_scales(
 
     # all causes are kept near zero, then one after the other is free
     held, found = solve(None)[0], {}
-    for name, size in CAUSES.items():
+    for name, (_, _, spread) in CAUSES.items():
         if name == "gain" and not ratios.weighed:
             continue
         cost, value, sd = solve(name)
-        limit = float(_SURE * np.hypot(sd, (0.0 if pinned else 1.0) * size.spread))
+        limit = float(_SURE * np.hypot(sd, (0.0 if pinned else 1.0) * spread))
         found[name] = ScaleCause(value, sd, max(held - cost, 0.0), limit)
 
     # the significant cause that explains most is first, then come causes that explain almost as much

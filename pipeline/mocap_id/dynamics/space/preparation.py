@@ -129,11 +129,7 @@ def move_segments(
 
 
 def move_joints(chain: SpatialChain, base: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> SpatialMotion:
-    """Return the motion of a chain from the coordinates (T, N) of its joints and their time derivatives.
-
-    The coordinates are in the order of the joints (:meth:`SpatialJoint.rotation`). ``base`` (4, 4) is as for
-    :func:`move_segments`.
-    """
+    """Return the motion of a chain from its coordinates (T, N), in the order of the joints, and their derivatives."""
     rotation = [np.broadcast_to(base[:3, :3], (len(q), 3, 3))]
     omega, alpha = [np.zeros((len(q), 3))], [np.zeros((len(q), 3))]
     start = 0
@@ -181,8 +177,6 @@ _WRITTEN = 3  # largest number of regrouped parameters that a name lists
 
 @dataclass(frozen=True)
 class SpatialBase:
-    """Base parameters of a chain in space."""
-
     base: BaseSet  # base parameters in the simple frames
     frames: FloatArray  # (K, 4, 4) pose of each simple frame in the frame of its segment
 
@@ -208,7 +202,6 @@ class SpatialBase:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """SI unit of each base parameter."""
         return tuple(_UNITS[column % 10] for column in self.base.kept)
 
 
@@ -218,10 +211,7 @@ def name_parameters_in_space(segments: int) -> tuple[str, ...]:
 
 
 def structural_base_in_space(chain: SpatialChain, base: FloatArray) -> SpatialBase:
-    """Return the base parameters of a chain in which every joint moves; no trial can determine more parameters.
-
-    ``base`` (4, 4) is the pose of the base, which is at rest, in the trial's frame, m.
-    """
+    """Return the base parameters of a chain in which every joint moves, on a base at rest in a pose (4, 4), m."""
     size = sum(joint.dimension for joint in chain.joints)
     states = np.random.default_rng(0).normal(size=(3, _STATES, size))
     # simple frames: the axis of a hinge, or the second of two axes, is along z; the base's frame has the trial's axes
@@ -242,7 +232,6 @@ def structural_base_in_space(chain: SpatialChain, base: FloatArray) -> SpatialBa
 
 
 COMPONENTS = ("Fx", "Fy", "Fz", "taux", "tauy", "tauz")
-"""Components of a wrench in space."""
 _FAST = 1 / 3  # fraction of the fastest coordinate's velocity above which a coordinate is fast
 _FREE = (0, 2, 4)  # gravity along -y causes no constant Fx, Fz and tauy
 
@@ -273,7 +262,6 @@ class SpatialRecord:
 
     @property
     def rate(self) -> float:
-        """Samples per second."""
         return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
 
     @property
@@ -297,7 +285,6 @@ class SpatialRecord:
 
     @cached_property
     def motion(self) -> SpatialMotion:
-        """Motion of the segments in the frame of the dynamics."""
         return move_segments(self.chain, self.centred, self.rotation, self.omega, self.alpha)
 
 
@@ -318,12 +305,10 @@ class SpatialTrial:
 
     @property
     def base(self) -> BaseSet:
-        """Base parameters in the simple frames."""
         return self.structure.base
 
     @property
     def rows(self) -> FloatArray:
-        """Minimal regressor (T, 6, b), unfiltered (eq. 4.7)."""
         return self.regressor[:, :, self.base.kept]
 
     @property
