@@ -51,10 +51,8 @@ class Excitation:
 
 def measure_excitation(prepared: PreparedTrial, result: Identification, weak: float = WEAK) -> Excitation:
     """Measure the excitation of every base parameter; a relative standard deviation above ``weak`` makes it weak."""
-    size = measure_sizes(prepared, result)
-    return classify_parameters(
-        base_names(prepared.base, prepared.recorded.centres), result.fit, result.base_sd, size, weak
-    )
+    names = base_names(prepared.base, prepared.recorded.centres)
+    return classify_parameters(names, result.fit, result.base_sd, measure_sizes(prepared, result), weak)
 
 
 def classify_parameters(
@@ -66,18 +64,10 @@ def classify_parameters(
     rows = result.design.reshape(-1, result.design.shape[-1])
     own = 1.0 / np.sqrt(np.diag(unit_covariance(rows))[: result.base])
     share = own / np.maximum(np.linalg.norm(rows, axis=0)[: result.base], 1e-300)
-    return Excitation(
-        names=names,
-        verdict=tuple(
-            "not identifiable" if s < 1.0 / DEPENDENT else classify(r, weak)
-            for r, s in zip(relative, share, strict=True)
-        ),
-        size=size,
-        relative_sd=relative,
-        own=own,
-        share=share,
-        weak=weak,
+    verdict: tuple[Identifiability, ...] = tuple(
+        "not identifiable" if s < 1.0 / DEPENDENT else classify(r, weak) for r, s in zip(relative, share, strict=True)
     )
+    return Excitation(names, verdict, size, relative, own, share, weak)
 
 
 def measure_sizes(prepared: PreparedTrial, result: Identification) -> FloatArray:

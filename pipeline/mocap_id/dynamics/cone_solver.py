@@ -235,45 +235,41 @@ def solve_links(problem: CompressedProblem, bodies: ConicBodies) -> SolverAnswer
     least cost is only approached by larger and larger links, the conditions may still not hold. Clarabel then starts
     again with more regularization. The caller eliminates free parameters (:meth:`CompressedProblem.eliminate_others`).
     """
-    first = _solve_with_corrections(problem, bodies, None)
-    if first.optimality.proven:
-        return first
-    second = _solve_with_corrections(problem, bodies, _REGULARIZATION)
-    return second if second.optimality.excess < first.optimality.excess else first
-
-
-def _solve_with_corrections(
-    problem: CompressedProblem, bodies: ConicBodies, regularization: float | None
-) -> SolverAnswer:
-    """Return Clarabel's solution after several corrections; corrections that do not decrease the cost are discarded."""
-    mapped, body, units = problem.factor @ bodies.mapping, np.zeros(bodies.mapping.shape[1]), bodies.units
-    rows, (sides, cones), base = mapped * units, bodies.sides(), len(problem.target)
+    mapped, units, (sides, cones) = problem.factor @ bodies.mapping, bodies.units, bodies.sides()
+    rows, base = mapped * units, len(problem.target)
     size = float(np.linalg.norm(rows, axis=0).max())
-    answer, iterations = None, 0
-    for _ in range(_ROUNDS):
-        target = problem.target - mapped @ body
-        length, step, status = float(np.linalg.norm(target)), np.zeros_like(body), "nothing to fit"
-        if not min(size, length) < _TINY:  # the variables are the step and its effect y = mapped · step, scaled
-            solution, status, used = solve_cones(
-                quadratic=sparse.csc_matrix(np.diag(np.repeat([0.0, 1.0], [len(body), base]))),
-                linear=np.concatenate([np.zeros(len(body)), -target / length]),
-                matrix=np.block([[rows / size, -np.eye(base)], [-sides * units, np.zeros((len(sides), base))]]),
-                bound=np.concatenate([np.zeros(base), sides @ body * (size / length)]),
-                cones=(("zero", base), *cones),
-                regularization=regularization,
-            )
-            step = solution[: len(body)] * units * (length / size)
-            iterations += used
-        body = bodies.settle(body + step)
-        cost, optimality = problem.cost(bodies.mapping @ body), check_optimality(problem, bodies, body)
-        worse = answer is not None and answer.optimality.proven and not optimality.proven
-        if answer is not None and (worse or not cost < answer.cost):
+    best = None
+    for regularization in (None, _REGULARIZATION):
+        body, answer, iterations = np.zeros(len(units)), None, 0
+        for _ in range(_ROUNDS):
+            target = problem.target - mapped @ body
+            length, step, status = float(np.linalg.norm(target)), np.zeros_like(body), "nothing to fit"
+            if not min(size, length) < _TINY:  # the variables are the step and its effect y = mapped · step, scaled
+                solution, status, used = solve_cones(
+                    quadratic=sparse.csc_matrix(np.diag(np.repeat([0.0, 1.0], [len(body), base]))),
+                    linear=np.concatenate([np.zeros(len(body)), -target / length]),
+                    matrix=np.block([[rows / size, -np.eye(base)], [-sides * units, np.zeros((len(sides), base))]]),
+                    bound=np.concatenate([np.zeros(base), sides @ body * (size / length)]),
+                    cones=(("zero", base), *cones),
+                    regularization=regularization,
+                )
+                step = solution[: len(body)] * units * (length / size)
+                iterations += used
+            body = bodies.settle(body + step)
+            cost, optimality = problem.cost(bodies.mapping @ body), check_optimality(problem, bodies, body)
+            worse = answer is not None and answer.optimality.proven and not optimality.proven
+            if answer is not None and (worse or not cost < answer.cost):
+                break  # a correction that does not decrease the cost is discarded
+            answer = SolverAnswer("clarabel", body, cost, optimality, status, iterations)
+            if optimality.excess <= _ENOUGH:
+                break
+        assert answer is not None
+        if best is None or answer.optimality.excess < best.optimality.excess:
+            best = answer
+        if best.optimality.proven:
             break
-        answer = SolverAnswer("clarabel", body, cost, optimality, status, iterations)
-        if optimality.excess <= _ENOUGH:
-            break
-    assert answer is not None
-    return answer
+    assert best is not None
+    return best
 
 
 def find_closest_links(bodies: ConeBodies, body: FloatArray, aim: FloatArray, scale: FloatArray) -> FloatArray:

@@ -34,8 +34,6 @@ _FLESH, _LEAST_FLESH = 0.1, 0.04  # margin: fraction of the box's longer side; l
 
 @dataclass(frozen=True)
 class PointGrid:
-    """Grid points of all segments."""
-
     segment: IntArray  # (p,) segment of each point, base first
     position: FloatArray  # (p, 2) position of each point in the frame of its segment, m
     segments: int  # number of segments, base included
@@ -67,9 +65,8 @@ def build_grid(
     segments = len(centres) + 1
     boxes = []
     for segment in range(segments):
-        known = np.concatenate(
-            [np.zeros((1, 2)), marker_local[marker_segment == segment].reshape(-1, 2), centres[segment : segment + 1]]
-        )
+        markers = marker_local[marker_segment == segment].reshape(-1, 2)
+        known = np.concatenate([np.zeros((1, 2)), markers, centres[segment : segment + 1]])
         low, high = known.min(axis=0), known.max(axis=0)
         flesh = max(_LEAST_FLESH, _FLESH * float(np.max(high - low)))
         low, high = low - flesh, high + flesh

@@ -273,9 +273,8 @@ def fit(prepared: AnyTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
         usual = np.sqrt(min(1.0, apart / REFERENCE))
         first = inverse * usual
         inverse = first / usual
-        seconds = estimate_memory(
-            prepared, gate, samples, rows=design * inverse[:, None], target=target * inverse, prior=prior
-        )
+        rows, target = design * inverse[:, None], target * inverse
+        seconds = estimate_memory(prepared, gate, samples, rows=rows, target=target, prior=prior)
         return first, np.asarray(inverse * np.sqrt(min(1.0, apart / seconds)))
 
     def estimate_covariance_of_all(target: FloatArray, offset: float) -> tuple[FloatArray, FloatArray]:
@@ -297,9 +296,8 @@ def fit(prepared: AnyTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
         spread = weights
     else:
         for _ in range(_ROUNDS):
-            best_offset, at_edge = profile_offset(
-                design, sample_wrench, time, weights, settings.offset_limit, prior=prior
-            )
+            limit = settings.offset_limit
+            best_offset, at_edge = profile_offset(design, sample_wrench, time, weights, limit, prior=prior)
             known = not at_edge
             spread, weights = estimate_weights(sample_wrench(time - best_offset), spread)
 

@@ -8,7 +8,7 @@ plate.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -194,7 +194,6 @@ def correlate_errors(
 _SAMPLES = 300  # number of samples used: sufficient for errors that recur with the movement
 _AT_ONCE = 300  # number of samples whose effect is computed at a time, to limit the memory
 _MOMENT = 1.0 / 30.0  # s: time step for the derivatives of the angles' errors
-_KINEMATIC_ERROR_RATE = 10.0  # Hz: rate at which torques are evaluated; a movement's frequencies are below 3 Hz
 _KINEMATIC_ERROR_STEP = 1e-6  # rad, rad/s …, m: step of numerical derivatives
 
 
@@ -267,7 +266,7 @@ def propagate_to_torques(
     def torques(q: FloatArray, centres: FloatArray, regressor: FloatArray) -> FloatArray:
         return planar_torque_regressor(centres, q, regressor) @ full
 
-    steps = valid[:: max(1, round(recorded.rate / _KINEMATIC_ERROR_RATE))]
+    steps = valid[:: max(1, round(recorded.rate / _RATE))]
     variance = np.empty((len(steps), recorded.q.shape[1]))
     for part in chunks(len(steps), _AT_ONCE):
         own = steps[part]
@@ -287,8 +286,9 @@ def _propagate_modes(
     The arguments of the function are angles (R, n), joint centres (R, n, 2) and the full regressor (R, 3, 4(n + 1)).
     """
     recorded, centres = prepared.recorded, prepared.recorded.centres
-    errors = error.states(recorded.q[samples], recorded.dq[samples], recorded.ddq[samples])
-    states = np.concatenate([recorded.q[samples], recorded.dq[samples], recorded.ddq[samples]], axis=1)
+    q, dq, ddq = recorded.q[samples], recorded.dq[samples], recorded.ddq[samples]
+    states = np.concatenate([q, dq, ddq], axis=1)
+    errors = error.states(q, dq, ddq)
     count = states.shape[1]
     # steps of every state and coordinate in turn; the first row is zero
     steps = _KINEMATIC_ERROR_STEP * np.eye(1 + count + centres.size, count + centres.size, k=-1)[:, None]
@@ -308,16 +308,6 @@ _POSE_ERROR_STEP = 1e-4  # m, rad: step of numerical derivatives
 
 
 @dataclass(frozen=True)
-class SlidingBody:
-    """Error of one body's pose due to sliding markers."""
-
-    # (3, 3) covariance of the error in x, y (body's frame, m) and angle (rad), for one standard deviation of a joint
-    # angle
-    covariance: FloatArray
-    joints: tuple[int, ...]  # joints, from 0, to whose angles the slides are proportional
-
-
-@dataclass(frozen=True)
 class PoseEffect:
     """Effect of the poses' errors, as modes of one standard deviation each."""
 
@@ -326,30 +316,38 @@ class PoseEffect:
     torque: FloatArray  # (T, n) variance of the joint torques for exact positions of the joints, (N·m)²
 
 
-def propagate_slides(local: FloatArray, variance: FloatArray, joints: tuple[int, ...]) -> SlidingBody:
-    """Return the error of a pose from the ``variance`` (m,), m², of slides of its markers at ``local`` (m, 2), m."""
+def propagate_slides(local: FloatArray, variance: FloatArray) -> FloatArray:
+    """Return the covariance (3, 3) of the error of a body's pose in x, y (body's frame, m) and angle (rad).
+
+    ``local`` (m, 2) are the markers in the body's frame, m, and ``variance`` (m,) are those of each marker's slide, per
+    coordinate, m², for one standard deviation of the joint angle to which the slides are proportional.
+    """
     arm = local - local.mean(axis=0)
     count, spread = len(local), float(np.sum(arm**2))
     gain = np.zeros((count, 3, 2))  # change of the pose by a slide along x, along y
     gain[:, 0, 0] = gain[:, 1, 1] = 1.0 / count
     gain[:, 2, 0], gain[:, 2, 1] = -arm[:, 1] / spread, arm[:, 0] / spread
-    return SlidingBody(np.einsum("kid,kjd,k->ij", gain, gain, variance), joints)
+    return np.asarray(np.einsum("kid,kjd,k->ij", gain, gain, variance))
 
 
-@dataclass(frozen=True)
-class PoseErrors:
-    poses: BodyPoses  # poses from which the motion was computed
-    sliding: tuple[SlidingBody, ...]  # error of each body
-    bands: tuple[float, float, float]  # cut-offs of the poses, Hz
+def propagate_pose_errors(
+    prepared: PreparedTrial,
+    result: Fit,
+    full: FloatArray,
+    poses: BodyPoses,
+    *,
+    sliding: Sequence[tuple[FloatArray, tuple[int, ...]]],
+    bands: tuple[float, float, float],
+) -> PoseEffect:
+    """Return the effect of the errors of the poses of bodies with the parameters ``full`` (4K,) on fit and torques.
 
-
-def propagate_pose_errors(prepared: PreparedTrial, result: Fit, full: FloatArray, errors: PoseErrors) -> PoseEffect:
-    """Return the effect of the poses' errors of bodies with the parameters ``full`` (4K,) on fit and torques."""
+    ``sliding`` are the covariance (3, 3) of the error of each body's pose (:func:`propagate_slides`) and the joints,
+    from 0, to whose angles it is proportional. ``bands`` are the cut-offs with which ``poses`` were filtered, Hz.
+    """
     recorded, gravity, components = prepared.recorded, prepared.settings.gravity, list(prepared.settings.components)
     step = max(1, int(recorded.rate / _POSE_ERROR_RATE))
-    every = errors.poses
-    thin = replace(every, time=every.time[::step], position=every.position[::step], angle=every.angle[::step])
-    motion = filter_motion(thin, errors.bands)
+    thin = replace(poses, time=poses.time[::step], position=poses.position[::step], angle=poses.angle[::step])
+    motion = filter_motion(thin, bands)
     jacobian, beyond = motion.jacobian, motion.beyond.astype(np.float64)
     wrenches = _compute_wrenches(motion, full, gravity)
     # joint angles minus their mean, in standard deviations; 0 where missing
@@ -358,21 +356,21 @@ def propagate_pose_errors(prepared: PreparedTrial, result: Fit, full: FloatArray
     shapes = np.nan_to_num((recorded.q - np.nanmean(own_q, axis=0)) / np.where(spread > 0, spread, 1.0))[::step]
 
     rows, torques = [np.zeros((result.design.shape[-1], 0))], [np.zeros((len(thin.time), recorded.q.shape[1], 0))]
-    for body, own in enumerate(errors.sliding):
-        values, vectors = np.linalg.eigh(own.covariance / max(len(own.joints), 1))
+    for body, (covariance, joints) in enumerate(sliding):
+        values, vectors = np.linalg.eigh(covariance / max(len(joints), 1))
         root = vectors * np.sqrt(np.maximum(values, 0.0))  # (3, 3), so that root rootᵀ is the covariance
-        for joint in own.joints:
+        for joint in joints:
             # Change of wrench (t, 3, 3) and torques (t, n, 3) per unit error of the body's x, y and angle, in the
             # body's frame and proportional to the joint angle. The joints are not displaced.
-            shape, poses, wrench, torque = shapes[:, joint], thin.select(body), [], []
+            shape, alone, wrench, torque = shapes[:, joint], thin.select(body), [], []
             for axis in range(3):
-                position, angle = poses.position.copy(), poses.angle.copy()
+                position, angle = alone.position.copy(), alone.angle.copy()
                 if axis < 2:
-                    along = planar.rotate(poses.angle[:, 0], _POSE_ERROR_STEP * np.eye(2)[axis])
+                    along = planar.rotate(alone.angle[:, 0], _POSE_ERROR_STEP * np.eye(2)[axis])
                     position[:, 0] += along * shape[:, None]
                 else:
                     angle[:, 0] += _POSE_ERROR_STEP * shape
-                moved = filter_motion(replace(poses, position=position, angle=angle), errors.bands)
+                moved = filter_motion(replace(alone, position=position, angle=angle), bands)
                 changed = _compute_wrenches(moved, full[4 * body : 4 * body + 4], gravity)[:, 0]
                 change = np.zeros_like(wrenches)
                 change[:, body] = (changed - wrenches[:, body]) / _POSE_ERROR_STEP

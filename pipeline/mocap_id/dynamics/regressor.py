@@ -44,9 +44,8 @@ class BodyMotion(ABC):
 
     def scale(self, factor: float) -> Self:
         """Return the motion with all lengths multiplied by a factor."""
-        return replace(
-            self, origin=self.origin * factor, acceleration=self.acceleration * factor, joint=self.joint * factor
-        )
+        lengths = {name: getattr(self, name) * factor for name in ("origin", "acceleration", "joint")}
+        return replace(self, **lengths)
 
 
 @dataclass(frozen=True)
@@ -63,14 +62,9 @@ class PlanarMotion(BodyMotion):
 
     def tilt(self, angle: float) -> PlanarMotion:
         """Return the motion rotated about the origin of the plane frame by an angle, rad; gravity is not rotated."""
-        rotation = np.asarray(angle)
-        return replace(
-            self,
-            angle=self.angle + angle,
-            origin=planar.rotate(rotation, self.origin),
-            acceleration=planar.rotate(rotation, self.acceleration),
-            joint=planar.rotate(rotation, self.joint),
-        )
+        rotation, names = np.asarray(angle), ("origin", "acceleration", "joint")
+        vectors = {name: planar.rotate(rotation, getattr(self, name)) for name in names}
+        return replace(self, angle=self.angle + angle, **vectors)
 
 
 def move_chain(centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> PlanarMotion:
@@ -89,8 +83,7 @@ def move_chain(centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArr
 def point_acceleration(arm: FloatArray, omega: FloatArray, alpha: FloatArray) -> FloatArray:
     """Return the acceleration (..., 2) of a point at ``arm`` (..., 2) in a rotating body, relative to its origin."""
     normal = np.stack([-arm[..., 1], arm[..., 0]], axis=-1)
-    acceleration: FloatArray = alpha[..., None] * normal - (omega**2)[..., None] * arm
-    return acceleration
+    return np.asarray(alpha[..., None] * normal - (omega**2)[..., None] * arm)
 
 
 LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
@@ -213,8 +206,7 @@ def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: Float
 
 def _cross_product(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the z component of a × b for plane vectors (..., 2)."""
-    product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return product
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
 def composite_inertia(
@@ -247,8 +239,7 @@ def composite_inertia(
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the scalar products of plane vectors (T, 2)."""
-    product: FloatArray = a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]
-    return product
+    return np.asarray(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1])
 
 
 SEAT = "seat"  # name of the chair's wrench, if a separate force plate measures it

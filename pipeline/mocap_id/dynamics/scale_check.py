@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -30,14 +31,12 @@ _FOOT = (1, 0.003)  # column of the full parameters, and standard deviation, m
 _SEGMENTS = ((5, 0.0056, 1), (6, 0.007, 1), (9, 0.0064, 2), (10, 0.022, 2))
 
 
-@dataclass(frozen=True)
-class BodyRatios:
-    """Linear relations between the parameters of any person, each divided by its standard deviation."""
+Ratios: TypeAlias = tuple[FloatArray, FloatArray, dict[str, FloatArray]]
+"""Linear relations between the parameters of any person, each divided by its standard deviation.
 
-    rows: FloatArray  # (r, b) coefficients of the parameters
-    target: FloatArray  # (r,) value of each relation
-    by_cause: dict[str, FloatArray]  # effect (r,) of each error of scale on the relations
-    weighed: bool  # whether the person's mass is known from a scale
+Coefficients of the parameters (r, b), value of each relation (r,), and the effect (r,) of errors of scale on the
+relations, by cause. Only if the person's mass is known from a scale, the gain is one of the causes.
+"""
 
 
 def find_body_ratios(
@@ -48,7 +47,7 @@ def find_body_ratios(
     calibration: PlanarCalibration,
     *,
     chain: tuple[FloatArray, FloatArray] | None = None,
-) -> BodyRatios:
+) -> Ratios:
     """Return the relations between the parameters of a person with the identified ``mass``, kg.
 
     ``reference`` (4(n + 1),) are full parameters of a reference table on the chain, which give the ratios.
@@ -72,18 +71,14 @@ def find_body_ratios(
         target.append(-(constant[own] - ratio * constant[place[0]]) / size)
         lengths.append(ratio * mass / size)
         tilt.append(tilted * mass / size)
-    gain = np.zeros(len(rows))
+    of_weight = {}
     if calibration.mass is not None and 0 in place:
+        of_weight["gain"] = np.append(np.zeros(len(rows)), -calibration.mass / calibration.mass_sd)
         rows.append(matrix[place[0]] / calibration.mass_sd)
         target.append((calibration.mass - constant[place[0]]) / calibration.mass_sd)
-        gain = np.append(gain, -calibration.mass / calibration.mass_sd)
         lengths, tilt = [*lengths, 0.0], [*tilt, 0.0]
-    return BodyRatios(
-        rows=np.array(rows).reshape(-1, matrix.shape[1]),
-        target=np.array(target),
-        by_cause={"lengths": np.array(lengths), "tilt": np.array(tilt), "gain": gain},
-        weighed=calibration.mass is not None and 0 in place,
-    )
+    by_cause = {"lengths": np.array(lengths), "tilt": np.array(tilt), **of_weight}
+    return np.array(rows).reshape(-1, matrix.shape[1]), np.array(target), by_cause
 
 
 _MATERIAL = 0.05  # fraction of the weight: a smaller error of a force may be due to its calibration
@@ -192,13 +187,10 @@ CAUSES: Mapping[str, tuple[float, float, float]] = {
 _OF_MODEL = ("inertia", "lengths", "tilt")
 
 
-def check_scales(
-    prepared: PreparedTrial, gate: BoolArray, result: Identification, ratios: BodyRatios
-) -> ScaleCheck | None:
+def check_scales(prepared: PreparedTrial, gate: BoolArray, result: Identification, ratios: Ratios) -> ScaleCheck | None:
     """Check for a wrong scale of plate, cameras or clock rates.
 
     The result is None if there are too few usable samples, or if the pinned chain does not describe the person.
-    ``ratios`` are the relations between the parameters of any person.
     """
     recorded, kept, base = prepared.recorded, prepared.base.kept, result.base
     pinned, gravity = prepared.prior is None, prepared.settings.gravity
@@ -253,11 +245,11 @@ def check_scales(
     nuisance, modes = np.concatenate([extra, -effect], axis=-1), effect.shape[-1]
 
     # the ratios, and before them the trial's own prior if it has one
-    of_causes = np.zeros((len(ratios.rows), len(CAUSES)))
-    for name, column in ratios.by_cause.items():
+    prior, prior_target, by_cause = ratios
+    of_causes = np.zeros((len(prior), len(CAUSES)))
+    for name, column in by_cause.items():
         of_causes[:, list(CAUSES).index(name)] = column
-    between = np.zeros((len(ratios.rows), nuisance.shape[-1]))
-    prior, prior_target = np.concatenate([ratios.rows, between, of_causes], axis=1), ratios.target
+    prior = np.concatenate([prior, np.zeros((len(prior), nuisance.shape[-1])), of_causes], axis=1)
     if prepared.prior is not None:
         own_rows, own_aim = prepared.prior.rows(len(kept) + nuisance.shape[-1] + len(CAUSES))
         prior, prior_target = np.concatenate([own_rows, prior]), np.concatenate([own_aim, prior_target])
@@ -308,7 +300,7 @@ def check_scales(
     # all causes are kept near zero, then one after the other is free
     held, found = solve(None)[0], {}
     for name, (_, _, spread) in CAUSES.items():
-        if name == "gain" and not ratios.weighed:
+        if name == "gain" and name not in by_cause:
             continue
         cost, value, sd = solve(name)
         limit = float(_SURE * np.hypot(sd, (0.0 if pinned else 1.0) * spread))

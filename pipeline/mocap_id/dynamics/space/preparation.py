@@ -44,10 +44,8 @@ class SpatialMotion(BodyMotion):
 
     def rotate(self, rotation: FloatArray) -> SpatialMotion:
         """Return the motion after a rotation (3, 3) about the origin of the trial's frame; gravity is not rotated."""
-        vectors = {
-            name: getattr(self, name) @ rotation.T
-            for name in ("omega", "alpha", "origin", "acceleration", "joint", "axis")
-        }
+        names = ("omega", "alpha", "origin", "acceleration", "joint", "axis")
+        vectors = {name: getattr(self, name) @ rotation.T for name in names}
         return replace(self, rotation=rotation @ self.rotation, **vectors)
 
     def in_frames(self, frames: FloatArray) -> SpatialMotion:
@@ -217,11 +215,9 @@ def structural_base_in_space(chain: SpatialChain, base: FloatArray) -> SpatialBa
     # simple frames: the axis of a hinge, or the second of two axes, is along z; the base's frame has the trial's axes
     poses = [se3.pose(base[:3, :3].T, np.zeros(3))]
     for joint in chain.joints:
-        axis = {
-            "ball": np.array([0.0, 0.0, 1.0]),
-            "two-axis": joint.second_axis,
-            "hinge": joint.offset.T @ joint.first_axis,
-        }[joint.kind]
+        axis = joint.second_axis if joint.kind == "two-axis" else np.array([0.0, 0.0, 1.0])
+        if joint.kind == "hinge":
+            axis = joint.offset.T @ joint.first_axis
         poses.append(se3.pose(rotate_z_to(axis), np.zeros(3)))
     frames = np.stack(poses)
     motion = move_joints(chain, base, *states).in_frames(frames)
