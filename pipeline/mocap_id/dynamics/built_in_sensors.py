@@ -47,9 +47,7 @@ class SensorFit:
 def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench) -> SensorFit | None:
     """Fit the base parameters of the part of the body beyond a joint; return None if there are too few samples.
 
-    The trial is prepared with the motion of the chain, not with measured poses. ``gate`` (T,) marks the samples without
-    an unmeasured contact. ``sensor`` is the wrench through the joint, on the segment beyond it, about the plane's
-    origin.
+    The trial is prepared with the motion of the chain, not with measured poses. ``sensor`` is about the plane's origin.
     """
     size, first = prepared.regressor.shape[-1], len(PLANAR_PARAMETERS) * sensor.segment
     to_joint = _move_to_joint(prepared, sensor.segment)

@@ -131,7 +131,7 @@ ConeKind: TypeAlias = Literal["round", "flat", "semidefinite"]
 
 @dataclass(frozen=True)
 class ConeBodies:
-    """Possible links, given by their full parameters (:class:`~mocap_id.dynamics.optimality.BodyCone`)."""
+    """Possible links, given by their full parameters (a :class:`BodyCone`)."""
 
     mapping: FloatArray  # (b, 4(n + 1)) matrix M of eq. 4.24, from full parameters to the parameters of the problem.
     # (n + 1, 2, 2) lowest and highest corner of each link in its frame, m; None for masses anywhere
@@ -297,13 +297,9 @@ def find_closest_links(bodies: ConeBodies, body: FloatArray, aim: FloatArray, sc
 def find_closest_step(
     limits: ConicBodies, start: FloatArray, directions: FloatArray, distance: FloatArray, scale: FloatArray
 ) -> FloatArray:
-    """Return the steps (d,) along directions (v, d) after which a body is closest to a target; NaN if Clarabel fails.
-
-    ``start`` (v,) is the body before the steps, inside the cone. ``scale`` (v,) are the standard deviations of the
-    target, and ``distance`` (v,) is target minus start, divided by ``scale``.
-    """
+    """Return the steps (d,) along directions (v, d) from ``start`` (v,) to the closest body; NaN if Clarabel fails."""
     sides, cones = limits.sides()
-    rows = directions / scale[:, None]
+    rows = directions / scale[:, None]  # ``distance`` (v,) is the target minus the start, in units of ``scale`` (v,)
     step, _, _ = solve_cones(
         quadratic=sparse.csc_matrix(rows.T @ rows),
         linear=-rows.T @ distance,
@@ -324,11 +320,7 @@ def solve_cones(
     accuracy: float = _ACCURACY,
     regularization: float | None = None,
 ) -> tuple[FloatArray, str, int]:
-    """Minimise ½ xᵀ quadratic x + linear·x with bound - matrix·x in cones; return x, status and number of iterations.
-
-    ``cones`` are the kind and the size of each cone. ``regularization`` is Clarabel's constant on the diagonal of its
-    equations; None for the default. The solution is NaN if Clarabel stops because of an internal error.
-    """
+    """Minimise ½ xᵀ quadratic x + linear·x with bound - matrix·x in cones; return x, status and iterations."""
     import clarabel  # noqa: PLC0415  not needed for a grid
 
     kinds = {

@@ -57,11 +57,7 @@ class PointGrid:
 def build_grid(
     centres: FloatArray, marker_segment: IntArray, marker_local: FloatArray, points: tuple[int, int] = (5, 9)
 ) -> PointGrid:
-    """Return the grid over the box of each segment's joints and markers, with a margin for flesh.
-
-    ``marker_local`` (M, 2) are the markers in the frames of their segments ``marker_segment`` (M,), m. ``points`` are
-    the numbers of points along the short and the long side of the box.
-    """
+    """Return the grid over the box of each segment's joints and markers (M, 2), m, with a margin for flesh."""
     segments = len(centres) + 1
     boxes = []
     for segment in range(segments):
@@ -70,6 +66,7 @@ def build_grid(
         low, high = known.min(axis=0), known.max(axis=0)
         flesh = max(_LEAST_FLESH, _FLESH * float(np.max(high - low)))
         low, high = low - flesh, high + flesh
+        # `points` are the numbers of points along the short and the long side
         counts = points if high[1] - low[1] >= high[0] - low[0] else points[::-1]
         x, y = (np.linspace(low[i], high[i], counts[i]) for i in (0, 1))
         boxes.append(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2))

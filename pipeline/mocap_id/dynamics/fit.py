@@ -28,8 +28,8 @@ def select_samples(prepared: AnyTrial, gate: BoolArray) -> BoolArray:
 def number_parts(time: FloatArray, spans: FloatArray) -> IntArray:
     """Return the number (T,), from 0, of the part of the trial to which each sample belongs.
 
-    A part is one repetition, or several neighbouring ones if there are more than five. ``spans`` (r, 2) are the first
-    and last time of every repetition, in order, s. A sample between two repetitions belongs to the nearer one.
+    A part is one repetition, or several neighbouring ones if there are more than five. ``spans`` (r, 2), s, are in
+    order.
     """
     between = (spans[:-1, 1] + spans[1:, 0]) / 2
     repetition = np.searchsorted(between, time)
@@ -84,11 +84,10 @@ def estimate_memory(
     target: FloatArray,
     prior: Rows,
 ) -> float:
-    """Return the length of recording that counts as one independent sample, s, for a trial with a prior.
+    """Return the length of recording that counts as one independent sample, s, from repetitions left out in turn.
 
-    Its repetitions are left out in turn. ``rows`` (R, c, b) and ``target`` (R, c) are divided by the spread of each
-    component's residual, and ``prior`` has rows (p, b) and a right-hand side (p,), in standard deviations. If fewer
-    than three parts can be left out, the result is :data:`REFERENCE`.
+    ``rows`` (R, c, b) and ``target`` (R, c) are divided by the spread of each component's residual. Without a prior,
+    and if fewer than three parts can be left out, the result is :data:`REFERENCE`.
     """
     if prepared.prior is None or len(prepared.prior.spans) < _LEAST_FOLDS:
         return REFERENCE
@@ -153,7 +152,7 @@ class Fit:
     offset_known: bool  # whether there is such a minimum, and no doubt about the coarse offset
     applied: bool  # whether `best_offset` is used in the fit
     # (c,) inverse residual spread of each component. With a prior, it is multiplied by the square root of the fraction
-    # of independent samples (`prior_weight`).
+    # of independent samples (`estimate_memory`).
     weights: FloatArray
     problem: CompressedProblem  # weighted rows of b + k columns, with the prior
     # (R, c, b + k + 1) weighted rows. The last column is the time derivative of the wrench, because a clock offset
@@ -188,10 +187,9 @@ class Fit:
 
 
 def estimate_drift(prepared: AnyTrial, result: Fit) -> tuple[float, float]:
-    """Return how fast the clock offset changes during the trial, and its standard deviation, s/s.
+    """Return how fast the clock offset changes during the trial, and its standard deviation, s/s, to first order.
 
-    The drift is fitted together with the parameters and the offset, to first order. It is NaN if the fit determines no
-    offset, or if its samples are in fewer than three blocks.
+    Both are NaN if the fit determines no offset, or if its samples are in fewer than three blocks.
     """
     time = prepared.recorded.time[result.samples]
     blocks = number_blocks(time, prepared.settings.block)

@@ -170,8 +170,8 @@ def correlate_errors(
     """Return the correlation (T, n, n) of the errors of the joint accelerations in every posture.
 
     ``segment`` (M,) and ``local`` (M, 2) are the segment of each marker and its position in the segment's frame, m.
-    ``snap`` (n,) are the standard deviations of the joints' process noise in any common unit, because only the ratios
-    have an effect. The correlation is NaN in samples with a missing angle.
+    ``snap`` (n,) are the relative standard deviations of the joints' process noise. Samples with a missing angle are
+    NaN.
     """
     correlation = np.full((*q.shape, q.shape[1]), np.nan)
     known = np.isfinite(q).all(axis=1)

@@ -191,10 +191,9 @@ def measure_stretch(poses: BodyPoses, joint: int) -> Stretch:
 
 
 def _respond_to_noise(lowpass: LowPass) -> tuple[float, float]:
-    """Return the response of the filtered second derivative to white noise.
+    """Return the standard deviation, 1/s², of the filtered second derivative of white noise of 1, and a fraction.
 
-    The first value is its standard deviation, 1/s², for white noise of 1; the second, the fraction of the samples that
-    are independent, because neighbouring filtered samples are correlated.
+    This fraction of the filtered samples is independent, because neighbouring samples are correlated.
     """
     cycles = (np.arange(_FREQUENCIES) + 0.5) / (2 * _FREQUENCIES)
     turn = 2 * np.pi * cycles

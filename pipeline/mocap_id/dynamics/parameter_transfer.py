@@ -59,10 +59,9 @@ class Registration:
 
 
 def register_bodies(there: BodyFrames, here: BodyFrames) -> Registration:
-    """Return the registration of the bodies of the trial ``there`` to those of the trial ``here``.
+    """Return the registration of the bodies of the trial ``there`` to the same bodies of the trial ``here``.
 
-    Both trials must have the same bodies and joints. The markers that both trials have on the same body are used. The
-    registration of a body with fewer than two such markers is NaN, except for the base.
+    It is NaN for a body with fewer than two markers that both trials have, except for the base.
     """
     count = len(here.segments)
     angle, shift = np.zeros(count), np.zeros((count, 2))

@@ -59,10 +59,9 @@ class LowPass:
         return np.asarray(1.0 / (1.0 + tangent**4))
 
     def __call__(self, signal: FloatArray) -> FloatArray:
-        """Return a signal (T, ...), filtered along the first axis in each interval without gaps.
+        """Return a signal (T, ...), filtered along the first axis in each interval without gaps (samples with any NaN).
 
-        A sample with any NaN counts as missing. The result is NaN in missing samples, and in intervals of at most twice
-        the filter's reach.
+        The result is NaN in missing samples, and in intervals of at most twice the filter's reach.
         """
         flat = signal.reshape(len(signal), -1)
         moving = np.flatnonzero(np.any(flat != 0.0, axis=0))  # columns of zeros stay zeros
@@ -108,9 +107,8 @@ def choose_cutoff(dq: FloatArray, rate: float) -> float:
 def undo_averaging(filtered: FloatArray, samples: float) -> FloatArray:
     """Return a filtered signal (T, c), corrected for the averaging of each sample over a time W of ``samples`` samples.
 
-    The mean of a smooth signal w over W is w + W²/24 · w'' plus a term in W⁴. The second derivative is that of the
-    filtered signal. If W is one sample, the correction is below 2 % at frequencies below a tenth of the rate. The ends
-    of an interval do not change.
+    The mean of a smooth signal w over W is w + W²/24 · w'' plus a term in W⁴. If W is one sample, the correction is
+    below 2 % at frequencies below a tenth of the rate. The ends of an interval without gaps do not change.
     """
     bend = np.zeros_like(filtered)
     bend[1:-1] = np.diff(filtered, 2, axis=0)

@@ -284,11 +284,7 @@ class ReferencePrior:
         return np.asarray(gain @ of_data @ gain.T + rest @ self._spread(regrouping) @ rest.T)
 
     def complete(self, covariance: FloatArray, regrouping: FloatArray) -> FloatArray:
-        """Return the covariance (f, f) of the full parameters, given the covariance of the base parameters.
-
-        The part that the base parameters do not determine has the prior's covariance. This part has an effect in
-        another trial with different joint positions.
-        """
+        """Return the covariance (f, f) of the full parameters; what the base leaves open has the prior's covariance."""
         spread = np.diag(self.sd**2)
         follow = np.linalg.solve(self._spread(regrouping), regrouping @ spread).T
         return np.asarray(follow @ covariance @ follow.T + spread - follow @ regrouping @ spread)
@@ -366,8 +362,8 @@ def split_torso(torso: FloatArray, angle: FloatArray, shift: FloatArray, mass: f
 
 
 def average_transform(angle: FloatArray, shift: FloatArray) -> FloatArray:
-    """Return the mean matrix (4, 4) from a body's parameters to a frame in which its frame has angles and shifts."""
-    c, s, (x, y) = np.cos(angle), np.sin(angle), shift.T
+    """Return the mean over samples of the matrix (4, 4) that transforms a body's parameters into another frame."""
+    c, s, (x, y) = np.cos(angle), np.sin(angle), shift.T  # pose (T,) and (T, 2) of the body's frame in the other one
     move = np.zeros((len(angle), 4, 4))
     move[:, 0, 0] = move[:, 3, 3] = 1.0
     move[:, 1, 0], move[:, 1, 1], move[:, 1, 2] = x, c, -s

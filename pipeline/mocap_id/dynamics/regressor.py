@@ -129,8 +129,7 @@ def spatial_regressor(
 def bodies_regressor(poses: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
     """Return the regressor (..., 6, 10K) of the wrench on K bodies about the origin of the world frame (eq. 4.19).
 
-    ``poses`` (..., K, 4, 4) are those of the bodies' frames in the world frame; ``velocity`` and ``acceleration`` (...,
-    K, 6) are the body velocities and their time derivatives, in the bodies' frames.
+    Poses (..., K, 4, 4) are in the world frame, velocities and accelerations (..., K, 6) in the bodies' frames.
     """
     to_world = np.swapaxes(se3.Ad(se3.inverse(poses)), -1, -2)  # (..., K, 6, 6)
     blocks = to_world @ link_regressor(velocity, acceleration)

@@ -147,11 +147,7 @@ class SpatialIdentification:
 def identify_parameters_in_space(
     trial: SpatialTrial, gate: BoolArray, calibration: SpatialCalibration
 ) -> SpatialIdentification:
-    """Identify the parameters on the gated samples (eq. 4.24-4.26), in which only the plate carries the body.
-
-    ``calibration`` are the standard deviations of the instruments' errors. NumericalError is raised if the constrained
-    least squares do not converge.
-    """
+    """Identify the parameters on the gated samples (eq. 4.24-4.26), in which only the plate carries the body."""
     result = fit(trial, gate)
     solution = fit_semidefinite(result.problem, trial.structure.mapping)
     base = solution.parameters[: result.base]

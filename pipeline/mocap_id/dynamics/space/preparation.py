@@ -67,7 +67,7 @@ def spatial_point_acceleration(arm: FloatArray, omega: FloatArray, alpha: FloatA
 def segment_regressor(motion: SpatialMotion, gravity: float = 9.81) -> FloatArray:
     """Return the regressor (T, 6, 10K) of the ground's wrench on K bodies in space (eq. 4.15 to 4.22).
 
-    Rows: force and moment of the ground on the bodies about the origin of the trial's frame. Columns: the ten
+    Rows: force and moment of the ground about the origin. Columns: the ten
     :data:`~mocap_id.dynamics.regressor.LINK_PARAMETERS` of every body. Gravity, m/s², is along -y. The wrench depends
     on the velocity of a body's origin only through the origin's acceleration, so this velocity is set to zero.
     """
