@@ -113,4 +113,4 @@ def unit_covariance(rows: FloatArray) -> FloatArray:
 
 def variance(rows: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return the variance (...) of the products of rows (..., b) and parameters with the given covariance (b, b)."""
-    return np.maximum(np.einsum("...b,...b->...", rows @ covariance, rows), 0.0)
+    return np.asarray(np.maximum(np.einsum("...b,...b->...", rows @ covariance, rows), 0.0))

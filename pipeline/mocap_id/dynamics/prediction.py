@@ -207,7 +207,7 @@ def _find_determined(regressor: FloatArray, prepared: PreparedTrial) -> BoolArra
 
 def _propagate_covariance(gain: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return the variance (T, k) of linear functions with gains (T, k, n) of errors with covariance (T, n, n)."""
-    return np.maximum(np.einsum("tki,tij,tkj->tk", gain, covariance, gain, optimize=True), 0.0)
+    return np.asarray(np.maximum(np.einsum("tki,tij,tkj->tk", gain, covariance, gain, optimize=True), 0.0))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -63,7 +63,7 @@ class PlanarMotion(BodyMotion):
     def tilt(self, angle: float) -> PlanarMotion:
         """Return the motion rotated about the origin of the plane frame by an angle, rad; gravity is not rotated."""
         rotation, names = np.asarray(angle), ("origin", "acceleration", "joint")
-        vectors = {name: planar.rotate(rotation, getattr(self, name)) for name in names}
+        vectors: dict[str, Any] = {name: planar.rotate(rotation, getattr(self, name)) for name in names}
         return replace(self, angle=self.angle + angle, **vectors)
 
 
