@@ -95,6 +95,7 @@ def name_parameters(segments: int) -> tuple[str, ...]:
 
 
 def list_base_units(base: BaseSet) -> tuple[str, ...]:
+    """Return the SI unit of each base parameter."""
     return tuple(_UNITS[column % len(PLANAR_PARAMETERS)] for column in base.kept)
 
 

@@ -61,6 +61,8 @@ class Optimality:
 
 @dataclass(frozen=True)
 class SolverAnswer:
+    """Solution of a solver and its report."""
+
     solver: str  # name of the solver
     body: FloatArray  # (v,) numbers of the body; NaN if the solver found no solution
     cost: float  # cost of the body

@@ -34,6 +34,8 @@ _FLESH, _LEAST_FLESH = 0.1, 0.04  # margin: fraction of the box's longer side; l
 
 @dataclass(frozen=True)
 class PointGrid:
+    """Grid points of all segments."""
+
     segment: IntArray  # (p,) segment of each point, base first
     position: FloatArray  # (p, 2) position of each point in the frame of its segment, m
     segments: int  # number of segments, base included

@@ -287,6 +287,8 @@ _LEAST_GAIN = 1e-3  # least decrease of the cost for which the cut-offs are chan
 
 @dataclass(frozen=True)
 class ChosenCutoffs:
+    """The chosen cut-offs and the reason for the choice."""
+
     bands: Cutoffs  # cut-offs of x, y and angle, Hz
     why: str  # reason for the choice
     # sum of the logarithms of the rms errors of Fx, Fy and tauz in left-out repetitions; infinite if none was left out

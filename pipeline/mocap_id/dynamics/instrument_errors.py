@@ -101,6 +101,8 @@ class ScaleCause:
 
 @dataclass(frozen=True)
 class ScaleCheck:
+    """Result of the check for a wrong scale."""
+
     causes: dict[str, ScaleCause]  # estimate of each cause
     # causes that explain a contradiction, the most likely first; empty without a contradiction. A single cause is
     # identified by the data.

@@ -306,6 +306,8 @@ class FitSettings:
 
 @dataclass(frozen=True)
 class PreparedTrial:
+    """A trial prepared for identification."""
+
     recorded: TrialData  # measured states and wrenches
     settings: FitSettings  # settings of the identification
     lowpass: LowPass  # filter of regressor and wrench

@@ -35,6 +35,8 @@ class SegmentFractions:
 
 @dataclass(frozen=True)
 class ReferenceTable:
+    """The segments of a reference body."""
+
     name: str  # name of the table
     foot: SegmentFractions
     shank: SegmentFractions

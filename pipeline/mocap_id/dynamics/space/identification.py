@@ -112,6 +112,7 @@ def propagate_errors(
 
 
 def make_exact() -> SpatialCalibration:
+    """Return the calibration of exact instruments."""
     return SpatialCalibration(**{each.name: 0.0 for each in fields(SpatialCalibration)})
 
 
@@ -191,6 +192,8 @@ _RATE = 10.0  # Hz: rate at which the effect of errors of the instruments on tor
 
 @dataclass(frozen=True)
 class SpatialPrediction:
+    """A model's wrench and joint torques in space."""
+
     # wrench, wrench_sd: (T, 6) force and moment of the ground about the origin of the trial's frame, N and N·m, with
     # standard deviations
     wrench: FloatArray
@@ -271,6 +274,8 @@ _UNKNOWN = 1e-6  # part of a unit vector in the null space above which a paramet
 
 @dataclass(frozen=True)
 class BaseEstimate:
+    """Base parameters of one trial."""
+
     value: FloatArray  # (b,) base parameters, SI
     # unit_covariance, residual_covariance: (b, b) as in
     # `space.identification.SpatialIdentification`
@@ -281,6 +286,8 @@ class BaseEstimate:
 
 @dataclass(frozen=True)
 class Payload:
+    """Ten parameters of a payload."""
+
     # value, sd: (10,) m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the origin of the segment's frame and their
     # standard deviations, SI; NaN where the two trials do not determine a parameter
     value: FloatArray

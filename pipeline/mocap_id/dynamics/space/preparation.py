@@ -175,6 +175,8 @@ _WRITTEN = 3  # largest number of regrouped parameters that a name lists
 
 @dataclass(frozen=True)
 class SpatialBase:
+    """Base parameters of a chain in space."""
+
     base: BaseSet  # base parameters in the simple frames
     frames: FloatArray  # (K, 4, 4) pose of each simple frame in the frame of its segment
 
