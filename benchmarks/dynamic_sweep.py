@@ -21,8 +21,10 @@ from harness import JOINTS, SEGMENTS, Run, format_numbers, mark_coverage, read_g
 from kinematic_sweep import ROWS as KINEMATIC
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics import identification, planar_regressor, structural_base
+from mocap_id.dynamics import identification
+from mocap_id.dynamics.base_parameters import structural_base
 from mocap_id.dynamics.consistency import fit_consistent
+from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.geometry import planar
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE

@@ -175,7 +175,7 @@ def list_wrong_quantities(run: harness.Run) -> Iterator[str]:
     true_base = dynamic_sweep.compute_true_base(done)
     pairs = true_base[2:].reshape(-1, 3)[:, :2]  # (mx, my) of each moving segment, whose frame is a convention
     size = np.abs(true_base)
-    size[1] = max(size[1], LEVER * true_base[0])  # as in dynamics.excitation.parameter_sizes
+    size[1] = max(size[1], LEVER * true_base[0])  # as in dynamics.cautions.measure_sizes
     size[2:].reshape(-1, 3)[:, :2] = np.hypot(pairs[:, :1], pairs[:, 1:])
     for entry, true, scale in zip(summary["dynamics"]["base"], true_base, size, strict=True):
         off, interval = abs(entry["value"] - true), harness.QUANTILE * entry["sd"]

@@ -11,7 +11,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.regressor import torque_regressor
 from mocap_id.dynamics.space.consistency import point_mass
-from mocap_id.dynamics.space.instrument_errors import SpatialCalibration, make_exact
+from mocap_id.dynamics.space.identification import SpatialCalibration, make_exact
 from mocap_id.dynamics.space.preparation import (
     SpatialMotion,
     move_joints,

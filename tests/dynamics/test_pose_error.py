@@ -9,7 +9,7 @@ import pytest
 from pose_cases import BODIES, moving, poses_of, recorded_of
 
 from mocap_id.dynamics.fit import Fit, fit
-from mocap_id.dynamics.instrument_errors import PoseErrors, SlidingBody, propagate_pose_errors, propagate_slides
+from mocap_id.dynamics.instrument_errors import propagate_pose_errors, propagate_slides
 from mocap_id.dynamics.measured_motion import BodyPoses, filter_motion
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, prepare
 from mocap_id.dynamics.priors import build_table_prior
@@ -22,7 +22,7 @@ INNER = slice(300, -300)
 EVERYTHING = np.ones(len(TIME), dtype=bool)
 BANDS = (5.0, 5.0, 5.0)
 PRIOR = build_table_prior((BODIES * [1.1, 0.9, 1.1, 1.2]).ravel(), "", others=True)
-STILL = SlidingBody(np.zeros((3, 3)), ())
+STILL: tuple[np.ndarray, tuple[int, ...]] = (np.zeros((3, 3)), ())
 LOCAL = np.array([[0.05, 0.02], [0.31, -0.04], [0.12, 0.2], [-0.04, 0.11]])
 
 
@@ -64,8 +64,8 @@ def test_an_error_does_what_a_fit_to_poses_with_it_shows(body: int, joint: int, 
     found = fit(prepared, EVERYTHING)
     size = np.array([0.001, 0.001, 0.004])[axis]
     variance = np.diag(np.eye(3)[axis] * size**2)
-    sliding = tuple(SlidingBody(variance, (joint,)) if k == body else STILL for k in range(5))
-    effect = propagate_pose_errors(prepared, found, BODIES.ravel(), PoseErrors(poses, sliding, BANDS))
+    sliding = tuple((variance, (joint,)) if k == body else STILL for k in range(5))
+    effect = propagate_pose_errors(prepared, found, BODIES.ravel(), poses, sliding=sliding, bands=BANDS)
     angle = prepared.recorded.q[:, joint]
     own = angle[found.in_fit]
     shape, small = (angle - own.mean()) / own.std(), 0.05
@@ -93,8 +93,8 @@ def test_modes_of_all_bodies_and_joints_add_up() -> None:
     covariance = root @ root.T
 
     def effect(body: int, matrix: np.ndarray, joints: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-        sliding = tuple(SlidingBody(matrix, joints) if k == body else STILL for k in range(5))
-        one = propagate_pose_errors(prepared, found, full, PoseErrors(poses, sliding, BANDS))
+        sliding = tuple((matrix, joints) if k == body else STILL for k in range(5))
+        one = propagate_pose_errors(prepared, found, full, poses, sliding=sliding, bands=BANDS)
         return one.parameters @ one.parameters.T, one.torque
 
     whole, torque = effect(2, covariance, (1, 2))
@@ -111,7 +111,7 @@ def test_poses_without_errors_leave_everything_as_it_is() -> None:
     poses = poses_of(TIME, moving(TIME))
     prepared = made(poses)
     found = fit(prepared, EVERYTHING)
-    effect = propagate_pose_errors(prepared, found, BODIES.ravel(), PoseErrors(poses, (STILL,) * 5, BANDS))
+    effect = propagate_pose_errors(prepared, found, BODIES.ravel(), poses, sliding=(STILL,) * 5, bands=BANDS)
     assert effect.parameters.shape == (22, 0)
     assert (effect.torque == 0.0).all()
 
@@ -125,15 +125,12 @@ def test_sliding_markers_move_the_pose_as_rigid_fits_say() -> None:
     middle = template.mean()
     rotation, position = planar_poses(z, np.ones(z.shape, dtype=bool), template - middle)
     errors = np.stack([position.real - middle.real, position.imag - middle.imag, np.angle(rotation)])
-    found = propagate_slides(LOCAL, sd**2, (0,))
-    size = np.sqrt(np.diag(found.covariance))
-    np.testing.assert_allclose(
-        np.cov(errors) / np.outer(size, size), found.covariance / np.outer(size, size), atol=0.03
-    )
-    assert found.joints == (0,)
+    found = propagate_slides(LOCAL, sd**2)
+    size = np.sqrt(np.diag(found))
+    np.testing.assert_allclose(np.cov(errors) / np.outer(size, size), found / np.outer(size, size), atol=0.03)
 
 
 def test_equal_slides_move_the_middle_by_their_mean_and_turn_by_their_spread() -> None:
-    found = propagate_slides(LOCAL, np.full(4, 1e-6), ()).covariance
+    found = propagate_slides(LOCAL, np.full(4, 1e-6))
     spread = np.sum((LOCAL - LOCAL.mean(axis=0)) ** 2)
     np.testing.assert_allclose(found, np.diag([1e-6 / 4, 1e-6 / 4, 1e-6 / spread]), atol=1e-18)

@@ -74,13 +74,10 @@ def regroup_columns(regressor: FloatArray) -> BaseSet:
 
 
 def determines_rows(rows: FloatArray, base: BaseSet) -> bool:
-    """Return whether base parameters determine what rows (r, p) of a full regressor predict; NaN is missing.
-
-    If a row is outside the span of the rows that gave the base set, its prediction also depends on parameters that are
-    not determined.
-    """
+    """Return whether base parameters determine what rows (r, p) of a full regressor predict; NaN is missing."""
     known = rows[np.isfinite(rows).all(axis=1)]
     known = known[:: max(1, len(known) // _ENOUGH)]
+    # a row outside the span of the rows that gave the base set depends on other parameters too
     off = known[:, base.kept] @ base.regrouping - known
     return float(np.max(np.abs(off), initial=0.0)) <= _OUTSIDE * float(np.max(np.abs(known), initial=0.0))
 

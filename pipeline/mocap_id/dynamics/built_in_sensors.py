@@ -47,9 +47,7 @@ class SensorFit:
 def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench) -> SensorFit | None:
     """Fit the base parameters of the part of the body beyond a joint; return None if there are too few samples.
 
-    The trial is prepared with the motion of the chain, not with measured poses. ``gate`` (T,) marks the samples without
-    an unmeasured contact. ``sensor`` is the wrench through the joint, on the segment beyond it, about the plane's
-    origin.
+    The trial is prepared with the motion of the chain, not with measured poses. ``sensor`` is about the plane's origin.
     """
     size, first = prepared.regressor.shape[-1], len(PLANAR_PARAMETERS) * sensor.segment
     to_joint = _move_to_joint(prepared, sensor.segment)
@@ -113,10 +111,7 @@ def combine_with_sensors(
     *,
     consistency: Consistency = "grid",
 ) -> Identification:
-    """Return the identification from the ground's wrench and the built-in sensors together.
-
-    ``alone`` is the result from the ground's wrench; it is returned if no sensor has enough samples.
-    """
+    """Return the identification from the ground's wrench and the built-in sensors that have enough samples."""
     fits = (fit_sensor(prepared, gate, each) for each in prepared.recorded.built_in)
     sensors, regrouping = [each for each in fits if each is not None], prepared.base.regrouping
     if not sensors:
@@ -139,9 +134,8 @@ def combine_with_sensors(
     own = alone.covariance + added
     base, covariance = _combine([SensorFit("ground", regrouping, alone.base, own), *sensors])
     half = _factorise(covariance)
-    problem = CompressedProblem.of(
-        solve_triangular(half, np.eye(len(base)), lower=True), solve_triangular(half, base, lower=True)
-    )
+    rows, target = (solve_triangular(half, each, lower=True) for each in (np.eye(len(base)), base))
+    problem = CompressedProblem.of(rows, target)
     solution = fit_consistent(problem, regrouping, grid=grid, reference=reference, consistency=consistency)
     gain = np.linalg.solve(own, covariance).T  # weight of the ground's values in the result
     return replace(

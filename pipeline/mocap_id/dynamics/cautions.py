@@ -24,12 +24,8 @@ if TYPE_CHECKING:
 
 Identifiability: TypeAlias = Literal["known", "weak", "not identifiable"]
 
-WEAK = 0.2
-"""Default limit of the relative standard deviation above which a parameter is weak."""
-WEAK_ROBOT = 0.05
-"""Default limit for robots, whose parameters should be accurate to a few per cent."""
-NOT_IDENTIFIABLE = 1.0
-"""Relative standard deviation above which a parameter is not identifiable."""
+# relative standard deviation above which a parameter is weak by default, also of a robot, and not identifiable
+WEAK, WEAK_ROBOT, NOT_IDENTIFIABLE = 0.2, 0.05, 1.0
 _LEAST_LEVER = 0.05  # m: least lever of the base's first moment
 
 
@@ -55,10 +51,8 @@ class Excitation:
 
 def measure_excitation(prepared: PreparedTrial, result: Identification, weak: float = WEAK) -> Excitation:
     """Measure the excitation of every base parameter; a relative standard deviation above ``weak`` makes it weak."""
-    size = measure_sizes(prepared, result)
-    return classify_parameters(
-        base_names(prepared.base, prepared.recorded.centres), result.fit, result.base_sd, size, weak
-    )
+    names = base_names(prepared.base, prepared.recorded.centres)
+    return classify_parameters(names, result.fit, result.base_sd, measure_sizes(prepared, result), weak)
 
 
 def classify_parameters(
@@ -70,18 +64,10 @@ def classify_parameters(
     rows = result.design.reshape(-1, result.design.shape[-1])
     own = 1.0 / np.sqrt(np.diag(unit_covariance(rows))[: result.base])
     share = own / np.maximum(np.linalg.norm(rows, axis=0)[: result.base], 1e-300)
-    return Excitation(
-        names=names,
-        verdict=tuple(
-            "not identifiable" if s < 1.0 / DEPENDENT else classify(r, weak)
-            for r, s in zip(relative, share, strict=True)
-        ),
-        size=size,
-        relative_sd=relative,
-        own=own,
-        share=share,
-        weak=weak,
+    verdict: tuple[Identifiability, ...] = tuple(
+        "not identifiable" if s < 1.0 / DEPENDENT else classify(r, weak) for r, s in zip(relative, share, strict=True)
     )
+    return Excitation(names, verdict, size, relative, own, share, weak)
 
 
 def measure_sizes(prepared: PreparedTrial, result: Identification) -> FloatArray:
@@ -109,9 +95,7 @@ def classify(relative_sd: float, weak: float = WEAK) -> Identifiability:
 
 
 AnyIdentification: TypeAlias = "Identification | SpatialIdentification"
-"""Identified parameters in the plane or in space."""
-OFFSET_LARGE = 0.02
-"""Largest clock offset of synchronised devices, s."""
+OFFSET_LARGE = 0.02  # s: largest clock offset of synchronised devices
 _BOUNDED = 0.05  # relative increase of the cost because of physical consistency
 _MASS_APART = 0.05  # relative difference of two masses
 _OFFSET_OF_DELAYS = 0.15  # s, largest offset by filters, export and a late start; only a note, because it is corrected
@@ -122,10 +106,7 @@ _OFFSET_SEEN, _OFFSET_LEAST = 3.0, 5e-4  # significant clock offset: in standard
 def find_cautions_in_space(
     trial: AnyTrial, result: AnyIdentification, excited: Excitation, recommendation: str
 ) -> tuple[Reason, ...]:
-    """Return the cautions about clock, solver, consistency and weak parameters of a trial in the plane or in space.
-
-    ``recommendation`` contains sentences on movements that would determine the weak parameters better.
-    """
+    """Return the cautions about clock, solver, consistency and weak parameters, in the plane or in space."""
     return (*_check_clock(trial, result), *_check_solution(result), *_check_parameters(excited, recommendation))
 
 

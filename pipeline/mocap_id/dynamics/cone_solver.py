@@ -15,8 +15,7 @@ from mocap_id.dynamics.least_squares import CompressedProblem
 if TYPE_CHECKING:
     from mocap_id.dynamics.space.consistency import SemidefiniteBodies
 
-PROVEN = 1e-6
-"""Possible decrease of the cost, relative to the cost, below which a solution counts as optimal."""
+PROVEN = 1e-6  # possible decrease of the cost, relative to the cost, below which a solution counts as optimal
 _INSIDE = 1e-9  # relative violation that counts as rounding
 _HEAVIER = 2.0  # the bound is valid for bodies of up to this multiple of the mass
 
@@ -62,7 +61,7 @@ class Optimality:
 
 @dataclass(frozen=True)
 class SolverAnswer:
-    """The solution of a solver and its report."""
+    """Solution of a solver and its report."""
 
     solver: str  # name of the solver
     body: FloatArray  # (v,) numbers of the body; NaN if the solver found no solution
@@ -70,6 +69,16 @@ class SolverAnswer:
     optimality: Optimality  # result of the check
     status: str  # the solver's own status text
     iterations: int = 0  # number of iterations; 0 if the solver does not report it
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Consistent parameters and the solver's report."""
+
+    parameters: FloatArray  # (b + k,) parameters of the problem: first those of the bodies, then the free ones
+    full: FloatArray  # full parameters of one of many bodies with these parameters, 4(n + 1) or in space 10K
+    answer: SolverAnswer  # solution used
+    price: float  # relative increase of the cost over that of unconstrained parameters
 
 
 _NO_OTHERS: FloatArray = np.zeros(0)
@@ -116,18 +125,15 @@ def _estimate_gain(columns: FloatArray, rest: FloatArray) -> float:
     return float(np.sum((columns @ step) ** 2))
 
 
-LENGTH = 0.3
-"""Unit of length with which the parameters of a segment have similar magnitudes, m."""
-UNITS = np.array([1.0, LENGTH, LENGTH, LENGTH**2])
-"""Divisors of a link's m, mx, my and Izz that convert all four to kg."""
-FAR = 10.0
-"""Distance up to which masses are searched without a box, m."""
+LENGTH = 0.3  # m: unit of length with which the parameters of a segment have similar magnitudes
+UNITS = np.array([1.0, LENGTH, LENGTH, LENGTH**2])  # divisors of a link's m, mx, my and Izz that convert all to kg
+FAR = 10.0  # m: distance up to which masses are searched without a box
 ConeKind: TypeAlias = Literal["round", "flat", "semidefinite"]
 
 
 @dataclass(frozen=True)
 class ConeBodies:
-    """Possible links, given by their full parameters (:class:`~mocap_id.dynamics.optimality.BodyCone`)."""
+    """Possible links, given by their full parameters (a :class:`BodyCone`)."""
 
     mapping: FloatArray  # (b, 4(n + 1)) matrix M of eq. 4.24, from full parameters to the parameters of the problem.
     # (n + 1, 2, 2) lowest and highest corner of each link in its frame, m; None for masses anywhere
@@ -139,14 +145,10 @@ class ConeBodies:
 
     @property
     def units(self) -> FloatArray:
-        """Divisors (4(n + 1),) of the full parameters that convert all of them to kg."""
         return np.tile(UNITS, self.links)
 
     def sides(self) -> tuple[FloatArray, tuple[tuple[ConeKind, int], ...]]:
-        """Return rows (r, 4(n + 1)) whose products with a body must be in cones, and the kind and size of each cone.
-
-        The size of a round (second-order) or a flat cone is its number of rows. Round cones are first.
-        """
+        """Return rows (r, 4(n + 1)) whose products with a body are in cones, and kind and size of the cones."""
         round_, flat = self.round_sides(), self.flat_sides()
         cones: list[tuple[ConeKind, int]] = [("round", 4) for _ in round_]
         return np.vstack([*round_, flat]), (*cones, ("flat", len(flat)))
@@ -158,8 +160,7 @@ class ConeBodies:
     def round_sides(self) -> FloatArray:
         """Return four rows, (l, 4, 4(n + 1)), for each of the l links that the cone limits.
 
-        Their products with a body, (m + J, m - J, 2 mx / L, 2 my / L), kg, must be in a second-order cone; J = Izz /
-        L².
+        Their products with a body, (m + J, m - J, 2 mx / L, 2 my / L), kg, are in a second-order cone; J is Izz / L².
         """
         limited = [link for link in range(self.links) if self.is_limited(link)]
         rows = np.zeros((len(limited), 4, 4 * self.links))
@@ -191,13 +192,10 @@ class ConeBodies:
         return float(np.abs(body[::4]).sum())
 
     def find_cheapest(self, prices: FloatArray) -> FloatArray:
-        """Return, for each link, the parameters of 1 kg where it costs least, as columns (4(n + 1), n + 1).
-
-        ``prices`` (4(n + 1),) has four coefficients c for each link; 1 kg at (x, y) costs c₀ + c₁x + c₂y + c₃(x² + y²).
-        """
+        """Return the parameters of 1 kg where each link costs least, as columns (4(n + 1), n + 1)."""
         columns = np.zeros((len(prices), self.links))
         for link in range(self.links):
-            _, mx, my, izz = prices[4 * link : 4 * link + 4]
+            _, mx, my, izz = prices[4 * link : 4 * link + 4]  # 1 kg at (x, y) costs c₀ + mx x + my y + izz (x² + y²)
             (x0, y0), (x1, y1) = [[-FAR] * 2, [FAR] * 2] if self.boxes is None else self.boxes[link]
             x, y = _find_minimum(mx, izz, x0, x1), _find_minimum(my, izz, y0, y1)
             columns[4 * link : 4 * link + 4, link] = 1.0, x, y, x * x + y * y
@@ -221,7 +219,6 @@ def _find_minimum(linear: float, square: float, low: float, high: float) -> floa
 
 
 ConicBodies: TypeAlias = "ConeBodies | SemidefiniteBodies"
-"""Possible bodies in the plane or in space, given by v numbers each."""
 _ACCURACY, _ITERATIONS = 1e-12, 200
 _ROUNDS = 3
 _REGULARIZATION = 1e-6  # Clarabel's default is 1e-8
@@ -240,45 +237,41 @@ def solve_links(problem: CompressedProblem, bodies: ConicBodies) -> SolverAnswer
     least cost is only approached by larger and larger links, the conditions may still not hold. Clarabel then starts
     again with more regularization. The caller eliminates free parameters (:meth:`CompressedProblem.eliminate_others`).
     """
-    first = _solve_with_corrections(problem, bodies, None)
-    if first.optimality.proven:
-        return first
-    second = _solve_with_corrections(problem, bodies, _REGULARIZATION)
-    return second if second.optimality.excess < first.optimality.excess else first
-
-
-def _solve_with_corrections(
-    problem: CompressedProblem, bodies: ConicBodies, regularization: float | None
-) -> SolverAnswer:
-    """Return Clarabel's solution after several corrections; corrections that do not decrease the cost are discarded."""
-    mapped, body, units = problem.factor @ bodies.mapping, np.zeros(bodies.mapping.shape[1]), bodies.units
-    rows, (sides, cones), base = mapped * units, bodies.sides(), len(problem.target)
+    mapped, units, (sides, cones) = problem.factor @ bodies.mapping, bodies.units, bodies.sides()
+    rows, base = mapped * units, len(problem.target)
     size = float(np.linalg.norm(rows, axis=0).max())
-    answer, iterations = None, 0
-    for _ in range(_ROUNDS):
-        target = problem.target - mapped @ body
-        length, step, status = float(np.linalg.norm(target)), np.zeros_like(body), "nothing to fit"
-        if not min(size, length) < _TINY:  # the variables are the step and its effect y = mapped · step, scaled
-            solution, status, used = solve_cones(
-                quadratic=sparse.csc_matrix(np.diag(np.repeat([0.0, 1.0], [len(body), base]))),
-                linear=np.concatenate([np.zeros(len(body)), -target / length]),
-                matrix=np.block([[rows / size, -np.eye(base)], [-sides * units, np.zeros((len(sides), base))]]),
-                bound=np.concatenate([np.zeros(base), sides @ body * (size / length)]),
-                cones=(("zero", base), *cones),
-                regularization=regularization,
-            )
-            step = solution[: len(body)] * units * (length / size)
-            iterations += used
-        body = bodies.settle(body + step)
-        cost, optimality = problem.cost(bodies.mapping @ body), check_optimality(problem, bodies, body)
-        worse = answer is not None and answer.optimality.proven and not optimality.proven
-        if answer is not None and (worse or not cost < answer.cost):
+    best = None
+    for regularization in (None, _REGULARIZATION):
+        body, answer, iterations = np.zeros(len(units)), None, 0
+        for _ in range(_ROUNDS):
+            target = problem.target - mapped @ body
+            length, step, status = float(np.linalg.norm(target)), np.zeros_like(body), "nothing to fit"
+            if not min(size, length) < _TINY:  # the variables are the step and its effect y = mapped · step, scaled
+                solution, status, used = solve_cones(
+                    quadratic=sparse.csc_matrix(np.diag(np.repeat([0.0, 1.0], [len(body), base]))),
+                    linear=np.concatenate([np.zeros(len(body)), -target / length]),
+                    matrix=np.block([[rows / size, -np.eye(base)], [-sides * units, np.zeros((len(sides), base))]]),
+                    bound=np.concatenate([np.zeros(base), sides @ body * (size / length)]),
+                    cones=(("zero", base), *cones),
+                    regularization=regularization,
+                )
+                step = solution[: len(body)] * units * (length / size)
+                iterations += used
+            body = bodies.settle(body + step)
+            cost, optimality = problem.cost(bodies.mapping @ body), check_optimality(problem, bodies, body)
+            worse = answer is not None and answer.optimality.proven and not optimality.proven
+            if answer is not None and (worse or not cost < answer.cost):
+                break  # a correction that does not decrease the cost is discarded
+            answer = SolverAnswer("clarabel", body, cost, optimality, status, iterations)
+            if optimality.excess <= _ENOUGH:
+                break
+        assert answer is not None
+        if best is None or answer.optimality.excess < best.optimality.excess:
+            best = answer
+        if best.optimality.proven:
             break
-        answer = SolverAnswer("clarabel", body, cost, optimality, status, iterations)
-        if optimality.excess <= _ENOUGH:
-            break
-    assert answer is not None
-    return answer
+    assert best is not None
+    return best
 
 
 def find_closest_links(bodies: ConeBodies, body: FloatArray, aim: FloatArray, scale: FloatArray) -> FloatArray:
@@ -306,13 +299,9 @@ def find_closest_links(bodies: ConeBodies, body: FloatArray, aim: FloatArray, sc
 def find_closest_step(
     limits: ConicBodies, start: FloatArray, directions: FloatArray, distance: FloatArray, scale: FloatArray
 ) -> FloatArray:
-    """Return the steps (d,) along directions (v, d) after which a body is closest to a target; NaN if Clarabel fails.
-
-    ``start`` (v,) is the body before the steps, inside the cone. ``scale`` (v,) are the standard deviations of the
-    target, and ``distance`` (v,) is target minus start, divided by ``scale``.
-    """
+    """Return the steps (d,) along directions (v, d) from ``start`` (v,) to the closest body; NaN if Clarabel fails."""
     sides, cones = limits.sides()
-    rows = directions / scale[:, None]
+    rows = directions / scale[:, None]  # ``distance`` (v,) is the target minus the start, in units of ``scale`` (v,)
     step, _, _ = solve_cones(
         quadratic=sparse.csc_matrix(rows.T @ rows),
         linear=-rows.T @ distance,
@@ -333,11 +322,7 @@ def solve_cones(
     accuracy: float = _ACCURACY,
     regularization: float | None = None,
 ) -> tuple[FloatArray, str, int]:
-    """Minimise ½ xᵀ quadratic x + linear·x with bound - matrix·x in cones; return x, status and number of iterations.
-
-    ``cones`` are the kind and the size of each cone. ``regularization`` is Clarabel's constant on the diagonal of its
-    equations; None for the default. The solution is NaN if Clarabel stops because of an internal error.
-    """
+    """Minimise ½ xᵀ quadratic x + linear·x with bound - matrix·x in cones; return x, status and iterations."""
     import clarabel  # noqa: PLC0415  not needed for a grid
 
     kinds = {

@@ -18,6 +18,7 @@ from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.cone_solver import (
     BodyCone,
     ConeBodies,
+    Solution,
     SolverAnswer,
     check_optimality,
     find_closest_links,
@@ -58,20 +59,16 @@ class PointGrid:
 def build_grid(
     centres: FloatArray, marker_segment: IntArray, marker_local: FloatArray, points: tuple[int, int] = (5, 9)
 ) -> PointGrid:
-    """Return the grid over the box of each segment's joints and markers, with a margin for flesh.
-
-    ``marker_local`` (M, 2) are the markers in the frames of their segments ``marker_segment`` (M,), m. ``points`` are
-    the numbers of points along the short and the long side of the box.
-    """
+    """Return the grid over the box of each segment's joints and markers (M, 2), m, with a margin for flesh."""
     segments = len(centres) + 1
     boxes = []
     for segment in range(segments):
-        known = np.concatenate(
-            [np.zeros((1, 2)), marker_local[marker_segment == segment].reshape(-1, 2), centres[segment : segment + 1]]
-        )
+        markers = marker_local[marker_segment == segment].reshape(-1, 2)
+        known = np.concatenate([np.zeros((1, 2)), markers, centres[segment : segment + 1]])
         low, high = known.min(axis=0), known.max(axis=0)
         flesh = max(_LEAST_FLESH, _FLESH * float(np.max(high - low)))
         low, high = low - flesh, high + flesh
+        # `points` are the numbers of points along the short and the long side
         counts = points if high[1] - low[1] >= high[0] - low[0] else points[::-1]
         x, y = (np.linspace(low[i], high[i], counts[i]) for i in (0, 1))
         boxes.append(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2))
@@ -103,10 +100,7 @@ class GridBodies:
 
 
 def solve_osqp(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
-    """Fit the point masses with OSQP, with the variables ρ and y = R B ρ.
-
-    ``moments`` (b, p) is B = M P of eq. 4.25. The problem must have no free parameters.
-    """
+    """Fit point masses with OSQP, given B = M P (b, p) of eq. 4.25; the problem must have no free parameters."""
     mapped = problem.factor @ moments
     masses, status, iterations = np.zeros(moments.shape[1]), "not run", 0
     for accuracy in _ACCURACIES:
@@ -204,21 +198,19 @@ _TOLERABLE = 1e-3  # largest relative distance to the least cost with which a so
 
 
 @dataclass(frozen=True)
-class ConsistentSolution:
-    """Consistent parameters and the solver's report."""
+class ConsistentSolution(Solution):
+    """Consistent parameters in the plane.
+
+    ``full`` are those of the body closest to the reference, or of a body of evenly spread point masses. An Izz that
+    possible bodies only approach is NaN. ``answer`` is checked on the whole problem.
+    """
 
     # requested, consistency: the requested set of bodies, and the set used: `grid` if the solution in the cone was
     # not proven to be optimal
     requested: Consistency
     consistency: Consistency
-    parameters: FloatArray  # (b + k,) parameters of the problem: first those of the bodies, then the free ones
-    # (4(n + 1),) full parameters of one body with these parameters: the body closest to the reference, or a body of
-    # evenly spread point masses. NaN for an Izz that possible bodies only approach.
-    full: FloatArray
-    # (p,) point masses with these full parameters, kg; NaN for the cone, whose bodies need not be on the grid
+    # (p,) point masses with the full parameters, kg; NaN for the cone, whose bodies need not be on the grid
     masses: FloatArray
-    answer: SolverAnswer  # the solution used, checked on the whole problem
-    price: float  # relative increase of the cost over that of unconstrained parameters
 
 
 def fit_consistent(
@@ -278,10 +270,7 @@ def fit_consistent(
 def fit_quickly(
     problem: CompressedProblem, regrouping: FloatArray, grid: PointGrid, consistency: Consistency
 ) -> FloatArray:
-    """Return only the parameters (b + k,) of :func:`fit_consistent`, in a fraction of the time.
-
-    :func:`fit_consistent` is called if the solution is not proven to be optimal.
-    """
+    """Return only the parameters (b + k,) of :func:`fit_consistent`, faster if the solution is proven to be optimal."""
     small, bodies = problem.eliminate_others(len(regrouping)), _choose_bodies(regrouping, grid, consistency)
     answer = solve_nnls(small, bodies.mapping) if isinstance(bodies, GridBodies) else solve_links(small, bodies)
     if answer.optimality.proven:

@@ -20,8 +20,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 
-ISOTHERMAL, ADIABATIC = 1.0, 1.4
-"""Exponents of air for slow and fast changes of volume."""
+ISOTHERMAL, ADIABATIC = 1.0, 1.4  # exponents of air for slow and fast changes of volume
 _COULOMB_SPEED = 0.05  # rad/s: below this speed, Coulomb friction grows with the speed
 _GRID = 721  # number of angles between which the zero of the torque is searched
 _ROUNDING = 1e-12  # fraction of the largest torque
@@ -36,7 +35,6 @@ class Setting:
 
     @property
     def sealed(self) -> tuple[bool, bool]:
-        """Whether the flexion and the extension chamber are sealed."""
         return self.flexion is not None, self.extension is not None
 
     def pressures(self) -> FloatArray:
@@ -96,7 +94,6 @@ class Cylinder:
         return self.full_flexion - self.stroke / self.pulley_radius, self.full_flexion
 
     def allows(self, angle: FloatArray) -> BoolArray:
-        """Return whether the stroke allows each angle, rad."""
         low, high = self.limits
         return np.asarray((angle >= low - 1e-9) & (angle <= high + 1e-9))
 
@@ -113,10 +110,7 @@ class Cylinder:
         return np.asarray(ratio**self.exponent)
 
     def torque_by_pressure(self, angle: FloatArray, sealed: tuple[bool, bool] = (True, True)) -> FloatArray:
-        """Return the derivatives (..., 2) of the torque by the sealed pressures, N·m/Pa, at angles, rad.
-
-        ``sealed`` states whether the flexion and extension chambers are sealed; the derivative is zero for an open one.
-        """
+        """Return the derivatives (..., 2) of the torque by both pressures, N·m/Pa; that of an open chamber is zero."""
         signed = np.array([self.area_flexion * sealed[0], -self.area_extension * sealed[1]])
         return np.asarray(self.pulley_radius * signed * self.compression(angle))
 
@@ -163,7 +157,6 @@ class Cylinder:
         return 0.5 * (low + high)
 
     def at_exponent(self, exponent: float) -> Cylinder:
-        """Return the cylinder with this exponent of the gas."""
         return replace(self, exponent=exponent)
 
 

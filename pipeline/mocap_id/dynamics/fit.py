@@ -13,8 +13,7 @@ from mocap_id.dynamics.base_parameters import triangularise
 from mocap_id.dynamics.least_squares import CompressedProblem, estimate_covariance, number_blocks
 from mocap_id.dynamics.preparation import AnyTrial, erode, profile_offset
 
-LEAST_SECONDS = 1.0
-"""Least duration of the samples of a fit, s."""
+LEAST_SECONDS = 1.0  # least duration of the samples of a fit
 _FOLDS = 5  # largest number of folds; if there are more repetitions, neighbouring repetitions are left out together
 _RESTING = 0.05  # fraction of a fast joint velocity below which a joint rests
 _MOSTLY = 0.5  # fraction of rest above which all rest is left out
@@ -29,8 +28,8 @@ def select_samples(prepared: AnyTrial, gate: BoolArray) -> BoolArray:
 def number_parts(time: FloatArray, spans: FloatArray) -> IntArray:
     """Return the number (T,), from 0, of the part of the trial to which each sample belongs.
 
-    A part is one repetition, or several neighbouring ones if there are more than five. ``spans`` (r, 2) are the first
-    and last time of every repetition, in order, s. A sample between two repetitions belongs to the nearer one.
+    A part is one repetition, or several neighbouring ones if there are more than five. ``spans`` (r, 2), s, are in
+    order.
     """
     between = (spans[:-1, 1] + spans[1:, 0]) / 2
     repetition = np.searchsorted(between, time)
@@ -71,9 +70,8 @@ def _find_motion(velocity: FloatArray) -> BoolArray:
 MEMORIES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
 """Candidates for the length of recording that counts as one independent sample, s."""
 REFERENCE = 0.4
-"""Length of recording that counts as one independent sample, s, while the weights of the components are estimated, and
-if too few repetitions can be left out.
-"""
+"""This length while the weights of the components are estimated, and if too few repetitions can be left out, s."""
+Rows: TypeAlias = tuple[FloatArray, FloatArray]  # rows (r, b) and right-hand side (r,) of a least-squares problem
 _LEAST_FOLDS = 3  # fewer give no useful standard error
 
 
@@ -84,13 +82,12 @@ def estimate_memory(
     *,
     rows: FloatArray,
     target: FloatArray,
-    prior: tuple[FloatArray, FloatArray],
+    prior: Rows,
 ) -> float:
-    """Return the length of recording that counts as one independent sample, s, for a trial with a prior.
+    """Return the length of recording that counts as one independent sample, s, from repetitions left out in turn.
 
-    Its repetitions are left out in turn. ``rows`` (R, c, b) and ``target`` (R, c) are divided by the spread of each
-    component's residual, and ``prior`` has rows (p, b) and a right-hand side (p,), in standard deviations. If fewer
-    than three parts can be left out, the result is :data:`REFERENCE`.
+    ``rows`` (R, c, b) and ``target`` (R, c) are divided by the spread of each component's residual. Without a prior,
+    and if fewer than three parts can be left out, the result is :data:`REFERENCE`.
     """
     if prepared.prior is None or len(prepared.prior.spans) < _LEAST_FOLDS:
         return REFERENCE
@@ -105,10 +102,7 @@ def estimate_memory(
 
 
 def choose_memory(errors: FloatArray) -> float:
-    """Return the longest of :data:`MEMORIES` whose mean error is within one standard error of the least error.
-
-    ``errors`` (K, M) is the mean squared error of each left-out part for each of these times.
-    """
+    """Return the longest memory whose mean of ``errors`` (K, M) is within one standard error of the least mean."""
     mean = errors.mean(axis=0)
     best = int(np.argmin(mean))
     allowed = mean[best] + errors[:, best].std(ddof=1) / np.sqrt(len(errors))
@@ -118,17 +112,13 @@ def choose_memory(errors: FloatArray) -> float:
 def score_memories(
     rows: FloatArray,
     target: FloatArray,
-    prior: tuple[FloatArray, FloatArray],
+    prior: Rows,
     *,
     apart: float,
     fitted: BoolArray,
     predicted: BoolArray,
 ) -> FloatArray:
-    """Return the mean squared error (M,) of a fit in left-out samples, for each of :data:`MEMORIES`.
-
-    ``fitted`` and ``predicted`` (R,) mark the samples to fit and to predict, and ``apart`` is the time between samples,
-    s.
-    """
+    """Return the mean squared error (M,) in the ``predicted`` samples of fits to the ``fitted``, for each memory."""
     data = np.concatenate([rows[fitted], target[fitted, :, None]], axis=-1).reshape(-1, rows.shape[-1] + 1)
     known = np.column_stack(prior)
     share = np.minimum(1.0, apart / np.array(MEMORIES))[:, None, None]
@@ -138,12 +128,8 @@ def score_memories(
     return np.asarray(np.mean(off**2, axis=(0, 1)))
 
 
-Rows: TypeAlias = tuple[FloatArray, FloatArray]
-"""Rows (r, b) and right-hand side (r,) of a least-squares problem."""
-
 _ROUNDS = 2  # weights and offset depend on each other only weakly
-DEPENDENT = 1e8
-"""Condition number with unit columns above which the columns count as linearly dependent."""
+DEPENDENT = 1e8  # condition number with unit columns above which the columns count as linearly dependent
 _SHARP = 0.01  # s: an offset with a larger standard deviation is not applied
 _LEAST_BLOCKS = 3  # smallest number of blocks for the drift of the clock
 _LEAST_SPREAD = 1e-4  # fraction of a component's rms: smaller residuals are due to rounding
@@ -166,7 +152,7 @@ class Fit:
     offset_known: bool  # whether there is such a minimum, and no doubt about the coarse offset
     applied: bool  # whether `best_offset` is used in the fit
     # (c,) inverse residual spread of each component. With a prior, it is multiplied by the square root of the fraction
-    # of independent samples (`prior_weight`).
+    # of independent samples (`estimate_memory`).
     weights: FloatArray
     problem: CompressedProblem  # weighted rows of b + k columns, with the prior
     # (R, c, b + k + 1) weighted rows. The last column is the time derivative of the wrench, because a clock offset
@@ -197,15 +183,13 @@ class Fit:
 
     @property
     def _prior_rows(self) -> FloatArray:
-        """Rows of the prior (p, b + k + 1); without a prior, p is 0."""
         return np.zeros((0, self.design.shape[-1])) if self.prior is None else np.pad(self.prior[0], ((0, 0), (0, 1)))
 
 
 def estimate_drift(prepared: AnyTrial, result: Fit) -> tuple[float, float]:
-    """Return how fast the clock offset changes during the trial, and its standard deviation, s/s.
+    """Return how fast the clock offset changes during the trial, and its standard deviation, s/s, to first order.
 
-    The drift is fitted together with the parameters and the offset, to first order. It is NaN if the fit determines no
-    offset, or if its samples are in fewer than three blocks.
+    Both are NaN if the fit determines no offset, or if its samples are in fewer than three blocks.
     """
     time = prepared.recorded.time[result.samples]
     blocks = number_blocks(time, prepared.settings.block)
@@ -234,16 +218,13 @@ def describe_clock(prepared: AnyTrial, result: Fit) -> dict[str, float | None]:
 
 
 def determines_parameters(prepared: AnyTrial, gate: BoolArray) -> bool:
-    """Return whether the gated samples last at least a second and determine the base parameters.
-
-    Without a prior, the columns of the regressor must be independent, which they are not if a joint rests in all
-    samples.
-    """
+    """Return whether the gated samples last at least a second and determine the base parameters."""
     chosen = select_samples(prepared, gate)
     if chosen.sum() < LEAST_SECONDS * prepared.recorded.rate:
         return False
     if prepared.prior is not None:
         return True
+    # the columns of the regressor must be independent, which they are not if a joint rests in all samples
     rows = prepared.filtered[np.flatnonzero(chosen)[:: prepared.lowpass.step]]
     return compute_conditions(rows[:, list(prepared.settings.components)])[1] < DEPENDENT
 
@@ -251,7 +232,7 @@ def determines_parameters(prepared: AnyTrial, gate: BoolArray) -> bool:
 def fit(prepared: AnyTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
     """Fit base parameters, plate bias and clock offset to the gated samples.
 
-    ``like`` is a fit of the same trial; if it is given, its clock offset and weights are used instead of new ones.
+    If ``like`` is given, a fit of the same trial, its clock offset and weights are used instead of new ones.
     """
     settings, components = prepared.settings, list(prepared.settings.components)
     in_fit = select_samples(prepared, gate)
@@ -290,9 +271,8 @@ def fit(prepared: AnyTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
         usual = np.sqrt(min(1.0, apart / REFERENCE))
         first = inverse * usual
         inverse = first / usual
-        seconds = estimate_memory(
-            prepared, gate, samples, rows=design * inverse[:, None], target=target * inverse, prior=prior
-        )
+        rows, target = design * inverse[:, None], target * inverse
+        seconds = estimate_memory(prepared, gate, samples, rows=rows, target=target, prior=prior)
         return first, np.asarray(inverse * np.sqrt(min(1.0, apart / seconds)))
 
     def estimate_covariance_of_all(target: FloatArray, offset: float) -> tuple[FloatArray, FloatArray]:
@@ -314,9 +294,8 @@ def fit(prepared: AnyTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
         spread = weights
     else:
         for _ in range(_ROUNDS):
-            best_offset, at_edge = profile_offset(
-                design, sample_wrench, time, weights, settings.offset_limit, prior=prior
-            )
+            limit = settings.offset_limit
+            best_offset, at_edge = profile_offset(design, sample_wrench, time, weights, limit, prior=prior)
             known = not at_edge
             spread, weights = estimate_weights(sample_wrench(time - best_offset), spread)
 

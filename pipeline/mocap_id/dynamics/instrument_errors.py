@@ -8,7 +8,7 @@ plate.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -67,10 +67,7 @@ class PlanarCalibration:
         return float(np.sqrt(evidence @ square / evidence.sum()))
 
     def mass_limit(self, mass: float) -> float:
-        """Return the relative difference above which the mass that the plates measure, kg, contradicts the scale.
-
-        It is 5 %, or the relative error of plate and scale that is not exceeded in 99 % of all cases, if this is less.
-        """
+        """Return the relative difference, at most 5 %, above which the plates' mass, kg, contradicts the scale."""
         return float(min(_MASS_APART, _SURE * np.hypot(self.gain, self.mass_sd / mass)))
 
 
@@ -175,8 +172,8 @@ def correlate_errors(
     """Return the correlation (T, n, n) of the errors of the joint accelerations in every posture.
 
     ``segment`` (M,) and ``local`` (M, 2) are the segment of each marker and its position in the segment's frame, m.
-    ``snap`` (n,) are the standard deviations of the joints' process noise in any common unit, because only the ratios
-    have an effect. The correlation is NaN in samples with a missing angle.
+    ``snap`` (n,) are the relative standard deviations of the joints' process noise. Samples with a missing angle are
+    NaN.
     """
     correlation = np.full((*q.shape, q.shape[1]), np.nan)
     known = np.isfinite(q).all(axis=1)
@@ -199,7 +196,6 @@ def correlate_errors(
 _SAMPLES = 300  # number of samples used: sufficient for errors that recur with the movement
 _AT_ONCE = 300  # number of samples whose effect is computed at a time, to limit the memory
 _MOMENT = 1.0 / 30.0  # s: time step for the derivatives of the angles' errors
-_KINEMATIC_ERROR_RATE = 10.0  # Hz: rate at which torques are evaluated; a movement's frequencies are below 3 Hz
 _KINEMATIC_ERROR_STEP = 1e-6  # rad, rad/s …, m: step of numerical derivatives
 
 
@@ -249,14 +245,9 @@ def propagate_to_wrench(
     """Return the change (R, 3, S) of the modelled wrench with every mode, for sample indices (R,), N and N·m."""
     if error.centre.shape[-1] == 0:
         return np.zeros((len(samples), 3, 0))
-    full = prepared.base.expand(base)
-
-    def wrench(states: FloatArray, centres: FloatArray) -> FloatArray:
-        return np.asarray(_build_regressor(prepared, states, centres) @ full)
-
-    return np.concatenate(
-        [_propagate_modes(wrench, prepared, samples[s], error) for s in chunks(len(samples), _AT_ONCE)]
-    )
+    full, parts = prepared.base.expand(base), chunks(len(samples), _AT_ONCE)
+    changes = [_propagate_modes(lambda _, __, rows: rows @ full, prepared, samples[part], error) for part in parts]
+    return np.concatenate(changes)
 
 
 def propagate_to_torques(
@@ -274,11 +265,10 @@ def propagate_to_torques(
         variance[valid] = 0.0
         return variance
 
-    def torques(states: FloatArray, centres: FloatArray) -> FloatArray:
-        regressor = _build_regressor(prepared, states, centres)
-        return planar_torque_regressor(centres, states[:, : recorded.q.shape[1]], regressor) @ full
+    def torques(q: FloatArray, centres: FloatArray, regressor: FloatArray) -> FloatArray:
+        return planar_torque_regressor(centres, q, regressor) @ full
 
-    steps = valid[:: max(1, round(recorded.rate / _KINEMATIC_ERROR_RATE))]
+    steps = valid[:: max(1, round(recorded.rate / _RATE))]
     variance = np.empty((len(steps), recorded.q.shape[1]))
     for part in chunks(len(steps), _AT_ONCE):
         own = steps[part]
@@ -288,48 +278,35 @@ def propagate_to_torques(
 
 
 def _propagate_modes(
-    function: Callable[[FloatArray, FloatArray], FloatArray],
+    function: Callable[[FloatArray, FloatArray, FloatArray], FloatArray],
     prepared: PreparedTrial,
     samples: IntArray,
     error: KinematicError,
 ) -> FloatArray:
     """Return the changes (R, m, S) of the m values of a function with every mode, for sample indices (R,).
 
-    The function is of states (R, 3 n) and joint centres (n, 2), or (R, n, 2) for different centres in every row.
+    The arguments of the function are angles (R, n), joint centres (R, n, 2) and the full regressor (R, 3, 4(n + 1)).
     """
     recorded, centres = prepared.recorded, prepared.recorded.centres
-    errors = error.states(recorded.q[samples], recorded.dq[samples], recorded.ddq[samples])
-    states = np.concatenate([recorded.q[samples], recorded.dq[samples], recorded.ddq[samples]], axis=1)
+    q, dq, ddq = recorded.q[samples], recorded.dq[samples], recorded.ddq[samples]
+    states = np.concatenate([q, dq, ddq], axis=1)
+    errors = error.states(q, dq, ddq)
     count = states.shape[1]
     # steps of every state and coordinate in turn; the first row is zero
     steps = _KINEMATIC_ERROR_STEP * np.eye(1 + count + centres.size, count + centres.size, k=-1)[:, None]
     moved = states + steps[..., :count]
     places = centres + steps[..., count:].reshape(-1, 1, *centres.shape)
     places = np.broadcast_to(places, (*moved.shape[:2], *centres.shape))
-    values = function(moved.reshape(-1, count), places.reshape(-1, *centres.shape)).reshape(*moved.shape[:2], -1)
+    (q, dq, ddq), places = np.split(moved.reshape(-1, count), 3, axis=1), places.reshape(-1, *centres.shape)
+    regressor = planar_regressor(places, q, dq, ddq, prepared.settings.gravity)
+    values = function(q, places, regressor).reshape(*moved.shape[:2], -1)
     slopes = np.stack([*(values[1:] - values[0]) / _KINEMATIC_ERROR_STEP], axis=-1)
     of_centres = slopes[..., count:] @ error.centre.reshape(centres.size, errors.shape[-1])
     return np.asarray(slopes[..., :count] @ errors + of_centres)
 
 
-def _build_regressor(prepared: PreparedTrial, states: FloatArray, centres: FloatArray) -> FloatArray:
-    """Return the full regressor (R, 3, 4(n + 1)) of states (R, 3 n)."""
-    q, dq, ddq = np.split(states, 3, axis=1)
-    return planar_regressor(centres, q, dq, ddq, prepared.settings.gravity)
-
-
 _POSE_ERROR_RATE = 50.0  # Hz: rate at which the effect is computed; movements are below 3 Hz
 _POSE_ERROR_STEP = 1e-4  # m, rad: step of numerical derivatives
-
-
-@dataclass(frozen=True)
-class SlidingBody:
-    """Error of one body's pose due to sliding markers."""
-
-    # (3, 3) covariance of the error in x, y (body's frame, m) and angle (rad), for one standard deviation of a joint
-    # angle
-    covariance: FloatArray
-    joints: tuple[int, ...]  # joints, from 0, to whose angles the slides are proportional
 
 
 @dataclass(frozen=True)
@@ -341,39 +318,38 @@ class PoseEffect:
     torque: FloatArray  # (T, n) variance of the joint torques for exact positions of the joints, (N·m)²
 
 
-def propagate_slides(local: FloatArray, variance: FloatArray, joints: tuple[int, ...]) -> SlidingBody:
-    """Return the error of a body's pose due to the slides of its markers, which are proportional to joint angles.
+def propagate_slides(local: FloatArray, variance: FloatArray) -> FloatArray:
+    """Return the covariance (3, 3) of the error of a body's pose in x, y (body's frame, m) and angle (rad).
 
-    ``local`` (m, 2) are the markers in the body's frame, m, and ``variance`` (m,) are those of each slide per
-    coordinate, m².
+    ``local`` (m, 2) are the markers in the body's frame, m, and ``variance`` (m,) are those of each marker's slide, per
+    coordinate, m², for one standard deviation of the joint angle to which the slides are proportional.
     """
     arm = local - local.mean(axis=0)
     count, spread = len(local), float(np.sum(arm**2))
     gain = np.zeros((count, 3, 2))  # change of the pose by a slide along x, along y
     gain[:, 0, 0] = gain[:, 1, 1] = 1.0 / count
     gain[:, 2, 0], gain[:, 2, 1] = -arm[:, 1] / spread, arm[:, 0] / spread
-    return SlidingBody(np.einsum("kid,kjd,k->ij", gain, gain, variance), joints)
+    return np.asarray(np.einsum("kid,kjd,k->ij", gain, gain, variance))
 
 
-@dataclass(frozen=True)
-class PoseErrors:
-    """Measured poses and their errors."""
+def propagate_pose_errors(
+    prepared: PreparedTrial,
+    result: Fit,
+    full: FloatArray,
+    poses: BodyPoses,
+    *,
+    sliding: Sequence[tuple[FloatArray, tuple[int, ...]]],
+    bands: tuple[float, float, float],
+) -> PoseEffect:
+    """Return the effect of the errors of the poses of bodies with the parameters ``full`` (4K,) on fit and torques.
 
-    poses: BodyPoses  # poses from which the motion was computed
-    sliding: tuple[SlidingBody, ...]  # error of each body
-    bands: tuple[float, float, float]  # cut-offs of the poses, Hz
-
-
-def propagate_pose_errors(prepared: PreparedTrial, result: Fit, full: FloatArray, errors: PoseErrors) -> PoseEffect:
-    """Return the effect of the errors of all bodies' poses on the fit and on the torques.
-
-    ``full`` (4K,) are the full parameters of the bodies.
+    ``sliding`` are the covariance (3, 3) of the error of each body's pose (:func:`propagate_slides`) and the joints,
+    from 0, to whose angles it is proportional. ``bands`` are the cut-offs with which ``poses`` were filtered, Hz.
     """
     recorded, gravity, components = prepared.recorded, prepared.settings.gravity, list(prepared.settings.components)
     step = max(1, int(recorded.rate / _POSE_ERROR_RATE))
-    every = errors.poses
-    thin = replace(every, time=every.time[::step], position=every.position[::step], angle=every.angle[::step])
-    motion = filter_motion(thin, errors.bands)
+    thin = replace(poses, time=poses.time[::step], position=poses.position[::step], angle=poses.angle[::step])
+    motion = filter_motion(thin, bands)
     jacobian, beyond = motion.jacobian, motion.beyond.astype(np.float64)
     wrenches = _compute_wrenches(motion, full, gravity)
     # joint angles minus their mean, in standard deviations; 0 where missing
@@ -382,21 +358,21 @@ def propagate_pose_errors(prepared: PreparedTrial, result: Fit, full: FloatArray
     shapes = np.nan_to_num((recorded.q - np.nanmean(own_q, axis=0)) / np.where(spread > 0, spread, 1.0))[::step]
 
     rows, torques = [np.zeros((result.design.shape[-1], 0))], [np.zeros((len(thin.time), recorded.q.shape[1], 0))]
-    for body, own in enumerate(errors.sliding):
-        values, vectors = np.linalg.eigh(own.covariance / max(len(own.joints), 1))
+    for body, (covariance, joints) in enumerate(sliding):
+        values, vectors = np.linalg.eigh(covariance / max(len(joints), 1))
         root = vectors * np.sqrt(np.maximum(values, 0.0))  # (3, 3), so that root rootᵀ is the covariance
-        for joint in own.joints:
+        for joint in joints:
             # Change of wrench (t, 3, 3) and torques (t, n, 3) per unit error of the body's x, y and angle, in the
             # body's frame and proportional to the joint angle. The joints are not displaced.
-            shape, poses, wrench, torque = shapes[:, joint], thin.select(body), [], []
+            shape, alone, wrench, torque = shapes[:, joint], thin.select(body), [], []
             for axis in range(3):
-                position, angle = poses.position.copy(), poses.angle.copy()
+                position, angle = alone.position.copy(), alone.angle.copy()
                 if axis < 2:
-                    along = planar.rotate(poses.angle[:, 0], _POSE_ERROR_STEP * np.eye(2)[axis])
+                    along = planar.rotate(alone.angle[:, 0], _POSE_ERROR_STEP * np.eye(2)[axis])
                     position[:, 0] += along * shape[:, None]
                 else:
                     angle[:, 0] += _POSE_ERROR_STEP * shape
-                moved = filter_motion(replace(poses, position=position, angle=angle), errors.bands)
+                moved = filter_motion(replace(alone, position=position, angle=angle), bands)
                 changed = _compute_wrenches(moved, full[4 * body : 4 * body + 4], gravity)[:, 0]
                 change = np.zeros_like(wrenches)
                 change[:, body] = (changed - wrenches[:, body]) / _POSE_ERROR_STEP

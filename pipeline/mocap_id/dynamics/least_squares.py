@@ -37,7 +37,6 @@ class CompressedProblem:
         return np.asarray(np.linalg.lstsq(self.factor, self.target, rcond=None)[0], dtype=np.float64)
 
     def cost(self, parameters: FloatArray) -> float:
-        """Return the cost of these parameters (b,): the sum of squared residuals."""
         return float(np.sum((self.factor @ parameters - self.target) ** 2)) + self.rest
 
     def floor(self, cost: float) -> float:
@@ -114,5 +113,4 @@ def unit_covariance(rows: FloatArray) -> FloatArray:
 
 def variance(rows: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return the variance (...) of the products of rows (..., b) and parameters with the given covariance (b, b)."""
-    values: FloatArray = np.einsum("...b,...b->...", rows @ covariance, rows)
-    return np.maximum(values, 0.0)
+    return np.asarray(np.maximum(np.einsum("...b,...b->...", rows @ covariance, rows), 0.0))

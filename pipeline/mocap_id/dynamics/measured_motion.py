@@ -20,12 +20,9 @@ from mocap_id.dynamics.priors import average_transform
 from mocap_id.dynamics.regressor import PlanarMotion, point_acceleration
 from mocap_id.geometry import planar
 
-BRIDGED = 0.25
-"""Longest interval without a pose that is interpolated, s."""
-CUTOFFS = (2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)
-"""Cut-offs to choose from, Hz."""
-USUAL = (3.0, 5.0, 4.0)
-"""Default cut-offs of x, y and angle, Hz."""
+BRIDGED = 0.25  # s: longest interval without a pose that is interpolated
+CUTOFFS = (2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)  # Hz: cut-offs to choose from
+USUAL = (3.0, 5.0, 4.0)  # Hz: default cut-offs of x, y and angle
 _GAP_BAND = 3.0  # Hz: below this frequency, camera noise is small compared with movement
 _NOISE_SD = 3.0  # standard deviations of its random error by which noise alone may exceed its mean square
 _FREQUENCIES = 4096  # number of frequencies for the response to white noise
@@ -54,7 +51,6 @@ class BodyPoses:
 
     @property
     def rate(self) -> float:
-        """Samples per second."""
         return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
 
     @property
@@ -195,10 +191,9 @@ def measure_stretch(poses: BodyPoses, joint: int) -> Stretch:
 
 
 def _respond_to_noise(lowpass: LowPass) -> tuple[float, float]:
-    """Return the response of the filtered second derivative to white noise.
+    """Return the standard deviation, 1/s², of the filtered second derivative of white noise of 1, and a fraction.
 
-    The first value is its standard deviation, 1/s², for white noise of 1; the second, the fraction of the samples that
-    are independent, because neighbouring filtered samples are correlated.
+    This fraction of the filtered samples is independent, because neighbouring samples are correlated.
     """
     cycles = (np.arange(_FREQUENCIES) + 0.5) / (2 * _FREQUENCIES)
     turn = 2 * np.pi * cycles
@@ -230,14 +225,10 @@ def close_gaps(poses: BodyPoses, joints: Sequence[int]) -> BodyPoses:
 
 
 def differentiate_gaps(poses: BodyPoses, joints: Sequence[int], angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the Jacobian J (f, 2j, 3K) of j gaps, and J W⁻¹ (f, 2j, 3K) with the poses' information W.
-
-    The rows are x and y of each joint's gap; the columns are x, y and angle of each body. ``angle`` (f, K) are angles,
-    rad.
-    """
+    """Return the Jacobian J (f, 2j, 3K) of j gaps for angles (f, K), rad, and J W⁻¹ with the information W."""
     size, bodies = angle.shape
     weak = 1.0 / np.concatenate([np.repeat(poses.information[:, :1], 2, axis=1), poses.information[:, 1:]], axis=1)
-    jacobian = np.zeros((size, len(joints), 2, bodies, 3))
+    jacobian = np.zeros((size, len(joints), 2, bodies, 3))  # x and y of each gap by x, y and angle of each body
     for row, joint in enumerate(joints):
         for sign, (body, point) in zip((-1.0, 1.0), poses.sides(joint), strict=True):
             arm = planar.rotate(angle[:, body], point - poses.centroid[body])

@@ -22,10 +22,8 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 
-LEAST_MARKERS = 2
-"""Least number of common markers with which a body is registered."""
-LEAST_SPREAD = 0.02
-"""Least rms distance of the common markers from their centroid with which they determine a body's orientation, m."""
+LEAST_MARKERS = 2  # least number of common markers with which a body is registered
+LEAST_SPREAD = 0.02  # m: least rms distance of common markers from their centroid that determines the orientation
 
 
 @dataclass(frozen=True)
@@ -61,10 +59,9 @@ class Registration:
 
 
 def register_bodies(there: BodyFrames, here: BodyFrames) -> Registration:
-    """Return the registration of the bodies of the trial ``there`` to those of the trial ``here``.
+    """Return the registration of the bodies of the trial ``there`` to the same bodies of the trial ``here``.
 
-    Both trials must have the same bodies and joints. The markers that both trials have on the same body are used. The
-    registration of a body with fewer than two such markers is NaN, except for the base.
+    It is NaN for a body with fewer than two markers that both trials have, except for the base.
     """
     count = len(here.segments)
     angle, shift = np.zeros(count), np.zeros((count, 2))

@@ -75,11 +75,10 @@ class PredictionNoise:
 
 
 def predict(prepared: PreparedTrial, result: Identification, noise: PredictionNoise, threshold: float) -> Prediction:
-    """Predict wrench, centre of pressure and joint torques at every sample.
+    """Predict wrench, centre of pressure (NaN where Fy is at most ``threshold``, N) and joint torques at every sample.
 
-    The centre of pressure is NaN where the vertical force is at most ``threshold``, N. If Fy and tauz were fitted, the
-    base parameters determine all predicted quantities. Otherwise, those that they do not determine are NaN and listed
-    in ``undetermined``.
+    If Fy and tauz were fitted, the base parameters determine all of them. Otherwise, those that they do not determine
+    are NaN and listed in ``undetermined``.
     """
     base, own = result.base, result.residual_covariance
     full_torque = torque_regressor(prepared.motion, prepared.regressor)
@@ -208,8 +207,7 @@ def _find_determined(regressor: FloatArray, prepared: PreparedTrial) -> BoolArra
 
 def _propagate_covariance(gain: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return the variance (T, k) of linear functions with gains (T, k, n) of errors with covariance (T, n, n)."""
-    values: FloatArray = np.einsum("tki,tij,tkj->tk", gain, covariance, gain, optimize=True)
-    return np.maximum(values, 0.0)
+    return np.asarray(np.maximum(np.einsum("tki,tij,tkj->tk", gain, covariance, gain, optimize=True), 0.0))
 
 
 @dataclass(frozen=True)
@@ -232,11 +230,7 @@ class WrenchAgreement:
 
 
 def centre_of_pressure(wrench: FloatArray, threshold: float) -> FloatArray:
-    """Return the x coordinate (...), m, at which the line of the ground's force crosses the plane y = 0.
-
-    ``wrench`` (..., 3) is (Fx, Fy, tauz) about the origin, N and N·m. The result is NaN where Fy is at most
-    ``threshold``, N.
-    """
+    """Return x (...), m, where the force of a wrench (..., 3) crosses y = 0; NaN where Fy is at most ``threshold``."""
     vertical = wrench[..., 1]
     loaded = vertical > threshold
     return np.where(loaded, wrench[..., 2] / np.where(loaded, vertical, 1.0), np.nan)

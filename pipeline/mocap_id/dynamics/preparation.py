@@ -59,10 +59,9 @@ class LowPass:
         return np.asarray(1.0 / (1.0 + tangent**4))
 
     def __call__(self, signal: FloatArray) -> FloatArray:
-        """Return a signal (T, ...), filtered along the first axis in each interval without gaps.
+        """Return a signal (T, ...), filtered along the first axis in each interval without gaps (samples with any NaN).
 
-        A sample with any NaN counts as missing. The result is NaN in missing samples, and in intervals of at most twice
-        the filter's reach.
+        The result is NaN in missing samples, and in intervals of at most twice the filter's reach.
         """
         flat = signal.reshape(len(signal), -1)
         moving = np.flatnonzero(np.any(flat != 0.0, axis=0))  # columns of zeros stay zeros
@@ -108,9 +107,8 @@ def choose_cutoff(dq: FloatArray, rate: float) -> float:
 def undo_averaging(filtered: FloatArray, samples: float) -> FloatArray:
     """Return a filtered signal (T, c), corrected for the averaging of each sample over a time W of ``samples`` samples.
 
-    The mean of a smooth signal w over W is w + W²/24 · w'' plus a term in W⁴. The second derivative is that of the
-    filtered signal. If W is one sample, the correction is below 2 % at frequencies below a tenth of the rate. The ends
-    of an interval do not change.
+    The mean of a smooth signal w over W is w + W²/24 · w'' plus a term in W⁴. If W is one sample, the correction is
+    below 2 % at frequencies below a tenth of the rate. The ends of an interval without gaps do not change.
     """
     bend = np.zeros_like(filtered)
     bend[1:-1] = np.diff(filtered, 2, axis=0)
@@ -225,7 +223,6 @@ class CoarseClock:
 
 
 NO_CLOCK = CoarseClock()
-"""No coarse clock offset."""
 
 
 @dataclass(frozen=True)
@@ -271,7 +268,6 @@ class TrialData:
 
     @property
     def rate(self) -> float:
-        """Samples per second."""
         return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
 
     @property
@@ -280,28 +276,14 @@ class TrialData:
         return next((each for each in self.external if each.name == SEAT), None)
 
     @property
-    def plates(self) -> FloatArray:
-        """Sum (T, 3) of all wrenches that follow the clock of the plates."""
-        return self.wrench + self._sum(by_plates=True)
-
-    @property
-    def sensors(self) -> FloatArray:
-        """Sum (T, 3) of the wrenches that follow the clock of the cameras; zeros if there are none."""
-        return self._sum(by_plates=False)
-
-    @property
     def elsewhere(self) -> FloatArray:
         """Sum (T, 3) of all wrenches except the ground's, without correction of the clock offset."""
-        return self._sum()
+        return sum((each.wrench for each in self.external), np.zeros_like(self.wrench))
 
     @property
     def surroundings(self) -> FloatArray:
         """Sum (T, 3) of all wrenches, without correction of the clock offset."""
         return self.wrench + self.elsewhere
-
-    def _sum(self, by_plates: bool | None = None) -> FloatArray:
-        chosen = (each.wrench for each in self.external if by_plates is None or each.by_plates == by_plates)
-        return sum(chosen, np.zeros_like(self.wrench))
 
 
 @dataclass(frozen=True)
@@ -350,7 +332,6 @@ class PreparedTrial:
 
     @cached_property
     def motion(self) -> PlanarMotion:
-        """The motion from which the regressor is computed."""
         return self.recorded.motion
 
     @cached_property
@@ -391,10 +372,7 @@ class PreparedTrial:
 
 
 def prepare(recorded: TrialData, settings: FitSettings, prior: BodyPrior | None = None) -> PreparedTrial:
-    """Build the regressor, find the base parameters, filter regressor and wrench, and mark the usable samples.
-
-    With a prior, all full parameters are fitted instead of the base parameters.
-    """
+    """Build regressor, base parameters, filtered signals and usable samples; a prior keeps all full parameters."""
     regressor = wrench_regressor(recorded.motion, settings.gravity)
     moving = find_complete_rows(regressor)
     cutoff = settings.cutoff
@@ -408,7 +386,11 @@ def prepare(recorded: TrialData, settings: FitSettings, prior: BodyPrior | None 
         base = regroup_columns(selected.reshape(-1, columns))
     else:
         base = BaseSet(np.arange(columns), np.eye(columns))
-    wrench, sensors = blank_incomplete(recorded.plates), blank_incomplete(recorded.sensors)
+    # sums of the wrenches that follow the clock of the plates, and of those that follow the clock of the cameras
+    nothing = np.zeros_like(recorded.wrench)
+    plates = recorded.wrench + sum((each.wrench for each in recorded.external if each.by_plates), nothing)
+    sensors = sum((each.wrench for each in recorded.external if not each.by_plates), nothing)
+    wrench, sensors = blank_incomplete(plates), blank_incomplete(sensors)
     filtered_wrench = _filter_wrench(recorded, lowpass, wrench)
     observed = moving & recorded.observed & find_complete_rows(sensors)
     return PreparedTrial(

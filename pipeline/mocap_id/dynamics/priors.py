@@ -46,18 +46,6 @@ class ReferenceTable:
     ankle_height: float  # height of the ankle, as a fraction of body height
 
 
-def look_up_table(name: TableName, sex: Sex | None) -> ReferenceTable:
-    """Return the reference table of this name; if ``sex`` is None, de Leva's table is the mean of both sexes."""
-    if name == "winter":
-        return _build_winter()
-    if sex is not None:
-        return _build_de_leva(sex)
-    female, male = _build_de_leva("female"), _build_de_leva("male")
-    names = ("foot", "shank", "thigh", "hat", "pelvis")
-    means = {name: _average(getattr(female, name), getattr(male, name)) for name in names}
-    return ReferenceTable("de-leva", **means, ankle_height=female.ankle_height)
-
-
 def estimate_height(reference: ReferenceTable, shank: float, thigh: float) -> float:
     """Return the height of the body, m, estimated from the lengths of shank and thigh, m."""
     return (shank + thigh) / (reference.shank.length + reference.thigh.length)
@@ -96,10 +84,14 @@ def scale_reference(
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         return np.array([parameters[0], *(turn @ parameters[1:3]), parameters[3]])
 
-    whole = _place_on_hip(hat, height, mass)
+    def place_on_hip(part: SegmentFractions) -> FloatArray:
+        length = part.length * height
+        return _compute_moments(part.mass * mass, np.array([0.0, part.centre * length]), part.gyration * length)
+
+    whole = place_on_hip(hat)
     if len(centres) == 3:
         return np.concatenate([*links, rotate(whole, -angles[2])])
-    pelvis = _place_on_hip(reference.pelvis, height, mass)
+    pelvis = place_on_hip(reference.pelvis)
     # the rest of HAT, with the joint within the trunk as the origin
     c, s = np.cos(angles[2]), np.sin(angles[2])
     shift = -(np.array([[c, -s], [s, c]]) @ centres[3])
@@ -112,19 +104,16 @@ def scale_reference(
 _HEEL = 0.25  # distance of the ankle from the heel, as a fraction of the foot's length
 
 
-def _build_winter() -> ReferenceTable:
-    # Winter (2009), table 4.1, with the pelvis's radius of gyration from de Leva's lower trunk
-    return ReferenceTable(
-        "winter",
-        foot=SegmentFractions(2 * 0.0145, 0.50, 0.475, 0.152),
-        shank=SegmentFractions(2 * 0.0465, 1 - 0.433, 0.302, 0.246),
-        thigh=SegmentFractions(2 * 0.100, 1 - 0.433, 0.323, 0.245),
-        hat=SegmentFractions(0.678, 0.626, 0.496, 0.288),
-        pelvis=SegmentFractions(0.142, 0.105, 0.151, 0.288),
-        ankle_height=0.039,
-    )
-
-
+# table 4.1 of Winter (2009), with the pelvis's radius of gyration from de Leva's lower trunk
+_WINTER = ReferenceTable(
+    "winter",
+    foot=SegmentFractions(2 * 0.0145, 0.50, 0.475, 0.152),
+    shank=SegmentFractions(2 * 0.0465, 1 - 0.433, 0.302, 0.246),
+    thigh=SegmentFractions(2 * 0.100, 1 - 0.433, 0.323, 0.245),
+    hat=SegmentFractions(0.678, 0.626, 0.496, 0.288),
+    pelvis=SegmentFractions(0.142, 0.105, 0.151, 0.288),
+    ankle_height=0.039,
+)
 _DE_LEVA: dict[Sex, dict[str, tuple[float, float, float, float]]] = {
     # mass % (one side), length mm, centre of mass % from the upper end, transverse radius of gyration %
     "female": {
@@ -154,32 +143,51 @@ _STATURE: dict[Sex, float] = {"female": 1735.0, "male": 1741.0}  # mm, of the pe
 _SHOULDER: dict[Sex, float] = {"female": 497.9, "male": 515.5}  # mm, mid-shoulder above mid-hip
 
 
+def look_up_table(name: TableName, sex: Sex | None) -> ReferenceTable:
+    """Return the reference table of this name; if ``sex`` is None, de Leva's table is the mean of both sexes."""
+    if name == "winter":
+        return _WINTER
+    if sex is not None:
+        return _build_de_leva(sex)
+    female, male = _build_de_leva("female"), _build_de_leva("male")
+    names = ("foot", "shank", "thigh", "hat", "pelvis")
+    means = {name: _average(getattr(female, name), getattr(male, name)) for name in names}
+    return ReferenceTable("de-leva", **means, ankle_height=female.ankle_height)
+
+
 def _build_de_leva(sex: Sex) -> ReferenceTable:
-    """Return table 4 of de Leva (1996) for one sex; in HAT, the arms hang from the shoulders."""
+    """Return table 4 of de Leva (1996) for one sex."""
     rows, stature = _DE_LEVA[sex], _STATURE[sex]
-    total = sum(rows[n][0] for n in ("head", "trunk")) + 2 * sum(
-        rows[n][0] for n in ("upper arm", "forearm", "hand", "thigh", "shank", "foot")
-    )  # 100, except for rounding
+    both = ("upper arm", "forearm", "hand", "thigh", "shank", "foot")
+    total = sum(rows[n][0] for n in ("head", "trunk")) + 2 * sum(rows[n][0] for n in both)  # 100, except for rounding
 
     def build_segment(name: str, sides: int = 2, *, from_top: bool = False) -> SegmentFractions:
         mass, length, centre, gyration = rows[name]
         fraction = centre / 100 if from_top else 1 - centre / 100
         return SegmentFractions(sides * mass / total, fraction, gyration / 100, length / stature)
 
+    # head, arms and trunk as one segment above the hip; the arms hang from the shoulders, up to which its length is
+    # measured, as in Winter
+    length = _SHOULDER[sex]
+    tops = {"head": rows["trunk"][1] + rows["head"][1], "trunk": rows["trunk"][1], "upper arm": length}
+    tops["forearm"] = tops["upper arm"] - rows["upper arm"][1]
+    tops["hand"] = tops["forearm"] - rows["forearm"][1]
+    sides = {"head": 1, "trunk": 1, "upper arm": 2, "forearm": 2, "hand": 2}
+    mass = np.array([sides[n] * rows[n][0] / total for n in tops])
+    centre = np.array([top - rows[n][2] / 100 * rows[n][1] for n, top in tops.items()])
+    gyration = np.array([rows[n][3] / 100 * rows[n][1] for n in tops])
+    whole = float(mass @ centre / mass.sum())
+    radius = float(np.sqrt(mass @ (gyration**2 + (centre - whole) ** 2) / mass.sum()))
+    hat = SegmentFractions(float(mass.sum()), whole / length, radius / length, length / stature)
     lower = build_segment("lower trunk", 1)
-    hat = _combine_hat(rows, sex, total)
+    low, about = lower.centre * lower.length / hat.length, lower.gyration * lower.length / hat.length
     return ReferenceTable(
         "de-leva",
         foot=build_segment("foot", from_top=True),
         shank=build_segment("shank"),
         thigh=build_segment("thigh"),
         hat=hat,
-        pelvis=SegmentFractions(
-            lower.mass,
-            lower.centre * lower.length / hat.length,
-            lower.gyration * lower.length / hat.length,
-            hat.length,
-        ),
+        pelvis=SegmentFractions(lower.mass, low, about, hat.length),
         ankle_height=0.039,  # from Winter's table: de Leva's has none
     )
 
@@ -201,21 +209,6 @@ def look_up_arm(name: Literal["forearm", "hand"], sex: Sex | None) -> SegmentFra
     return segments[0] if len(segments) == 1 else _average(*segments)
 
 
-def _combine_hat(rows: dict[str, tuple[float, float, float, float]], sex: Sex, total: float) -> SegmentFractions:
-    """Return head, arms and trunk as one segment above the hip; its length is from hip to shoulder, as in Winter."""
-    tops = {"head": rows["trunk"][1] + rows["head"][1], "trunk": rows["trunk"][1], "upper arm": _SHOULDER[sex]}
-    tops["forearm"] = tops["upper arm"] - rows["upper arm"][1]
-    tops["hand"] = tops["forearm"] - rows["forearm"][1]
-    sides = {"head": 1, "trunk": 1, "upper arm": 2, "forearm": 2, "hand": 2}
-    mass = np.array([sides[n] * rows[n][0] / total for n in tops])
-    centre = np.array([top - rows[n][2] / 100 * rows[n][1] for n, top in tops.items()])
-    gyration = np.array([rows[n][3] / 100 * rows[n][1] for n in tops])
-    whole = float(mass @ centre / mass.sum())
-    radius = float(np.sqrt(mass @ (gyration**2 + (centre - whole) ** 2) / mass.sum()))
-    length = _SHOULDER[sex]
-    return SegmentFractions(float(mass.sum()), whole / length, radius / length, length / _STATURE[sex])
-
-
 def _average(a: SegmentFractions, b: SegmentFractions) -> SegmentFractions:
     return SegmentFractions(*((getattr(a, f) + getattr(b, f)) / 2 for f in ("mass", "centre", "gyration", "length")))
 
@@ -225,25 +218,14 @@ def _compute_moments(mass: float, centre: FloatArray, gyration: float) -> FloatA
     return np.array([mass, *(mass * centre), mass * (gyration**2 + float(centre @ centre))])
 
 
-def _place_on_hip(fractions: SegmentFractions, height: float, mass: float) -> FloatArray:
-    """Return the parameters of an upright segment above the hip, for a body of this height and mass."""
-    length = fractions.length * height
-    centre = np.array([0.0, fractions.centre * length])
-    return _compute_moments(fractions.mass * mass, centre, fractions.gyration * length)
-
-
-FOOT_MOMENT = 1
-"""Column of the foot's mx among the full parameters."""
+FOOT_MOMENT = 1  # column of the foot's mx among the full parameters
 _LEAST = 1e-6  # SI: least standard deviation, for parameters that are zero
 _APART = 3.0  # difference above which data and prior contradict each other, in standard deviations
 _OPEN = 10.0  # relative standard deviation of parameters that are left to the data
 
 
 def compute_reference_sd(reference: FloatArray, relative: float) -> FloatArray:
-    """Return the standard deviations (4(n + 1),) of a reference: a fraction of each segment's m, |(mx, my)| and Izz.
-
-    ``reference`` (4(n + 1),) contains m, mx, my, Izz of every segment; NaN stays NaN.
-    """
+    """Return the sd (4(n + 1),) of a reference: a fraction of each segment's m, |(mx, my)| and Izz."""
     blocks = np.abs(reference.reshape(-1, 4))
     first = np.hypot(blocks[:, 1], blocks[:, 2])
     scale = relative * np.column_stack([blocks[:, 0], first, first, blocks[:, 3]])
@@ -304,11 +286,7 @@ class ReferencePrior:
         return np.asarray(gain @ of_data @ gain.T + rest @ self._spread(regrouping) @ rest.T)
 
     def complete(self, covariance: FloatArray, regrouping: FloatArray) -> FloatArray:
-        """Return the covariance (f, f) of the full parameters, given the covariance of the base parameters.
-
-        The part that the base parameters do not determine has the prior's covariance. This part has an effect in
-        another trial with different joint positions.
-        """
+        """Return the covariance (f, f) of the full parameters; what the base leaves open has the prior's covariance."""
         spread = np.diag(self.sd**2)
         follow = np.linalg.solve(self._spread(regrouping), regrouping @ spread).T
         return np.asarray(follow @ covariance @ follow.T + spread - follow @ regrouping @ spread)
@@ -318,8 +296,7 @@ class ReferencePrior:
         return np.asarray(regrouping @ np.diag(self.sd**2) @ regrouping.T)
 
 
-OTHERS_SHARE = 0.1
-"""Mass of both arms, as a fraction of the body's mass. Most markers that are on no segment are on the arms."""
+OTHERS_SHARE = 0.1  # mass of both arms, on which most markers without a segment are, as a fraction of the body's mass
 _FOOT_SPREAD = 1 / 2.8
 _MASS, _CENTRE, _INERTIA = 0.5, 0.10, 1.0
 _ARMS_MASS = 0.25
@@ -354,10 +331,7 @@ class BodyPrior:
 
 
 def build_table_prior(mean: FloatArray, source: str, others: bool = False) -> BodyPrior:
-    """Return the prior whose mean (4K,) are the bodies of a reference table, foot first.
-
-    ``source`` is the table's name. With ``others``, the last body is that of the markers on no segment (arms, head).
-    """
+    """Return the prior whose mean (4K,) is from a table, foot first and, with ``others``, arms and head last."""
     spread = [(_FOOT_MASS, _FOOT_CENTRE, _INERTIA), *[(_MASS, _CENTRE, _INERTIA)] * (len(mean) // 4 - 1)]
     if others:
         spread[-1] = (_ARMS_MASS, _CENTRE, _INERTIA)
@@ -390,11 +364,8 @@ def split_torso(torso: FloatArray, angle: FloatArray, shift: FloatArray, mass: f
 
 
 def average_transform(angle: FloatArray, shift: FloatArray) -> FloatArray:
-    """Return the mean over samples of the matrix (4, 4) that transforms a body's parameters into another frame.
-
-    ``angle`` (T,), rad, and ``shift`` (T, 2), m, are the angle and the origin of the body's frame in the other frame.
-    """
-    c, s, (x, y) = np.cos(angle), np.sin(angle), shift.T
+    """Return the mean over samples of the matrix (4, 4) that transforms a body's parameters into another frame."""
+    c, s, (x, y) = np.cos(angle), np.sin(angle), shift.T  # pose (T,) and (T, 2) of the body's frame in the other one
     move = np.zeros((len(angle), 4, 4))
     move[:, 0, 0] = move[:, 3, 3] = 1.0
     move[:, 1, 0], move[:, 1, 1], move[:, 1, 2] = x, c, -s

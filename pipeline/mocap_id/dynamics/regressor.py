@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -39,15 +39,13 @@ class BodyMotion(ABC):
         """Unit twists of the coordinates, (T, 3, N) or (T, 6, N): times a wrench, the moments about the joints."""
 
     def at(self, samples: IntArray | slice) -> Self:
-        """Return the motion at some samples."""
         chosen = {each.name: getattr(self, each.name)[samples] for each in fields(self) if each.name != "beyond"}
         return replace(self, **chosen)
 
     def scale(self, factor: float) -> Self:
         """Return the motion with all lengths multiplied by a factor."""
-        return replace(
-            self, origin=self.origin * factor, acceleration=self.acceleration * factor, joint=self.joint * factor
-        )
+        lengths = {name: getattr(self, name) * factor for name in ("origin", "acceleration", "joint")}
+        return replace(self, **lengths)
 
 
 @dataclass(frozen=True)
@@ -64,21 +62,13 @@ class PlanarMotion(BodyMotion):
 
     def tilt(self, angle: float) -> PlanarMotion:
         """Return the motion rotated about the origin of the plane frame by an angle, rad; gravity is not rotated."""
-        rotation = np.asarray(angle)
-        return replace(
-            self,
-            angle=self.angle + angle,
-            origin=planar.rotate(rotation, self.origin),
-            acceleration=planar.rotate(rotation, self.acceleration),
-            joint=planar.rotate(rotation, self.joint),
-        )
+        rotation, names = np.asarray(angle), ("origin", "acceleration", "joint")
+        vectors: dict[str, Any] = {name: planar.rotate(rotation, getattr(self, name)) for name in names}
+        return replace(self, angle=self.angle + angle, **vectors)
 
 
 def move_chain(centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> PlanarMotion:
-    """Return the motion of the n + 1 segments of a pinned chain on a fixed base, base first.
-
-    ``centres`` (n, 2) or (T, n, 2) contains the centre of joint j in the frame of segment j - 1, m.
-    """
+    """Return the motion of a pinned chain on a fixed base; ``centres`` (n, 2) or (T, n, 2) may change over time."""
     angle, origin = planar.segment_poses(q, centres)  # (T, n + 1), (T, n + 1, 2)
     omega = np.concatenate([np.zeros_like(q[:, :1]), np.cumsum(dq, axis=1)], axis=1)
     alpha = np.concatenate([np.zeros_like(q[:, :1]), np.cumsum(ddq, axis=1)], axis=1)
@@ -93,8 +83,7 @@ def move_chain(centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArr
 def point_acceleration(arm: FloatArray, omega: FloatArray, alpha: FloatArray) -> FloatArray:
     """Return the acceleration (..., 2) of a point at ``arm`` (..., 2) in a rotating body, relative to its origin."""
     normal = np.stack([-arm[..., 1], arm[..., 0]], axis=-1)
-    acceleration: FloatArray = alpha[..., None] * normal - (omega**2)[..., None] * arm
-    return acceleration
+    return np.asarray(alpha[..., None] * normal - (omega**2)[..., None] * arm)
 
 
 LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
@@ -140,8 +129,7 @@ def spatial_regressor(
 def bodies_regressor(poses: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
     """Return the regressor (..., 6, 10K) of the wrench on K bodies about the origin of the world frame (eq. 4.19).
 
-    ``poses`` (..., K, 4, 4) are those of the bodies' frames in the world frame; ``velocity`` and ``acceleration`` (...,
-    K, 6) are the body velocities and their time derivatives, in the bodies' frames.
+    Poses (..., K, 4, 4) are in the world frame, velocities and accelerations (..., K, 6) in the bodies' frames.
     """
     to_world = np.swapaxes(se3.Ad(se3.inverse(poses)), -1, -2)  # (..., K, 6, 6)
     blocks = to_world @ link_regressor(velocity, acceleration)
@@ -191,10 +179,7 @@ def wrench_regressor(motion: PlanarMotion, gravity: float = 9.81) -> FloatArray:
 
 
 def torque_regressor(motion: BodyMotion, regressor: FloatArray) -> FloatArray:
-    """Return the regressor (T, N, p K) of the joint torques, given that of the wrench (T, c, p K) on K bodies.
-
-    A row gives the moment about a joint of the wrench on the bodies beyond it, N·m; NaN where a joint has no centre.
-    """
+    """Return the regressor (T, N, p K) of the joint torques from that of the wrench (T, c, p K); NaN without centre."""
     torque = np.swapaxes(motion.jacobian, -1, -2) @ regressor
     distal = np.repeat(motion.beyond, regressor.shape[-1] // motion.beyond.shape[1], axis=1)
     return np.where(distal, torque, np.where(np.isnan(torque), np.nan, 0.0))
@@ -212,11 +197,7 @@ def planar_regressor(
 
 
 def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: FloatArray) -> FloatArray:
-    """Return the regressor (T, n, 4(n + 1)) of the joint torques of a planar chain, given :func:`planar_regressor`.
-
-    tau_j is the torque of segment j - 1 on segment j, N·m: the moment about joint j of the wrench on the segments
-    beyond it.
-    """
+    """Return the regressor (T, n, 4(n + 1)) of the joint torques of a planar chain, given that of the wrench."""
     joints = np.arange(q.shape[1] + 1)
     jacobian = planar.joint_twists(q, centres)
     return project_on_joints(jacobian, joints[1:], regressor, np.repeat(joints, len(PLANAR_PARAMETERS)))
@@ -224,8 +205,7 @@ def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: Float
 
 def _cross_product(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the z component of a × b for plane vectors (..., 2)."""
-    product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return product
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
 def composite_inertia(
@@ -258,12 +238,10 @@ def composite_inertia(
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the scalar products of plane vectors (T, 2)."""
-    product: FloatArray = a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]
-    return product
+    return np.asarray(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1])
 
 
-SEAT = "seat"
-"""Name of the chair's wrench, if a separate force plate measures it."""
+SEAT = "seat"  # name of the chair's wrench, if a separate force plate measures it
 
 
 @dataclass(frozen=True)
@@ -282,8 +260,5 @@ class ExternalWrench:
 def sum_external(
     jacobian: FloatArray, joint: IntArray, wrenches: FloatArray, segment: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return how much external wrenches reduce the ground's wrench (..., c) and the joint torques (..., N).
-
-    ``wrenches`` (..., c, K) are about the origin and act on ``segment`` (K,); see :func:`project_on_joints`.
-    """
+    """Return how much wrenches (..., c, K) on ``segment`` (K,) reduce the ground's wrench and the joint torques."""
     return wrenches.sum(axis=-1), project_on_joints(jacobian, joint, wrenches, segment).sum(axis=-1)

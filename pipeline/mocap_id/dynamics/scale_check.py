@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -30,14 +31,12 @@ _FOOT = (1, 0.003)  # column of the full parameters, and standard deviation, m
 _SEGMENTS = ((5, 0.0056, 1), (6, 0.007, 1), (9, 0.0064, 2), (10, 0.022, 2))
 
 
-@dataclass(frozen=True)
-class BodyRatios:
-    """Linear relations between the parameters of any person, each divided by its standard deviation."""
+Ratios: TypeAlias = tuple[FloatArray, FloatArray, dict[str, FloatArray]]
+"""Linear relations between the parameters of any person, each divided by its standard deviation.
 
-    rows: FloatArray  # (r, b) coefficients of the parameters
-    target: FloatArray  # (r,) value of each relation
-    by_cause: dict[str, FloatArray]  # effect (r,) of each error of scale on the relations
-    weighed: bool  # whether the person's mass is known from a scale
+Coefficients of the parameters (r, b), value of each relation (r,), and the effect (r,) of errors of scale on the
+relations, by cause. Only if the person's mass is known from a scale, the gain is one of the causes.
+"""
 
 
 def find_body_ratios(
@@ -48,7 +47,7 @@ def find_body_ratios(
     calibration: PlanarCalibration,
     *,
     chain: tuple[FloatArray, FloatArray] | None = None,
-) -> BodyRatios:
+) -> Ratios:
     """Return the relations between the parameters of a person with the identified ``mass``, kg.
 
     ``reference`` (4(n + 1),) are full parameters of a reference table on the chain, which give the ratios.
@@ -72,18 +71,14 @@ def find_body_ratios(
         target.append(-(constant[own] - ratio * constant[place[0]]) / size)
         lengths.append(ratio * mass / size)
         tilt.append(tilted * mass / size)
-    gain = np.zeros(len(rows))
+    of_weight = {}
     if calibration.mass is not None and 0 in place:
+        of_weight["gain"] = np.append(np.zeros(len(rows)), -calibration.mass / calibration.mass_sd)
         rows.append(matrix[place[0]] / calibration.mass_sd)
         target.append((calibration.mass - constant[place[0]]) / calibration.mass_sd)
-        gain = np.append(gain, -calibration.mass / calibration.mass_sd)
         lengths, tilt = [*lengths, 0.0], [*tilt, 0.0]
-    return BodyRatios(
-        rows=np.array(rows).reshape(-1, matrix.shape[1]),
-        target=np.array(target),
-        by_cause={"lengths": np.array(lengths), "tilt": np.array(tilt), "gain": gain},
-        weighed=calibration.mass is not None and 0 in place,
-    )
+    by_cause = {"lengths": np.array(lengths), "tilt": np.array(tilt), **of_weight}
+    return np.array(rows).reshape(-1, matrix.shape[1]), np.array(target), by_cause
 
 
 _MATERIAL = 0.05  # fraction of the weight: a smaller error of a force may be due to its calibration
@@ -177,36 +172,25 @@ _LEAST_MODE = 0.1  # least squared norm of a mode of the geometry's error, in st
 _FOLLOWED = np.array([2.5, 2.0])  # N: rms residuals of Fx and Fy below which a pinned chain describes the person
 
 
-@dataclass(frozen=True)
-class _Size:
-    """Standard deviations of a cause: kept near zero, free, and of its estimates in people without such an error."""
-
-    held: float
-    free: float
-    spread: float
-
-
-CAUSES: Mapping[str, _Size] = {
-    "inertia": _Size(0.003, 0.5, 0.02),
-    "moments": _Size(0.003, 0.5, 0.05),
-    "vertical gain": _Size(0.003, 0.5, 0.05),
-    "vertical force": _Size(1.5, 100.0, 30.0),
-    "position": _Size(0.0015, 0.1, 0.015),
-    "lengths": _Size(0.001, 0.05, 0.015),
-    "tilt": _Size(0.0015, 0.1, 0.02),
-    "gain": _Size(0.003, 1.0, 0.05),
+# Causes of a wrong scale, and their standard deviations: kept near zero, free, and of their estimates in people without
+# such an error. `inertia` is the factor of the inertial terms minus 1, which depends on the frame rate.
+CAUSES: Mapping[str, tuple[float, float, float]] = {
+    "inertia": (0.003, 0.5, 0.02),
+    "moments": (0.003, 0.5, 0.05),
+    "vertical gain": (0.003, 0.5, 0.05),
+    "vertical force": (1.5, 100.0, 30.0),
+    "position": (0.0015, 0.1, 0.015),
+    "lengths": (0.001, 0.05, 0.015),
+    "tilt": (0.0015, 0.1, 0.02),
+    "gain": (0.003, 1.0, 0.05),
 }
-"""Causes of a wrong scale. ``inertia`` is the factor of the inertial terms minus 1, which depends on the frame rate."""
 _OF_MODEL = ("inertia", "lengths", "tilt")
 
 
-def check_scales(
-    prepared: PreparedTrial, gate: BoolArray, result: Identification, ratios: BodyRatios
-) -> ScaleCheck | None:
+def check_scales(prepared: PreparedTrial, gate: BoolArray, result: Identification, ratios: Ratios) -> ScaleCheck | None:
     """Check for a wrong scale of plate, cameras or clock rates.
 
     The result is None if there are too few usable samples, or if the pinned chain does not describe the person.
-    ``ratios`` are the relations between the parameters of any person.
     """
     recorded, kept, base = prepared.recorded, prepared.base.kept, result.base
     pinned, gravity = prepared.prior is None, prepared.settings.gravity
@@ -261,11 +245,11 @@ def check_scales(
     nuisance, modes = np.concatenate([extra, -effect], axis=-1), effect.shape[-1]
 
     # the ratios, and before them the trial's own prior if it has one
-    of_causes = np.zeros((len(ratios.rows), len(CAUSES)))
-    for name, column in ratios.by_cause.items():
+    prior, prior_target, by_cause = ratios
+    of_causes = np.zeros((len(prior), len(CAUSES)))
+    for name, column in by_cause.items():
         of_causes[:, list(CAUSES).index(name)] = column
-    between = np.zeros((len(ratios.rows), nuisance.shape[-1]))
-    prior, prior_target = np.concatenate([ratios.rows, between, of_causes], axis=1), ratios.target
+    prior = np.concatenate([prior, np.zeros((len(prior), nuisance.shape[-1])), of_causes], axis=1)
     if prepared.prior is not None:
         own_rows, own_aim = prepared.prior.rows(len(kept) + nuisance.shape[-1] + len(CAUSES))
         prior, prior_target = np.concatenate([own_rows, prior]), np.concatenate([own_aim, prior_target])
@@ -285,7 +269,7 @@ def check_scales(
         first = model.shape[-1] + nuisance.shape[-1] - modes
         zero = np.arange(first, first + modes + len(CAUSES))
         limits = np.zeros((len(zero), zero[-1] + 1))
-        held = [size.free if name == free else size.held for name, size in CAUSES.items()]
+        held = [open_sd if name == free else held_sd for name, (held_sd, open_sd, _) in CAUSES.items()]
         limits[np.arange(len(zero)), zero] = np.concatenate([np.ones(modes), 1.0 / np.array(held)])
         parameters, value = base, dict.fromkeys(CAUSES, 0.0)
         solution, previous = (np.inf, 0.0, np.inf), np.inf
@@ -315,11 +299,11 @@ def check_scales(
 
     # all causes are kept near zero, then one after the other is free
     held, found = solve(None)[0], {}
-    for name, size in CAUSES.items():
-        if name == "gain" and not ratios.weighed:
+    for name, (_, _, spread) in CAUSES.items():
+        if name == "gain" and name not in by_cause:
             continue
         cost, value, sd = solve(name)
-        limit = float(_SURE * np.hypot(sd, (0.0 if pinned else 1.0) * size.spread))
+        limit = float(_SURE * np.hypot(sd, (0.0 if pinned else 1.0) * spread))
         found[name] = ScaleCause(value, sd, max(held - cost, 0.0), limit)
 
     # the significant cause that explains most is first, then come causes that explain almost as much

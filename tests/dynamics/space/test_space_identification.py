@@ -14,10 +14,10 @@ from mocap_id.dynamics.space.identification import (
     SpatialIdentification,
     identify_parameters_in_space,
     identify_payload,
+    make_exact,
     measure_excitation_in_space,
     predict_in_space,
 )
-from mocap_id.dynamics.space.instrument_errors import make_exact
 from mocap_id.dynamics.space.preparation import prepare_in_space, shift_wrench
 from mocap_id.geometry import se3, so3
 

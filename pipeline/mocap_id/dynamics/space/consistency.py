@@ -20,6 +20,7 @@ from mocap_id.dynamics.cone_solver import (
     LENGTH,
     PROVEN,
     ConeKind,
+    Solution,
     SolverAnswer,
     check_optimality,
     find_closest_step,
@@ -59,17 +60,13 @@ def point_mass(position: FloatArray) -> FloatArray:
 
 
 def change_of_frame(pose: FloatArray) -> FloatArray:
-    """Return the matrix (..., 10, 10) that transforms a body's ten parameters into another frame.
-
-    ``pose`` (..., 4, 4) is the pose of the present frame in the other frame.
-    """
+    """Return the matrix (..., 10, 10) of a body's parameters in a frame in which its frame has ``pose`` (..., 4, 4)."""
     units = pseudo_inertia(np.eye(10))
     moved = pose[..., None, :, :] @ units @ np.swapaxes(pose, -1, -2)[..., None, :, :]
     return np.swapaxes(body_parameters(moved), -1, -2)
 
 
-REACH = 2.0
-"""Largest distance of a mass from the origin of its segment, m."""
+REACH = 2.0  # m: largest distance of a mass from the origin of its segment
 _UNITS = np.array([1.0, *[LENGTH] * 3, *[LENGTH**2] * 6])
 _ROWS, _COLUMNS = np.array([(row, column) for column in range(4) for row in range(column + 1)]).T
 _WEIGHTS = np.where(_ROWS == _COLUMNS, 1.0, np.sqrt(2.0))  # weights of the entries of Clarabel's triangles
@@ -93,7 +90,6 @@ class SemidefiniteBodies:
 
     @property
     def units(self) -> FloatArray:
-        """Divisors (10K,) of the full parameters that convert all of them to kg."""
         return np.tile(_UNITS, self.segments)
 
     def sides(self) -> tuple[FloatArray, tuple[tuple[ConeKind, int], ...]]:
@@ -127,7 +123,7 @@ class SemidefiniteBodies:
         return np.asarray((links * _UNITS).reshape(-1))
 
     def find_cheapest(self, prices: FloatArray) -> FloatArray:
-        """Return for each segment 1 kg at the point with the least price, as columns (10K, K)."""
+        """Return 1 kg at the point of each segment with the least price, as columns (10K, K)."""
         columns = np.zeros((len(prices), self.segments))
         for k in range(self.segments):
             own = slice(10 * k, 10 * k + 10)
@@ -135,21 +131,12 @@ class SemidefiniteBodies:
         return columns
 
 
-@dataclass(frozen=True)
-class SemidefiniteSolution:
-    """Consistent parameters in space and the solver's report."""
-
-    parameters: FloatArray  # (b + k,) parameters of the problem: first those of the bodies, then the free ones
-    full: FloatArray  # (10K,) full parameters of one body with these parameters, close to equal masses at the joints
-    answer: SolverAnswer  # the solution of the solver
-    price: float  # relative increase of the cost over that of unconstrained parameters
-
-
-def fit_semidefinite(problem: CompressedProblem, mapping: FloatArray) -> SemidefiniteSolution:
+def fit_semidefinite(problem: CompressedProblem, mapping: FloatArray) -> Solution:
     """Minimise ‖R [M φ; c] - d‖² over possible bodies φ and free parameters c.
 
     The problem has b + k columns, and M is ``mapping`` (b, 10K), from full parameters to the first b parameters.
-    NumericalError is raised if Clarabel's solution is not close enough to the least cost.
+    ``full`` of the result is the body closest to equal masses at the joints. NumericalError is raised if Clarabel's
+    solution is not close enough to the least cost.
     """
     small, bodies = problem.eliminate_others(len(mapping)), SemidefiniteBodies(mapping)
     units, (sides, cones) = bodies.units, bodies.sides()
@@ -183,7 +170,7 @@ def fit_semidefinite(problem: CompressedProblem, mapping: FloatArray) -> Semidef
             f"{answer.status!r}, and the cost may be {answer.optimality.excess:.1e} above the least cost (limit "
             f"{_TOLERABLE:.0e}). Check the chain for two joints at the same position, or for wrong units"
         )
-    # the body with the same base parameters that is closest to equal masses at the joints
+    # the closest body with the same base parameters
     share = bodies.mass(answer.body) / bodies.segments
     sphere = np.array([1.0, 0.0, 0.0, 0.0, *[2 / 3 * _SPREAD**2] * 3, 0.0, 0.0, 0.0])
     aim, scale = np.tile(share * sphere, bodies.segments), share * units
@@ -192,7 +179,7 @@ def fit_semidefinite(problem: CompressedProblem, mapping: FloatArray) -> Semidef
     full = answer.body + directions @ find_closest_step(bodies, answer.body, directions, distance, scale)
     possible = np.isfinite(full).all() and bodies.measure_violation(full) <= _ROUNDING
     free = problem.cost(problem.free_solution())
-    return SemidefiniteSolution(
+    return Solution(
         parameters=problem.complete(mapping @ answer.body),
         full=full if possible else answer.body,
         answer=answer,

@@ -44,10 +44,8 @@ class SpatialMotion(BodyMotion):
 
     def rotate(self, rotation: FloatArray) -> SpatialMotion:
         """Return the motion after a rotation (3, 3) about the origin of the trial's frame; gravity is not rotated."""
-        vectors = {
-            name: getattr(self, name) @ rotation.T
-            for name in ("omega", "alpha", "origin", "acceleration", "joint", "axis")
-        }
+        names = ("omega", "alpha", "origin", "acceleration", "joint", "axis")
+        vectors = {name: getattr(self, name) @ rotation.T for name in names}
         return replace(self, rotation=rotation @ self.rotation, **vectors)
 
     def in_frames(self, frames: FloatArray) -> SpatialMotion:
@@ -69,7 +67,7 @@ def spatial_point_acceleration(arm: FloatArray, omega: FloatArray, alpha: FloatA
 def segment_regressor(motion: SpatialMotion, gravity: float = 9.81) -> FloatArray:
     """Return the regressor (T, 6, 10K) of the ground's wrench on K bodies in space (eq. 4.15 to 4.22).
 
-    Rows: force and moment of the ground on the bodies about the origin of the trial's frame. Columns: the ten
+    Rows: force and moment of the ground about the origin. Columns: the ten
     :data:`~mocap_id.dynamics.regressor.LINK_PARAMETERS` of every body. Gravity, m/s², is along -y. The wrench depends
     on the velocity of a body's origin only through the origin's acceleration, so this velocity is set to zero.
     """
@@ -129,11 +127,7 @@ def move_segments(
 
 
 def move_joints(chain: SpatialChain, base: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> SpatialMotion:
-    """Return the motion of a chain from the coordinates (T, N) of its joints and their time derivatives.
-
-    The coordinates are in the order of the joints (:meth:`SpatialJoint.rotation`). ``base`` (4, 4) is as for
-    :func:`move_segments`.
-    """
+    """Return the motion of a chain from its coordinates (T, N), in the order of the joints, and their derivatives."""
     rotation = [np.broadcast_to(base[:3, :3], (len(q), 3, 3))]
     omega, alpha = [np.zeros((len(q), 3))], [np.zeros((len(q), 3))]
     start = 0
@@ -208,7 +202,6 @@ class SpatialBase:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """SI unit of each base parameter."""
         return tuple(_UNITS[column % 10] for column in self.base.kept)
 
 
@@ -218,20 +211,15 @@ def name_parameters_in_space(segments: int) -> tuple[str, ...]:
 
 
 def structural_base_in_space(chain: SpatialChain, base: FloatArray) -> SpatialBase:
-    """Return the base parameters of a chain in which every joint moves; no trial can determine more parameters.
-
-    ``base`` (4, 4) is the pose of the base, which is at rest, in the trial's frame, m.
-    """
+    """Return the base parameters of a chain in which every joint moves, on a base at rest in a pose (4, 4), m."""
     size = sum(joint.dimension for joint in chain.joints)
     states = np.random.default_rng(0).normal(size=(3, _STATES, size))
     # simple frames: the axis of a hinge, or the second of two axes, is along z; the base's frame has the trial's axes
     poses = [se3.pose(base[:3, :3].T, np.zeros(3))]
     for joint in chain.joints:
-        axis = {
-            "ball": np.array([0.0, 0.0, 1.0]),
-            "two-axis": joint.second_axis,
-            "hinge": joint.offset.T @ joint.first_axis,
-        }[joint.kind]
+        axis = joint.second_axis if joint.kind == "two-axis" else np.array([0.0, 0.0, 1.0])
+        if joint.kind == "hinge":
+            axis = joint.offset.T @ joint.first_axis
         poses.append(se3.pose(rotate_z_to(axis), np.zeros(3)))
     frames = np.stack(poses)
     motion = move_joints(chain, base, *states).in_frames(frames)
@@ -242,7 +230,6 @@ def structural_base_in_space(chain: SpatialChain, base: FloatArray) -> SpatialBa
 
 
 COMPONENTS = ("Fx", "Fy", "Fz", "taux", "tauy", "tauz")
-"""Components of a wrench in space."""
 _FAST = 1 / 3  # fraction of the fastest coordinate's velocity above which a coordinate is fast
 _FREE = (0, 2, 4)  # gravity along -y causes no constant Fx, Fz and tauy
 
@@ -273,7 +260,6 @@ class SpatialRecord:
 
     @property
     def rate(self) -> float:
-        """Samples per second."""
         return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
 
     @property
@@ -297,7 +283,6 @@ class SpatialRecord:
 
     @cached_property
     def motion(self) -> SpatialMotion:
-        """Motion of the segments in the frame of the dynamics."""
         return move_segments(self.chain, self.centred, self.rotation, self.omega, self.alpha)
 
 
@@ -318,12 +303,10 @@ class SpatialTrial:
 
     @property
     def base(self) -> BaseSet:
-        """Base parameters in the simple frames."""
         return self.structure.base
 
     @property
     def rows(self) -> FloatArray:
-        """Minimal regressor (T, 6, b), unfiltered (eq. 4.7)."""
         return self.regressor[:, :, self.base.kept]
 
     @property

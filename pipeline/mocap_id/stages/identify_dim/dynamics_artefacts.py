@@ -13,8 +13,8 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.cautions import Excitation
-from mocap_id.dynamics.consistency import ConsistentSolution, PointGrid
-from mocap_id.dynamics.space.consistency import SemidefiniteSolution
+from mocap_id.dynamics.cone_solver import Solution
+from mocap_id.dynamics.consistency import PointGrid
 from mocap_id.stages.identify_dim.validation import SERIES
 
 NO_FACTS: Mapping[str, Any] = dict.fromkeys((
@@ -126,7 +126,7 @@ def make_datasets(
     }
 
 
-def describe_solver(solution: ConsistentSolution | SemidefiniteSolution, requested: str) -> dict[str, Any]:
+def describe_solver(solution: Solution, requested: str) -> dict[str, Any]:
     """Return JSON about the solver of the physical consistency; ``requested`` is the requested kind."""
     answer = solution.answer
     return {

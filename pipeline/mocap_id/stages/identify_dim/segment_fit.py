@@ -17,7 +17,6 @@ from mocap_id.dynamics.instrument_errors import (
     KinematicError,
     PlanarCalibration,
     PoseEffect,
-    PoseErrors,
     ScaleCause,
     propagate_calibration,
     propagate_pose_errors,
@@ -249,8 +248,9 @@ def fit_segments(
         variance = np.array([size.get(label, usual) for label in markers])
         segments = np.flatnonzero(bodies.poses.body == body).tolist()
         near = {joint for k in segments for joint in (k - 1, k) if 0 <= joint < joints}
-        slides.append(propagate_slides(np.array([*markers.values()]), variance, tuple(sorted(near)) or (joints - 1,)))
-    effect = propagate_pose_errors(ready, found.fit, found.base, PoseErrors(bodies.poses, tuple(slides), cutoffs.bands))
+        slide = propagate_slides(np.array([*markers.values()]), variance)
+        slides.append((slide, tuple(sorted(near)) or (joints - 1,)))
+    effect = propagate_pose_errors(ready, found.fit, found.base, bodies.poses, sliding=slides, bands=cutoffs.bands)
     covariance = found.covariance + effect.parameters[own] @ effect.parameters[own].T
     found = replace(found, covariance=covariance, base_sd=np.sqrt(np.diag(covariance)))
 

@@ -14,11 +14,11 @@ from mocap_id.dynamics.fit import LEAST_SECONDS, describe_clock, determines_para
 from mocap_id.dynamics.prediction import agreement, centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.preparation import CoarseClock, FitSettings
 from mocap_id.dynamics.space.identification import (
+    SpatialCalibration,
     identify_parameters_in_space,
     measure_excitation_in_space,
     predict_in_space,
 )
-from mocap_id.dynamics.space.instrument_errors import SpatialCalibration
 from mocap_id.dynamics.space.preparation import (
     COMPONENTS,
     SpatialRecord,
