@@ -16,14 +16,11 @@ from mocap_id.recording.model import Plate
 
 Use: TypeAlias = Literal["feet", "seat", "unloaded", "ignored"]
 
+# a plate is unloaded if its force is less than this fraction of the force of the most loaded plate
 _OFFSET_SHARE = 0.05
-"""A plate is unloaded if its force is less than this fraction of the force of the most loaded plate."""
-
+# Fraction of the decrease of the load when the person stands up. While the person stands, the force under an empty
+# chair varies by less than this, and the force under the feet by more.
 _STEADY = 0.05
-"""Fraction of the decrease of the load when the person stands up. While the person stands, the force under an empty
-chair varies by less than this, and the force under the feet by more.
-"""
-
 _CONFIGURED = "set in the configuration"
 
 
@@ -160,21 +157,13 @@ ZeroRule: TypeAlias = Literal["standing", "none"]
 
 GRAVITY = 9.81  # m/s^2
 
-_STILL_M_S = 0.02
-"""Largest vertical speed of a person who stands nearly still."""
-
+_STILL_M_S = 0.02  # largest vertical speed of a person who stands nearly still
+# A speed is the difference between heights this time before and after a sample. A shorter time gives more noise.
 _SPEED_OVER_S = 0.1
-"""A speed is the difference between heights this time before and after a sample. A shorter time gives more noise."""
-
 _MIN_TOTAL_S = 0.2
-
 _MIN_MASS_KG = 2.0
-
-_UNLOADED = 0.2
-"""Fraction of the standing weight. An upright person always loads the plates more, except in a jump."""
-
-_MIN_DROPOUT_S = 0.6
-"""Minimum duration of a drop-out. The flight of a jump is always shorter."""
+_UNLOADED = 0.2  # fraction of the standing weight. An upright person always loads the plates more, except in a jump.
+_MIN_DROPOUT_S = 0.6  # minimum duration of a drop-out. The flight of a jump is always shorter.
 
 
 def weigh_person(positions: FloatArray, rate: float, vertical: FloatArray) -> tuple[float | None, str | None]:

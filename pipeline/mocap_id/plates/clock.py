@@ -38,18 +38,14 @@ _UNLOADED = 0.04  # fraction of the largest load below which nothing is measured
 _LEAST = 15  # smallest number of samples at an offset
 _KEPT = 0.5  # smallest fraction of samples and of movement that is measured by both at an offset
 _RISES_M, _OFF_CHAIR = 0.15, 0.4  # smallest rise of a body that sits down, and fraction of it above any chair
-
+# smaller coarse offsets are not applied, because the fit finds them; the error of the search is up to 0.04 s
 _NEAR_S = 0.08
-"""Smaller coarse offsets are not applied, because the fit finds them; the error of the search is up to 0.04 s."""
-
+# Largest cost at a peak as a fraction of the usual cost; the second value is for small movements, as in standing. At
+# the right offset it is 0.05 to 0.51 in real and simulated recordings.
 _CLEAR, _VERY_CLEAR = 0.65, 0.35
-"""Largest cost at a peak as a fraction of the usual cost; the second value is for small movements, as in standing. At
-the right offset it is 0.05 to 0.51 in real and simulated recordings."""
-
+# Ratio of costs below which two offsets are equally good; larger for offsets below the last value, s, which are common.
+# Repetitions of people differ by 1.5 and more.
 _EQUAL, _EQUAL_NEAR_0, _SYNCHRONOUS_S = 1.25, 1.5, 0.15
-"""Ratio of costs below which two offsets are equally good; larger for offsets below the last value, s, which are
-common. Repetitions of people differ by 1.5 and more."""
-
 _FLOOR = 0.12  # costs that differ by less than this fraction of the usual cost are equal
 # smallest relative cost with the low samples, and largest ratio of that without them, for which they are left out
 _WHOLE, _CLEARER = 0.3, 0.67
@@ -80,16 +76,9 @@ class ClockSearch:
 def find_clock_offset(
     plates: Sequence[Plate], positions: FloatArray, time: FloatArray, rate: float, *, frame_s: float
 ) -> ClockSearch:
-    """Find the clock offset of the plates to about 0.03 s.
+    """Find the clock offset of the plates to about 0.03 s, rounded to a multiple of ``frame_s``, s.
 
-    Parameters
-    ----------
-    plates : sequence of Plate
-        All loaded plates, under the feet or under a chair.
-    time : (F,) array
-        Times of ``positions`` (F, M, 3), s.
-    frame_s : float
-        The offset is rounded to a multiple of this time, s.
+    ``plates`` are all loaded plates, under the feet or under a chair; ``time`` (F,) are the times of ``positions``, s.
     """
     searches = (_search(plates, positions, time, rate, frame_s=frame_s, averaged=averaged) for averaged in _AVERAGED_S)
     first = next(searches)

@@ -9,8 +9,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 from mocap_id.stages.base import Settings
 
 Vector: TypeAlias = tuple[float, float, float]
-_FARTHEST = 0.6
-"""Largest distance of a body from the origin of its segment, m."""
+_FARTHEST = 0.6  # largest distance of a body from the origin of its segment, m
 
 
 def _convert_number(value: object) -> object:
