@@ -92,8 +92,14 @@ def _search(
 ) -> ClockSearch:
     """Return the result with accelerations and forces averaged over the time ``averaged``, s, before and after."""
     half, beyond, groups = max(1, round(averaged * rate)), round(_RANGE_S * rate), group_by_height(positions)
-    if not plates or not groups or len(positions) < 4 * half or not _stands(positions):
+    if not plates or not groups or len(positions) < 4 * half:
         return ClockSearch()
+    # a marker must stay at its place and the others near it: the plates do not always carry a person who walks
+    with np.errstate(invalid="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # markers that are never visible
+        away = np.linalg.norm(np.subtract(*np.nanpercentile(positions[::4, :, :2], [98, 2], axis=0)), axis=1)
+        if not (np.nanmin(away) < _STAYS_M and np.nanmedian(away) < _TRAVELS_M):
+            return ClockSearch()
     second = (positions[2 * half :] - 2 * positions[half:-half] + positions[: -2 * half]) * (rate / half) ** 2
     acceleration = np.full((len(positions), len(groups)), np.nan)
     acceleration[half:-half] = np.stack([average_markers(second[:, group])[:, 2] for group in groups], axis=1)
@@ -165,18 +171,6 @@ def _search(
         listed = " or ".join(f"{each:+.2f} s" for each in (offset, *rivals))
         why = f"the movement repeats so regularly that the forces fit it equally well at offsets of {listed}"
     return ClockSearch(applied, offset, rivals, why)
-
-
-def _stands(positions: FloatArray) -> bool:
-    """Return whether a marker (F, M, 3) stays at its place and the others near it.
-
-    A walking person is not carried by the plates all the time.
-    """
-    with np.errstate(invalid="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # markers that are never visible
-        low, high = np.nanpercentile(positions[::4, :, :2], [2, 98], axis=0)
-        away = np.linalg.norm(high - low, axis=1)
-        return bool(np.nanmin(away) < _STAYS_M and np.nanmedian(away) < _TRAVELS_M)
 
 
 def _smooth(values: FloatArray, weights: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.protocols.five_times import Attempt
-from mocap_id.protocols.repetitions import STANDING, SUPPORT_LIMIT, Posture, Repetition, RiseDetails
+from mocap_id.protocols.repetitions import NAN, STANDING, SUPPORT_LIMIT, Posture, Repetition, RiseDetails
 from mocap_id.verdict import Reason
 
 _STILL = 0.05  # share of the peak speed; in a pause, the speed is lower
@@ -30,8 +30,17 @@ def find_sit_to_stand_repetitions(
         return ()
     if chair is not False:
         return tuple(_describe_rise(time, posture, touching, up) for up in find_runs(posture.upright))
-    down = [run for run in find_runs(~posture.upright) if run.start > 0 and run.stop < len(time)]
-    return tuple(_describe_squat(time, posture, run) for run in down)
+    squats = []
+    for down in find_runs(~posture.upright):
+        if down.start == 0 or down.stop == len(time):  # not between two upright phases
+            continue
+        before, after = _find_neighbours(~posture.upright, down)
+        start = _find_rest(time, posture, before, _find_peak_speed(posture.speed, before, down), last=True)
+        stand = _find_rest(time, posture, after, _find_peak_speed(posture.speed, down, after))
+        why = ["the recording begins during the descent"] if np.isnan(start) else []
+        why += ["the recording ends during the rise"] if np.isnan(stand) else []
+        squats.append(Repetition(start, NAN, stand, NAN, stand, not why, "; ".join(why)))
+    return tuple(squats)
 
 
 def estimate_event_sd(
@@ -115,19 +124,6 @@ def _is_below_top(posture: Posture, up: slice, end: int) -> bool:
     """Return whether the first (0) or last (-1) known sample of an upright phase is clearly below its top."""
     known = posture.height[up][np.isfinite(posture.height[up])]
     return bool(len(known) and known.max() - known[end] > _LEVEL)
-
-
-def _describe_squat(time: FloatArray, posture: Posture, down: slice) -> Repetition:
-    """Return the repetition with the low phase ``down``, which is between two upright phases."""
-    before, after = _find_neighbours(~posture.upright, down)
-    start = _find_rest(time, posture, before, _find_peak_speed(posture.speed, before, down), last=True)
-    stand = _find_rest(time, posture, after, _find_peak_speed(posture.speed, down, after))
-    why = []
-    if np.isnan(start):
-        why.append("the recording begins during the descent")
-    if np.isnan(stand):
-        why.append("the recording ends during the rise")
-    return Repetition(start, float("nan"), stand, float("nan"), stand, not why, "; ".join(why))
 
 
 def _find_peak_speed(speed: FloatArray, *parts: slice) -> float:

@@ -50,7 +50,13 @@ def read_upright(
     assert file is not None
     read = read_skeleton(file, units=settings.units, vertical=settings.vertical)
     source, out = read.recording, Findings(read.reasons)
-    side = trial.side or _find_moving_side(source)
+    moved: dict[Side, float] = {"right": 0.0, "left": 0.0}  # by the wrist relative to its shoulder
+    for each in moved:
+        roles = find_roles(source.labels, each)
+        if {"near_shoulder", "wrist"} <= roles.keys():
+            arm = source.positions[:, roles["wrist"]] - source.positions[:, roles["near_shoulder"]]
+            moved[each] = 1e-6 + float(np.nansum(np.nanvar(arm, axis=0))) if np.isfinite(arm).any() else 0.0
+    side: Side = trial.side or ("left" if moved["left"] > moved["right"] else "right")
     roles = find_roles(source.labels, side)
     missing = [name for name in ("near_shoulder", "elbow", "wrist") if name not in roles]
     if missing:
@@ -101,17 +107,6 @@ def read_upright(
             _BEHIND,
         )
     return source, side, read.inferred, tuple(out.reasons)
-
-
-def _find_moving_side(source: Recording) -> Side:
-    """Return the side whose wrist moves more relative to its shoulder."""
-    moved: dict[Side, float] = {"right": 0.0, "left": 0.0}
-    for side in moved:
-        roles = find_roles(source.labels, side)
-        if {"near_shoulder", "wrist"} <= roles.keys():
-            arm = source.positions[:, roles["wrist"]] - source.positions[:, roles["near_shoulder"]]
-            moved[side] = 1e-6 + float(np.nansum(np.nanvar(arm, axis=0))) if np.isfinite(arm).any() else 0.0
-    return "left" if moved["left"] > moved["right"] else "right"
 
 
 def _find_trunk(source: Recording, roles: dict[str, int]) -> tuple[FloatArray, FloatArray]:
