@@ -213,20 +213,10 @@ def measure_empty_chair(
     The reading is not zero if the plate was zeroed without the chair. It is the median over the samples in which the
     person stands, because the chair is then empty.
 
-    Parameters
-    ----------
-    wrench : (F, 3) array
-        Total (Fx, Fy, tauz) of the plates under the chair, N and N·m.
-    ok : (F,) bool array
-        Whether each sample has a value.
-    rule : {"standing", "none"}
-        ``none`` takes the reading as zero, because the plate was zeroed with the chair on it; ``standing`` measures it.
-
-    Returns
-    -------
-    reading, spread : (3,) arrays or None
-        Median (Fx, Fy, tauz) with the weight of the chair, N and N·m, and the standard deviation of its samples. The
-        median is None if too few samples have an empty chair; the standard deviation also if nothing is measured.
+    ``wrench`` (F, 3) is the total (Fx, Fy, tauz) of the plates under the chair, N and N·m, and ``ok`` (F,) says whether
+    each sample has a value. The rule ``none`` takes the reading as zero, because the plate was zeroed with the chair on
+    it. Return the median (3,) with the weight of the chair, None if too few samples have an empty chair; and the
+    standard deviation (3,) of its samples, None if nothing is measured.
     """
     if rule == "none":
         return np.zeros(3), None

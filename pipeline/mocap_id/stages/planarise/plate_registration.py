@@ -163,7 +163,7 @@ def check_registration(
     along = any(yaw is None or abs(axis @ direction) > _ALONG for axis in dead)
     weak = bool(follows and weak)
     if weak or dead:
-        _describe_dead(out, plates, whole if weak else None, along=along, space=yaw is None)
+        _check_channels(out, plates, whole if weak else None, along=along, space=yaw is None)
         if yaw is None:
             unusable = unusable or out.reasons[-1].message
     return PlateCheck(out.facts, tuple(out.reasons), unusable, not (weak or along))
@@ -286,7 +286,7 @@ def _check_load(out: Findings, plates: Sequence[Plate], markers: str, load: Foot
         out.say("load-uneven", text, measured, _UNEVEN, "ok")
 
 
-def _describe_dead(
+def _check_channels(
     out: Findings, plates: Sequence[Plate], weak: ForceDirection | None, *, along: bool, space: bool
 ) -> None:
     """Add a caution about horizontal channels that are dead, or a note if the motion plane does not need them."""

@@ -35,16 +35,8 @@ def read_upright(
 ) -> tuple[Recording, Side, BoolArray, tuple[Reason, ...]]:
     """Read the skeleton of a trial, and determine the axis that points up and the arm that moves.
 
-    Raises Refused if the skeleton has no arm with shoulder, elbow and wrist.
-
-    Returns
-    -------
-    recording : Recording
-        The skeleton with an upright trunk, in lab axes with Z up.
-    side : {"right", "left"}
-    inferred : (F, M) bool array
-        Joint positions that the sensor inferred.
-    reasons : tuple of Reason
+    Return the skeleton with an upright trunk in lab axes with Z up, the side of the arm, whether the sensor inferred
+    each joint position (F, M), and reasons. Raises Refused if it has no arm with shoulder, elbow and wrist.
     """
     file = get_recording(trial).skeleton
     assert file is not None
