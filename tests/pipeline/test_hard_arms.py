@@ -12,8 +12,10 @@ import pytest
 
 from mocap_id.config import load
 from mocap_id.runner import run_stage
+from mocap_id.stages.base import Findings
 from mocap_id.stages.segment import space as segment_stage
 from mocap_id.store import Folder, Table
+from mocap_id.verdict import Reason
 from mocap_id_simulation import ArmOptions, write_arm
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
@@ -97,8 +99,14 @@ def test_hints_of_the_user_count_more_than_names_of_the_wrist(stiff_wrist: tuple
 def test_a_segment_between_upper_arm_and_forearm_is_doubtful() -> None:
     """It cannot be: the elbow connects these two."""
     sure: Any = SimpleNamespace(confidence=SimpleNamespace(value=1.0))
-    assert not segment_stage._explain_doubts(sure, ["thorax", "upper_arm", "forearm", "hand"])
-    assert not segment_stage._explain_doubts(sure, ["base", "segment_1", "segment_2"])
-    (reason,) = segment_stage._explain_doubts(sure, ["thorax", "upper_arm", "segment_2", "forearm"])
+
+    def doubt(*names: str) -> list[Reason]:
+        out = Findings()
+        segment_stage._explain_doubts(out, sure, names)
+        return out.reasons
+
+    assert not doubt("thorax", "upper_arm", "forearm", "hand")
+    assert not doubt("base", "segment_1", "segment_2")
+    (reason,) = doubt("thorax", "upper_arm", "segment_2", "forearm")
     assert reason.code == "segments-unsure"
     assert reason.level != "ok"

@@ -12,8 +12,10 @@ import pytest
 
 from mocap_id.config import load
 from mocap_id.runner import run_stage
+from mocap_id.stages.base import Findings
 from mocap_id.stages.segment.hints import check_marker_names
 from mocap_id.store import Folder
+from mocap_id.verdict import Reason
 from mocap_id_simulation import Options, simulate
 from mocap_id_simulation.options import FaultOptions
 
@@ -34,16 +36,24 @@ def codes(tree: Any) -> dict[str, str]:
     return {reason.code: reason.level for reason in tree.reasons}
 
 
+def contradict(
+    labels: tuple[str, ...], segments: np.ndarray, names: tuple[str, ...], confidence: float
+) -> tuple[Reason, ...]:
+    out = Findings()
+    check_marker_names(out, labels, segments, names, confidence)
+    return tuple(out.reasons)
+
+
 def test_names_that_agree_say_nothing() -> None:
-    assert check_marker_names(LABELS, SEGMENTS, NAMES, 0.9) == ()
-    assert check_marker_names(("A", "B", *LABELS[2:5]), SEGMENTS[:5] * 0, NAMES, 0.9) == ()  # too few known names
+    assert contradict(LABELS, SEGMENTS, NAMES, 0.9) == ()
+    assert contradict(("A", "B", *LABELS[2:5]), SEGMENTS[:5] * 0, NAMES, 0.9) == ()  # too few known names
 
 
 @pytest.mark.parametrize(("confidence", "level"), [(0.95, "ok"), (0.6, "caution")])
 def test_a_name_against_the_motion_is_named(confidence: float, level: str) -> None:
     moved = SEGMENTS.copy()
     moved[[3, 5]] = 2, 1
-    (reason,) = check_marker_names(LABELS, moved, NAMES, confidence)
+    (reason,) = contradict(LABELS, moved, NAMES, confidence)
     assert reason.level == level
     assert reason.value == 2
     assert "LTIB is on the thigh, but by its name on the shank" in reason.message
@@ -54,7 +64,7 @@ def test_a_name_against_the_motion_is_named(confidence: float, level: str) -> No
 def test_a_marker_on_no_segment_or_on_the_ground_contradicts_nothing() -> None:
     moved = SEGMENTS + 1
     moved[[0, 3]] = 0, -1
-    assert check_marker_names(LABELS, moved, ("ground", *NAMES), 0.9) == ()
+    assert contradict(LABELS, moved, ("ground", *NAMES), 0.9) == ()
 
 
 def test_a_swap_is_said_once(tmp_path: Path) -> None:

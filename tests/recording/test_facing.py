@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.recording.marker_posture import find_facing
+from mocap_id.recording.marker_posture import find_body_facing
 
 X = np.array([1.0, 0.0])
 
@@ -31,7 +31,7 @@ def sitting_down(front: float, *, hands: bool = False, trunk: bool = True) -> np
 @pytest.mark.parametrize("front", [1.0, -1.0])
 @pytest.mark.parametrize("options", [{}, {"hands": True}, {"trunk": False}])
 def test_knees_of_people_who_sit_down_are_in_front(front: float, options: dict[str, bool]) -> None:
-    found = find_facing(sitting_down(front, **options), X)
+    found = find_body_facing(sitting_down(front, **options), X)
     assert found.rule == "knees"
     assert found.forwards == (front > 0)
     assert found.sure
@@ -40,8 +40,8 @@ def test_knees_of_people_who_sit_down_are_in_front(front: float, options: dict[s
 def test_the_direction_turns_with_the_person() -> None:
     positions = sitting_down(1.0)
     turned = positions[..., [1, 0, 2]]
-    assert find_facing(turned, np.array([0.0, 1.0])).forwards
-    assert not find_facing(turned, np.array([0.0, -1.0])).forwards
+    assert find_body_facing(turned, np.array([0.0, 1.0])).forwards
+    assert not find_body_facing(turned, np.array([0.0, -1.0])).forwards
 
 
 @pytest.mark.parametrize("front", [1.0, -1.0])
@@ -50,13 +50,13 @@ def test_moving_arms_are_in_front(front: float) -> None:
     trunk = np.array([[-0.05, 0, 1.4], [0.03, 0, 1.5], [0.0, 0, 1.3]])
     hand = np.stack([front * 0.6 * np.sin(swing), 0 * swing, 1.4 - 0.6 * np.cos(swing)], axis=1)
     positions = np.concatenate([np.broadcast_to(trunk, (100, 3, 3)), hand[:, None]], axis=1)
-    found = find_facing(positions, X)
+    found = find_body_facing(positions, X)
     assert found.rule == "reach"
     assert found.forwards == (front > 0)
 
 
 def test_a_motionless_body_has_no_facing_direction() -> None:
-    found = find_facing(np.broadcast_to(sitting_down(1.0)[:1], (50, 12, 3)), X)
+    found = find_body_facing(np.broadcast_to(sitting_down(1.0)[:1], (50, 12, 3)), X)
     assert not found.sure
     assert not found.forwards
-    assert not find_facing(np.full((10, 2, 3), np.nan), X).sure
+    assert not find_body_facing(np.full((10, 2, 3), np.nan), X).sure

@@ -40,7 +40,8 @@ def cut(context: Context) -> Outputs:
 
 def tell(context: Context) -> Outputs:
     refused = context.refused
-    reasons = [reason.as_dict() for reason in context.reasons]
+    every = dict.fromkeys(reason for artefact in context.inputs.values() for reason in artefact.reasons)
+    reasons = [reason.as_dict() for reason in every]
     if refused is not None:
         reasons.append(Reason(refused.code, refused.message, refused.value, refused.limit, "refused").as_dict())
     level = "refused" if refused else "ok"

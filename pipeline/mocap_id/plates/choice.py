@@ -16,14 +16,11 @@ from mocap_id.recording.model import Plate
 
 Use: TypeAlias = Literal["feet", "seat", "unloaded", "ignored"]
 
+# a plate is unloaded if its force is less than this fraction of the force of the most loaded plate
 _OFFSET_SHARE = 0.05
-"""A plate is unloaded if its force is less than this fraction of the force of the most loaded plate."""
-
+# Fraction of the decrease of the load when the person stands up. While the person stands, the force under an empty
+# chair varies by less than this, and the force under the feet by more.
 _STEADY = 0.05
-"""Fraction of the decrease of the load when the person stands up. While the person stands, the force under an empty
-chair varies by less than this, and the force under the feet by more.
-"""
-
 _CONFIGURED = "set in the configuration"
 
 
@@ -160,21 +157,13 @@ ZeroRule: TypeAlias = Literal["standing", "none"]
 
 GRAVITY = 9.81  # m/s^2
 
-_STILL_M_S = 0.02
-"""Largest vertical speed of a person who stands nearly still."""
-
+_STILL_M_S = 0.02  # largest vertical speed of a person who stands nearly still
+# A speed is the difference between heights this time before and after a sample. A shorter time gives more noise.
 _SPEED_OVER_S = 0.1
-"""A speed is the difference between heights this time before and after a sample. A shorter time gives more noise."""
-
 _MIN_TOTAL_S = 0.2
-
 _MIN_MASS_KG = 2.0
-
-_UNLOADED = 0.2
-"""Fraction of the standing weight. An upright person always loads the plates more, except in a jump."""
-
-_MIN_DROPOUT_S = 0.6
-"""Minimum duration of a drop-out. The flight of a jump is always shorter."""
+_UNLOADED = 0.2  # fraction of the standing weight. An upright person always loads the plates more, except in a jump.
+_MIN_DROPOUT_S = 0.6  # minimum duration of a drop-out. The flight of a jump is always shorter.
 
 
 def weigh_person(positions: FloatArray, rate: float, vertical: FloatArray) -> tuple[float | None, str | None]:
@@ -224,20 +213,10 @@ def measure_empty_chair(
     The reading is not zero if the plate was zeroed without the chair. It is the median over the samples in which the
     person stands, because the chair is then empty.
 
-    Parameters
-    ----------
-    wrench : (F, 3) array
-        Total (Fx, Fy, tauz) of the plates under the chair, N and N·m.
-    ok : (F,) bool array
-        Whether each sample has a value.
-    rule : {"standing", "none"}
-        ``none`` takes the reading as zero, because the plate was zeroed with the chair on it; ``standing`` measures it.
-
-    Returns
-    -------
-    reading, spread : (3,) arrays or None
-        Median (Fx, Fy, tauz) with the weight of the chair, N and N·m, and the standard deviation of its samples. The
-        median is None if too few samples have an empty chair; the standard deviation also if nothing is measured.
+    ``wrench`` (F, 3) is the total (Fx, Fy, tauz) of the plates under the chair, N and N·m, and ``ok`` (F,) says whether
+    each sample has a value. The rule ``none`` takes the reading as zero, because the plate was zeroed with the chair on
+    it. Return the median (3,) with the weight of the chair, None if too few samples have an empty chair; and the
+    standard deviation (3,) of its samples, None if nothing is measured.
     """
     if rule == "none":
         return np.zeros(3), None

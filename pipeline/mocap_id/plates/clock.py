@@ -38,18 +38,14 @@ _UNLOADED = 0.04  # fraction of the largest load below which nothing is measured
 _LEAST = 15  # smallest number of samples at an offset
 _KEPT = 0.5  # smallest fraction of samples and of movement that is measured by both at an offset
 _RISES_M, _OFF_CHAIR = 0.15, 0.4  # smallest rise of a body that sits down, and fraction of it above any chair
-
+# smaller coarse offsets are not applied, because the fit finds them; the error of the search is up to 0.04 s
 _NEAR_S = 0.08
-"""Smaller coarse offsets are not applied, because the fit finds them; the error of the search is up to 0.04 s."""
-
+# Largest cost at a peak as a fraction of the usual cost; the second value is for small movements, as in standing. At
+# the right offset it is 0.05 to 0.51 in real and simulated recordings.
 _CLEAR, _VERY_CLEAR = 0.65, 0.35
-"""Largest cost at a peak as a fraction of the usual cost; the second value is for small movements, as in standing. At
-the right offset it is 0.05 to 0.51 in real and simulated recordings."""
-
+# Ratio of costs below which two offsets are equally good; larger for offsets below the last value, s, which are common.
+# Repetitions of people differ by 1.5 and more.
 _EQUAL, _EQUAL_NEAR_0, _SYNCHRONOUS_S = 1.25, 1.5, 0.15
-"""Ratio of costs below which two offsets are equally good; larger for offsets below the last value, s, which are
-common. Repetitions of people differ by 1.5 and more."""
-
 _FLOOR = 0.12  # costs that differ by less than this fraction of the usual cost are equal
 # smallest relative cost with the low samples, and largest ratio of that without them, for which they are left out
 _WHOLE, _CLEARER = 0.3, 0.67
@@ -80,16 +76,9 @@ class ClockSearch:
 def find_clock_offset(
     plates: Sequence[Plate], positions: FloatArray, time: FloatArray, rate: float, *, frame_s: float
 ) -> ClockSearch:
-    """Find the clock offset of the plates to about 0.03 s.
+    """Find the clock offset of the plates to about 0.03 s, rounded to a multiple of ``frame_s``, s.
 
-    Parameters
-    ----------
-    plates : sequence of Plate
-        All loaded plates, under the feet or under a chair.
-    time : (F,) array
-        Times of ``positions`` (F, M, 3), s.
-    frame_s : float
-        The offset is rounded to a multiple of this time, s.
+    ``plates`` are all loaded plates, under the feet or under a chair; ``time`` (F,) are the times of ``positions``, s.
     """
     searches = (_search(plates, positions, time, rate, frame_s=frame_s, averaged=averaged) for averaged in _AVERAGED_S)
     first = next(searches)
@@ -103,8 +92,14 @@ def _search(
 ) -> ClockSearch:
     """Return the result with accelerations and forces averaged over the time ``averaged``, s, before and after."""
     half, beyond, groups = max(1, round(averaged * rate)), round(_RANGE_S * rate), group_by_height(positions)
-    if not plates or not groups or len(positions) < 4 * half or not _stands(positions):
+    if not plates or not groups or len(positions) < 4 * half:
         return ClockSearch()
+    # a marker must stay at its place and the others near it: the plates do not always carry a person who walks
+    with np.errstate(invalid="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # markers that are never visible
+        away = np.linalg.norm(np.subtract(*np.nanpercentile(positions[::4, :, :2], [98, 2], axis=0)), axis=1)
+        if not (np.nanmin(away) < _STAYS_M and np.nanmedian(away) < _TRAVELS_M):
+            return ClockSearch()
     second = (positions[2 * half :] - 2 * positions[half:-half] + positions[: -2 * half]) * (rate / half) ** 2
     acceleration = np.full((len(positions), len(groups)), np.nan)
     acceleration[half:-half] = np.stack([average_markers(second[:, group])[:, 2] for group in groups], axis=1)
@@ -176,18 +171,6 @@ def _search(
         listed = " or ".join(f"{each:+.2f} s" for each in (offset, *rivals))
         why = f"the movement repeats so regularly that the forces fit it equally well at offsets of {listed}"
     return ClockSearch(applied, offset, rivals, why)
-
-
-def _stands(positions: FloatArray) -> bool:
-    """Return whether a marker (F, M, 3) stays at its place and the others near it.
-
-    A walking person is not carried by the plates all the time.
-    """
-    with np.errstate(invalid="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # markers that are never visible
-        low, high = np.nanpercentile(positions[::4, :, :2], [2, 98], axis=0)
-        away = np.linalg.norm(high - low, axis=1)
-        return bool(np.nanmin(away) < _STAYS_M and np.nanmedian(away) < _TRAVELS_M)
 
 
 def _smooth(values: FloatArray, weights: FloatArray) -> FloatArray:

@@ -17,38 +17,24 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.plates.choice import GRAVITY
 from mocap_id.recording.marker_posture import find_upright, measure_body_height
 
-_STEP_S = 0.1
-"""Time step of the second differences that give the accelerations."""
-
+_STEP_S = 0.1  # time step of the second differences that give the accelerations
+# Fraction of the usual load. If the load is smaller, a chair, for example, may also exert a horizontal force.
 _MIN_SHARE = 0.6
-"""Fraction of the usual load. If the load is smaller, a chair, for example, may also exert a horizontal force."""
-
 _ANGLES = tuple(np.radians(np.arange(-175, 181, 5)).tolist())
 _MIN_TOTAL_S = 1.0
-
-_RISEN = 0.7
-"""Fraction of the rise of the body above which no chair touches it."""
-
+_RISEN = 0.7  # fraction of the rise of the body above which no chair touches it
+# a mean over this time is subtracted from forces and accelerations: objects that the person takes or puts down, and
+# hands on a support, change the force more slowly
 _SLOW_S = 2.0
-"""A mean over this time is subtracted from forces and accelerations: objects that the person takes or puts down, and
-hands on a support, change the force more slowly."""
-
+# time step of the accelerations of the whole course: a longer one, because repeated frames disturb them
 _COURSE_STEP_S = 0.15
-"""Time step of the accelerations of the whole course: a longer one, because repeated frames disturb them."""
-
+# least correlation of the height of a marker on the body with that of the highest markers; a lifted box has 0.5
 _WITH_BODY = 0.8
-"""Least correlation of the height of a marker on the body with that of the highest markers; a lifted box has 0.5."""
-
-_FRAMES = 3000
-"""Largest number of frames for this correlation."""
-
-_LATE_S = 1.0
-"""Largest clock offset between the files of one recording that is exported as one."""
-
+_FRAMES = 3000  # largest number of frames for this correlation
+_LATE_S = 1.0  # largest clock offset between the files of one recording that is exported as one
 _LAG_STEP_S = 0.04
 _MIN_COMPARED_S = 2.0
-_OVERLAP = 0.6
-"""Fraction of the samples that must be common at larger clock offsets."""
+_OVERLAP = 0.6  # fraction of the samples that must be common at larger clock offsets
 
 
 @dataclass(frozen=True)

@@ -19,27 +19,17 @@ from mocap_id.recording.lab_plates import PlateSamples, compute_centre_of_pressu
 from mocap_id.recording.marker_posture import find_upright, shows_standing
 from mocap_id.recording.model import Plate
 
+# largest rms distance of a marker on a standing foot from its mean position; for heels and toes it is 3 to 9 mm
 _STILL_M = 0.015
-"""Largest rms distance of a marker on a standing foot from its mean position; for heels and toes it is 3 to 9 mm."""
-
+# Markers within this height of the plate's surface are on the plate. Markers on a foot are at least 10 mm higher.
 _ON_SURFACE_M = 0.008
-"""Markers within this height of the plate's surface are on the plate. Markers on a foot are at least 10 mm higher."""
-
-_LOW_M = 0.15
-"""Markers on toes, heels and ankles are at most this much higher than the lowest marker."""
-
+_LOW_M = 0.15  # markers on toes, heels and ankles are at most this much higher than the lowest marker
+# a marker of the leg is above the foot: it is at most the first length higher, and horizontally within the second
 _LEG_M, _BESIDE_M = 0.6, 0.25
-"""A marker of the leg is above the foot: it is at most the first length higher, and horizontally within the second."""
-
+# largest distances between neighbouring markers of a foot, tried in turn: small ones separate feet close together
 _NEIGHBOUR_M = (0.2, 0.175, 0.15, 0.125)
-"""Largest distances between neighbouring markers of a foot, tried in turn: small ones separate feet close together."""
-
-_MIN_MARKERS = 2
-"""Minimum number of markers of a foot: one marker gives neither its length nor its direction."""
-
-_FRAMES = 20_000
-"""Largest number of frames over which positions are averaged; more frames would only need more memory."""
-
+_MIN_MARKERS = 2  # minimum number of markers of a foot: one marker gives neither its length nor its direction
+_FRAMES = 20_000  # largest number of frames over which positions are averaged; more frames would only need more memory
 _DIRECTIONS = np.stack([np.cos(np.radians(np.arange(0, 360, 2))), np.sin(np.radians(np.arange(0, 360, 2)))])
 
 
@@ -48,15 +38,9 @@ def find_standing_feet(
 ) -> list[FloatArray]:
     """Return the mean marker positions (K, 3), m, of each foot that stands still under a leg.
 
-    Parameters
-    ----------
-    samples : (F,) bool array
-        Frames to average over.
-    surface : float or None
-        Height of the plates' surface, m, to exclude the markers on it; None if it is not known.
-    count : int
-        Number of feet to look for. Markers are separated into smaller groups until at least this many feet are found.
-        The result can contain fewer or more feet.
+    ``samples`` (F,) marks the frames to average over. ``surface`` is the height of the plates' surface, m, to exclude
+    the markers on it; None if it is not known. Markers are separated into smaller groups until at least ``count`` feet
+    are found; the result can contain fewer or more.
     """
     chosen = np.flatnonzero(samples)
     considered = positions[chosen[:: -(-len(chosen) // _FRAMES) or 1]]
@@ -118,67 +102,41 @@ def measure_length(outline: FloatArray) -> float:
     return float(np.max(np.linalg.norm(outline[:, None] - outline[None], axis=-1)))
 
 
+# Minimum force of a sample, in N and as a fraction of the peak force. If the force is smaller, the centre of pressure
+# is too noisy.
 _MIN_FORCE_N, _MIN_SHARE = 50.0, 0.25
-"""Minimum force of a sample, in N and as a fraction of the peak force. If the force is smaller, the centre of pressure
-is too noisy.
-"""
-
+# percentile of the distances of the centre of pressure from the outline that is compared with the limits
 _PERCENTILE = 90.0
-"""Percentile of the distances of the centre of pressure from the outline that is compared with the limits."""
-
-_FOOT_M = 0.20
-"""Length from the heel markers to the toe markers. A shorter outline lacks one end of the foot."""
-
+_FOOT_M = 0.20  # length from the heel markers to the toe markers. A shorter outline lacks one end of the foot.
+# Least length of each foot's markers, and least width of the markers of all feet. From the ankle to the toes it is at
+# least 0.135 m. Markers of the toes alone, or of one foot alone, are at most 0.12 m long or wide.
 _BOTH_ENDS_M = 0.13
-"""Least length of each foot's markers, and least width of the markers of all feet. From the ankle to the toes it is at
-least 0.135 m. Markers of the toes alone, or of one foot alone, are at most 0.12 m long or wide.
-"""
-
-_FOOT_WIDTH_M = 0.05
-"""Least width of the markers of one foot; a narrower outline may follow only one edge of the foot."""
-
+_FOOT_WIDTH_M = 0.05  # least width of the markers of one foot; a narrower outline may follow only one edge of the foot
+# least length of the markers of two feet that are so close together that their markers form one group
 _TWO_FEET_M = 0.25
-"""Least length of the markers of two feet that are so close together that their markers form one group."""
-
+# Fraction of the standing weight. If the plates carry more while the body is low, a chair may stand on them.
 _WHOLE_WEIGHT = 0.75
-"""Fraction of the standing weight. If the plates carry more while the body is low, a chair may stand on them."""
-
+# a speed is the difference between the positions this time before and after a sample, divided by twice this time
 _STEP_S = 0.1
-"""A speed is the difference between the positions this time before and after a sample, divided by twice this time."""
-
-_SWAY_M_S = 0.03
-"""Largest speed of the markers' mean while a person stands still."""
-
-_PAUSE_S = 0.5
-"""Shortest time of standing still. In a shorter time, the mean acceleration may differ from zero."""
-
+_SWAY_M_S = 0.03  # largest speed of the markers' mean while a person stands still
+_PAUSE_S = 0.5  # shortest time of standing still. In a shorter time, the mean acceleration may differ from zero.
 _MIN_TOTAL_S = 1.0
-
+# a foot is beside a plate if the mean of its markers is farther than this outside the outline of the plate
 _PLACEMENT_BESIDE_M = 0.02
-"""A foot is beside a plate if the mean of its markers is farther than this outside the outline of the plate."""
-
+# If the centre of pressure is not farther than this from one foot, towards the other foot, the force acts under that
+# foot alone: a length, and a fraction of the distance of the feet. People who load both feet have 0.4 to 0.6.
 _UNDER_M, _UNDER_SHARE = 0.035, 0.2
-"""If the centre of pressure is not farther than this from one foot, towards the other foot, the force acts under that
-foot alone: a length, and a fraction of the distance of the feet. People who load both feet have 0.4 to 0.6."""
-
-_BEHIND = 0.8
-"""Largest cosine of the angle between a foot and the line from this foot to the other one."""
-
-_UNDER_NEARER = 0.3
-"""The same fraction, if the other foot is also beside all plates."""
-
+_BEHIND = 0.8  # largest cosine of the angle between a foot and the line from this foot to the other one
+_UNDER_NEARER = 0.3  # the same fraction, if the other foot is also beside all plates
+# About the middle of the body, the markers above the first value (a fraction of the height of the highest marker) are
+# mirrored: most images are within the second value of a marker. The middle is known if these are at least the third
+# value, a fraction of the markers: it is at least 0.93 in good recordings, and at most 0.67 if one side has no markers.
 _UPPER_BODY, _MIRRORED_M, _MIRRORED = 0.4, 0.06, 0.8
-"""About the middle of the body, the markers above the first value (a fraction of the height of the highest marker) are
-mirrored: most images are within the second value of a marker. The middle is known if these are at least the third
-value, a fraction of the markers: it is at least 0.93 in good recordings, and at most 0.67 if one side has no markers.
-"""
-
 _MIDDLE_STEP_M = 0.005
-
+# Largest distance of the centre of pressure from the centre of the plate if the moments are missing: if the body rises
+# or lowers, and if it does not. Good recordings of a rise have at least 0.025 m. The horizontal force adds up to 0.005
+# m.
 _PINNED_M, _PINNED_STILL_M = 0.008, 0.001
-"""Largest distance of the centre of pressure from the centre of the plate if the moments are missing: if the body rises
-or lowers, and if it does not. Good recordings of a rise have at least 0.025 m. The horizontal force adds up to 0.005 m.
-"""
 
 
 @dataclass(frozen=True)
@@ -304,15 +262,10 @@ def find_foot_beside(
     other foot and the feet are not both on one plate. The result is None if there is no such foot, or if the markers do
     not show two standing feet.
 
-    Returns
-    -------
-    foot : (K, 3) array
-        Mean positions of the markers on the foot, m.
-    beside : float
-        Distance of the foot from the outline of the nearest plate, m; NaN if a plate has no corners.
-    share : float
-        Distance of the centre of pressure from the other foot, divided by the distance of the feet: 0.5 if both feet
-        carry the same load, 0 if only the other foot carries load.
+    The first value is the mean position of each marker on the foot, (K, 3), m. The second is the distance of the foot
+    from the outline of the nearest plate, m; NaN if a plate has no corners. The third is the distance of the centre of
+    pressure from the other foot, divided by the distance of the feet: 0.5 if both feet carry the same load, 0 if only
+    the other foot carries load.
     """
     surfaces = [plate.centre[2] for plate in plates if plate.centre is not None]
     load = _measure_load(surfaces, samples, positions)

@@ -23,7 +23,6 @@ _QUIET = 0.1  # share of the maximum speed; below it, a person stands quietly
 _THRESHOLD_SDS = 4.0  # threshold in standard deviations of the chair force without contact
 _THRESHOLD_RANGE = 0.005, 0.1  # lowest and highest threshold, as shares of the standing weight
 _LOADED = 0.95  # quantile of the chair force that counts as its full load
-
 _POWERS = np.concatenate([[0.25, 0.5], np.arange(1.0, 5.01, 0.25)])
 _PRIOR_POWER, _PRIOR_SD = 3.0, 0.3
 _SHARE, _SHORTEST = 0.03, 0.05  # start of the fitted interval: this share of the full load, or this time, s, if earlier
@@ -102,12 +101,8 @@ def estimate_noise_on_chair(seat_force: FloatArray, height: FloatArray) -> float
     small in a standing person and largest in a seated one: for a leg that bends, their square is proportional to
     1 - h². A fit of this course to the squared force finds the noise in the samples without contact.
 
-    Parameters
-    ----------
-    seat_force : (R,) array
-        Vertical force of the chair in samples without contact, N, so that it is noise.
-    height : (R,) array
-        Height h of the hip in these samples, as in :class:`~mocap_id.protocols.repetitions.Posture`.
+    ``seat_force`` (R,) is the vertical force of the chair in samples without contact, N, so that it is noise, and
+    ``height`` (R,) the height h of the hip in these samples, as in :class:`~mocap_id.protocols.repetitions.Posture`.
     """
     known = np.isfinite(seat_force) & np.isfinite(height)
     if not known.any():
@@ -140,16 +135,9 @@ def extrapolate_release(time: FloatArray, force: FloatArray, last_visible: float
     p = 3, force, slope and curvature are all zero at the release. The prior was chosen on simulated trials. It does not
     suit chairs that are released in two stages.
 
-    Parameters
-    ----------
-    time : (T,) array
-        Sample times, s, ascending. If they are negated and reversed, the result is the first instant of contact.
-    force : (T,) array
-        Vertical force of the chair, N; NaN where unknown.
-    last_visible : float
-        Time of the last sample with a force above the noise, s.
-    full : float
-        Force of the loaded chair, N.
+    ``time`` (T,) are the sample times, s, ascending; if they are negated and reversed, the result is the first instant
+    of contact. ``force`` (T,) is the vertical force of the chair, N, NaN where unknown. ``last_visible`` is the time of
+    the last sample with a force above the noise, s, and ``full`` the force of the loaded chair, N.
     """
     left = time - last_visible
     with np.errstate(invalid="ignore"):
@@ -220,16 +208,8 @@ def find_contact(
             above_noise = find_contact_in_low_phases(posture, seat > threshold)
             touching = extend_contact_to_release(prepared.recorded.time, above_noise, seat)
         unmeasured = ~np.isfinite(prepared.recorded.seat.wrench[:, 1]) & ~find_samples_off_chair(posture)
-        return Contact(
-            bool(touching.any()),
-            touching,
-            everything,
-            unmeasured,
-            weight,
-            threshold,
-            "seat-plate",
-            above_noise=above_noise,
-        )
+        sits = bool(touching.any())
+        return Contact(sits, touching, everything, unmeasured, weight, threshold, "seat-plate", None, above_noise)
     weight = measure_standing_weight(posture, vertical)
     chair = uses_chair(posture, vertical, weight)
     if chair is False:
@@ -250,18 +230,12 @@ def find_contact(
     # the chair force is the Fy missing under the feet, which only a model fitted to Fy can predict
     if rule == "weight" or 1 not in prepared.settings.components or not determines_parameters(prepared, first):
         return Contact(True, by_weight, ~by_weight, ~first, weight, None, "weight")
-    return _find_contact_by_seat_force(prepared, posture, first, weight)
-
-
-def _find_contact_by_seat_force(prepared: PreparedTrial, posture: Posture, first: BoolArray, weight: float) -> Contact:
-    """Alternately fit a model to the free samples and find the contact with this model, until the contact converges.
-
-    Without convergence, samples with contact in either of the last two rounds are excluded. If the free samples of a
-    round would not determine a model, the search ends with the contact of the previous round.
-    """
+    # Alternately fit a model to the free samples and find the contact with this model, until the contact converges.
+    # Without convergence, samples with contact in either of the last two rounds are excluded. If the free samples of a
+    # round would not determine a model, the search ends with the contact of the previous round.
     rate = prepared.recorded.rate
     smooth = LowPass(min(2 * prepared.lowpass.cutoff, 10.0, rate / 5), rate)
-    free, before, touching, threshold, converged = first, ~first, ~first, 0.0, False
+    free, before, touching, limit, converged = first, ~first, ~first, 0.0, False
     missing = np.full(len(first), np.nan)
     for _ in range(_ROUNDS):
         found = fit(prepared, free)
@@ -270,9 +244,9 @@ def _find_contact_by_seat_force(prepared: PreparedTrial, posture: Posture, first
         missing = prepared.rows[:, 1] @ base - measured
         seat_force = smooth(missing[:, None])[:, 0]
         noise = estimate_noise_on_chair(seat_force[found.in_fit], posture.height[found.in_fit])
-        threshold = compute_contact_threshold(noise, weight)
+        limit = compute_contact_threshold(noise, weight)
         with np.errstate(invalid="ignore"):
-            above_noise = find_contact_in_low_phases(posture, seat_force > threshold)
+            above_noise = find_contact_in_low_phases(posture, seat_force > limit)
         if not determines_parameters(prepared, ~above_noise):
             break
         before, touching, free = touching, above_noise, ~above_noise
@@ -285,4 +259,4 @@ def _find_contact_by_seat_force(prepared: PreparedTrial, posture: Posture, first
     # a lost plate signal shows no chair force; only the height of the hips then excludes the chair
     carried = extended | (~np.isfinite(missing) & ~find_samples_off_chair(posture))
     extended = extended if determines_parameters(prepared, ~extended) else touching
-    return Contact(True, extended, ~extended, carried, weight, threshold, "seat-force", converged, touching)
+    return Contact(True, extended, ~extended, carried, weight, limit, "seat-force", converged, touching)

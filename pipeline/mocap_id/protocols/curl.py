@@ -9,7 +9,15 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import stdtrit
 
-from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray, IntArray, find_runs
+from mocap_id.arrays import (
+    NORMAL_95,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    find_complete_rows,
+    find_runs,
+    interpolate_gaps,
+)
 from mocap_id.dynamics.preparation import LowPass
 
 _NEAR = 0.02  # share of the amplitude: if the flexion is nearer to a turning point, the elbow rests
@@ -67,14 +75,9 @@ def find_curls(
     and the return are at least ``rules.complete`` times the rise in the large curls of the trial. An event, and the
     amplitude to it, are NaN if it may lie where the flexion is not measured.
 
-    Parameters
-    ----------
-    time : (T,) array
-        Sample times, s.
-    flexion, sd : (T,) arrays
-        Flexion of the elbow and its standard deviation, rad; NaN where unknown.
-    measured : (T,) bool array, optional
-        Samples in which the flexion is measured; by default, those in which it is known.
+    ``time`` (T,) are the sample times, s; ``flexion`` and ``sd`` (T,) are the flexion of the elbow and its standard
+    deviation, rad, NaN where unknown. ``measured`` (T,) marks the samples in which the flexion is measured; by default,
+    those in which it is known.
     """
     gaps = find_runs(~np.isfinite(flexion) if measured is None else ~(measured & np.isfinite(flexion)))
     holes = np.array([(time[gap.start], time[gap.stop - 1]) for gap in gaps]).reshape(-1, 2)
@@ -89,12 +92,35 @@ def find_curls(
     if not rises:
         return ()
     large = float(np.percentile([flexion[top] - flexion[low] for low, top in rises], _LARGE))
-    last = len(time) - 1
+    required = rules.complete * large
     curls = []
     for low, top in rises:
-        after = [turn for turn in turns if turn > top]
-        turn = (low, top, after[0] if after else last)
-        curls.append(_describe_curl(time, flexion, turn, rules.complete * large, holes))
+        back = next((turn for turn in turns if turn > top), len(time) - 1)
+        rise, fall = float(flexion[top] - flexion[low]), float(flexion[top] - flexion[back])
+        start = -_find_end_of_fall(-time[: top + 1][::-1], flexion[: top + 1][::-1], top - low)
+        end = _find_end_of_fall(time[top:], flexion[top:], back - top)
+        near = _NEAR * min(rise, max(fall, _NEAR * rise))
+        middle = float(time[_find_samples_near(-flexion, top, near)].mean())
+        why = ""
+        if rise < required:
+            why = f"the elbow rises by {np.degrees(rise):.0f}°, expected at least {np.degrees(required):.0f}°"
+        elif fall < required:
+            why, end = "the recording ends before the elbow is back", float("nan")
+        # an event is unknown if it may lie in a hole, a time without a measured flexion
+        hidden = {}
+        ends = (("start", low, flexion, start), ("top", top, -flexion, middle), ("end", back, flexion, end))
+        for name, turn, value, at in ends:
+            rest = _find_samples_near(value, turn, near)
+            first, after = time[max(rest[0] - 1, 0)], time[min(rest[-1] + 1, len(time) - 1)]
+            if name != "top" and after - first > _REST:  # only the end of a long rest matters
+                first, after = max(first, at - _BESIDE), min(after, at + _BESIDE)
+            inside = holes[(holes[:, 1] >= first) & (holes[:, 0] <= after)]
+            if len(inside) and not (name == "end" and np.isnan(end)):
+                hidden[name] = f"the arm is not measured at its {name} ({inside[0, 0]:.2f}–{inside[-1, 1]:.2f} s)"
+        start, middle, end = (float("nan") if name in hidden else at for name, _, _, at in ends)
+        amplitude = float("nan") if {"start", "top"} & set(hidden) else rise
+        text = "; ".join(hidden.values()) or why
+        curls.append(Curl(start, middle, end, amplitude, not why, text, bool(why and hidden)))
     return tuple(curls)
 
 
@@ -114,42 +140,6 @@ def _find_turning_points(values: FloatArray, least: float) -> IntArray:
     if rising is not None:
         turns.append(high if rising else low)
     return np.array(turns, dtype=np.int64)
-
-
-def _describe_curl(
-    time: FloatArray, flexion: FloatArray, turns: tuple[int, int, int], required: float, holes: FloatArray
-) -> Curl:
-    """Return the curl between three turning points; it is complete if it rises and returns by ``required``, rad.
-
-    ``holes`` (H, 2) are the first and last times without a measured flexion, s.
-    """
-    low, top, back = turns
-    rise, fall = float(flexion[top] - flexion[low]), float(flexion[top] - flexion[back])
-    start = -_find_end_of_fall(-time[: top + 1][::-1], flexion[: top + 1][::-1], top - low)
-    end = _find_end_of_fall(time[top:], flexion[top:], back - top)
-    at_top = _find_samples_near(-flexion, top, _NEAR * min(rise, max(fall, _NEAR * rise)))
-    middle = float(time[at_top].mean())
-    if rise < required:
-        why = f"the elbow rises by {np.degrees(rise):.0f}°, expected at least {np.degrees(required):.0f}°"
-    elif fall < required:
-        why, end = "the recording ends before the elbow is back", float("nan")
-    else:
-        why = ""
-    hidden = {}
-    ends = (("start", low, flexion, start), ("top", top, -flexion, middle), ("end", back, flexion, end))
-    for name, turn, value, at in ends:
-        rest = _find_samples_near(value, turn, _NEAR * min(rise, max(fall, _NEAR * rise)))
-        first, after = time[max(rest[0] - 1, 0)], time[min(rest[-1] + 1, len(time) - 1)]
-        if name != "top" and after - first > _REST:  # only the end of a long rest matters
-            first, after = max(first, at - _BESIDE), min(after, at + _BESIDE)
-        inside = holes[(holes[:, 1] >= first) & (holes[:, 0] <= after)]
-        if len(inside) and not (name == "end" and np.isnan(end)):
-            hidden[name] = f"the arm is not measured at its {name} ({inside[0, 0]:.2f}–{inside[-1, 1]:.2f} s)"
-    start, middle, end = (
-        float("nan") if name in hidden else at for name, at in (("start", start), ("top", middle), ("end", end))
-    )
-    amplitude = float("nan") if {"start", "top"} & set(hidden) else rise
-    return Curl(start, middle, end, amplitude, not why, "; ".join(hidden.values()) or why, bool(why and hidden))
 
 
 def _find_end_of_fall(time: FloatArray, flexion: FloatArray, turn: int) -> float:
@@ -242,30 +232,24 @@ def find_trial_end(time: FloatArray, axis: FloatArray, curls: tuple[Curl, ...], 
             why = f"the next curl takes {duration:.2f} s, expected {period:.2f} s ± {100 * rules.tempo:.0f} %"
             ends.append(TrialEnd(curl.start, "tempo", why))
             break
-    ends += _find_motion_out_of_plane(time, axis, [curl for curl in done if curl.timed], rules)
+    # the first sustained rotation of the elbow's axis from its direction in the first curl
+    timed = [curl for curl in done if curl.timed]
+    first = (time >= timed[0].start) & (time <= timed[0].end) if timed else np.zeros(len(time), bool)
+    if np.isfinite(axis[first]).any():
+        reference = np.nanmean(axis[first], axis=0)
+        with np.errstate(invalid="ignore"):
+            turned = np.arccos(np.clip(axis @ reference / np.linalg.norm(reference), -1, 1))
+            away = (turned > rules.plane) & (time >= timed[0].start) & (time <= timed[-1].end)
+        for run in find_runs(away):
+            if time[run.stop - 1] - time[run.start] >= rules.sustained:
+                degrees = np.degrees(np.nanmax(turned[run]))
+                why = f"the elbow's axis rotates by {degrees:.0f}°, expected at most {np.degrees(rules.plane):.0f}°"
+                ends.append(TrialEnd(float(time[run.start]), "plane", why))
+                break
     ends_known = [curl.end for curl in done if np.isfinite(curl.end)]
     last = ends_known[-1] if ends_known else float(time[-1])
     default = TrialEnd(last, "recording", "no rule ends the trial earlier")
     return min(ends, key=lambda end: end.time, default=default)
-
-
-def _find_motion_out_of_plane(time: FloatArray, axis: FloatArray, done: list[Curl], rules: CurlRules) -> list[TrialEnd]:
-    """Return the first sustained rotation of the elbow's axis from its first direction as an end; empty without it."""
-    if not done:
-        return []
-    first = (time >= done[0].start) & (time <= done[0].end)
-    if not np.isfinite(axis[first]).any():
-        return []
-    reference = np.nanmean(axis[first], axis=0)
-    with np.errstate(invalid="ignore"):
-        turned = np.arccos(np.clip(axis @ reference / np.linalg.norm(reference), -1, 1))
-        away = (turned > rules.plane) & (time >= done[0].start) & (time <= done[-1].end)
-    for run in find_runs(away):
-        if time[run.stop - 1] - time[run.start] >= rules.sustained:
-            degrees = np.degrees(np.nanmax(turned[run]))
-            why = f"the elbow's axis rotates by {degrees:.0f}°, expected at most {np.degrees(rules.plane):.0f}°"
-            return [TrialEnd(float(time[run.start]), "plane", why)]
-    return []
 
 
 _VARIES = 0.25  # share of the error of the angle's changes that differs from curl to curl
@@ -369,6 +353,7 @@ def fit_part_in_step(  # noqa: PLR0917
     return InStep(curve, size, (max(size - float(half), 0.0), size + float(half)), rest)
 
 
+_GRAVITY = 9.81  # m/s²
 _ELBOW_CUTOFF = 4.0  # Hz: the elbow rests or moves slowly
 
 
@@ -404,34 +389,22 @@ class ElbowTorque:
 
 
 def compute_elbow_torque(
-    time: FloatArray, axis: FloatArray, segments: Sequence[SegmentMotion], *, tilt: float, gravity: float = 9.81
+    time: FloatArray, axis: FloatArray, segments: Sequence[SegmentMotion], *, tilt: float
 ) -> ElbowTorque:
     """Return the torque of all muscles and devices about the elbow's axis.
 
-    Parameters
-    ----------
-    time : (T,) array
-        Sample times with constant step, s.
-    axis : (T, 3) array
-        Unit vector of the elbow's axis in the trial's axes; a positive rotation about it is flexion.
-    segments : sequence of SegmentMotion
-        Forearm, whose origin is the elbow, and hand.
-    tilt : float
-        Standard deviation of the forearm's direction, rad.
-    gravity : float
-        Acceleration of gravity, m/s², along -y.
+    ``time`` (T,) are the sample times with constant step, s. ``axis`` (T, 3) is the unit vector of the elbow's axis in
+    the trial's axes; a positive rotation about it is flexion. ``segments`` are the forearm, whose origin is the elbow,
+    and the hand. ``tilt`` is the standard deviation of the forearm's direction, rad. Gravity is along -y.
     """
     rate = (len(time) - 1) / (time[-1] - time[0])
     elbow = segments[0].origin
-    down = np.array([0.0, -gravity, 0.0])
+    down = np.array([0.0, -_GRAVITY, 0.0])
     total, weight_moment, variance = np.zeros(len(time)), np.zeros(len(time)), np.zeros(len(time))
     # acceleration of the segment's origin, from low-passed positions; zero if more than half of them are missing
-    known: BoolArray = np.asarray(np.isfinite(elbow).all(axis=1))
     acceleration = np.zeros_like(elbow)
-    if known.sum() >= len(known) // 2:
-        at = np.flatnonzero(known)
-        filled = np.stack([np.interp(np.arange(len(elbow)), at, elbow[at, i]) for i in range(3)], axis=1)
-        smooth = LowPass(_ELBOW_CUTOFF, rate)(filled)
+    if find_complete_rows(elbow).sum() >= len(elbow) // 2:
+        smooth = LowPass(_ELBOW_CUTOFF, rate)(interpolate_gaps(elbow))
         acceleration = np.gradient(np.gradient(smooth, axis=0), axis=0) * rate**2
     for k, motion in enumerate(segments):
         if k:
@@ -448,7 +421,7 @@ def compute_elbow_torque(
             torque = by_force + np.einsum("ti,ti->t", axis, moment)
             about_elbow = np.einsum("ti,tik,tk->t", axis, inertia, axis) + body.mass * np.sum(lever**2, axis=1)
             total += torque
-            weight_moment += body.mass * gravity * np.linalg.norm(lever, axis=1)
+            weight_moment += body.mass * _GRAVITY * np.linalg.norm(lever, axis=1)
             variance += (body.relative_sd * torque) ** 2 + (about_elbow * motion.sd_alpha) ** 2
     return ElbowTorque(total, np.sqrt(variance + (weight_moment * tilt) ** 2))
 

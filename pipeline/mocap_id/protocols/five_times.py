@@ -47,14 +47,9 @@ def find_failed_attempts(
     the chair decreases by at least 40 % between repetitions. Within a repetition, a decrease is not counted, because it
     is the start of the rise.
 
-    Parameters
-    ----------
-    time : (T,) array
-        Sample times, s.
-    vertical : (T,) array
-        Vertical force under the feet divided by the standing weight; NaN where unknown.
-    chair : bool or None
-        Whether a chair is used; None if unknown. Squats (False) have no failed attempts.
+    ``time`` (T,) are the sample times, s; ``vertical`` (T,) is the vertical force under the feet divided by the
+    standing weight, NaN where unknown. ``chair`` says whether a chair is used; None if unknown. Squats (False) have no
+    failed attempts.
     """
     if not posture.moves or chair is False:
         return ()
@@ -115,6 +110,8 @@ class Published(Result):
 
 _BOHANNON = "Bohannon, Percept Mot Skills 2006;103:215-222 (meta-analysis of 13 papers)"
 _WORSE = "worse than average for the age"
+_RECURRENT = "predicted recurrent falls with sensitivity 55 % and specificity 65 %"
+_FALLERS = "distinguished people who fall from others"
 _BUATOIS = "Buatois et al., J Am Geriatr Soc 2008;56:1575-1577"
 _GURALNIK = "Guralnik et al., J Gerontol A 2000;55:M221-M231"
 _DUNCAN = "Duncan et al., Arch Phys Med Rehabil 2011;92:1431"
@@ -125,21 +122,9 @@ PUBLISHED = [
         (11.4, "60 to 69 years", _WORSE, "not said", _BOHANNON),
         (12.6, "70 to 79 years", _WORSE, "not said", _BOHANNON),
         (14.8, "80 to 89 years", _WORSE, "not said", _BOHANNON),
-        (
-            15.0,
-            "2735 people of 65 years and older",
-            "predicted recurrent falls with sensitivity 55 % and specificity 65 %",
-            "not said",
-            _BUATOIS,
-        ),
+        (15.0, "2735 people of 65 years and older", _RECURRENT, "not said", _BUATOIS),
         (13.6, "older people", "associated with increased disability and morbidity", "fifth stand", _GURALNIK),
-        (
-            16.0,
-            "80 people with Parkinson's disease",
-            "distinguished people who fall from others",
-            "not said",
-            _DUNCAN,
-        ),
+        (16.0, "80 people with Parkinson's disease", _FALLERS, "not said", _DUNCAN),
     )
 ]
 

@@ -31,7 +31,6 @@ _TRAVELS = 0.8  # least way of a body that travels
 _STEPS = 0.25  # least way of the feet on a treadmill, and largest way of the trunk
 _LIFTED = 0.03  # least rise of feet and trunk in a jump
 _RIGID = 0.012  # largest standard deviation of a distance in one rigid body
-
 # Other limits
 _ENOUGH_HZ = 50.0  # frames per second that show a jump
 _SEEN = 0.3  # least share of the frames in which a marker is visible
@@ -68,22 +67,14 @@ def recognise_movement(labels: Sequence[str], positions: FloatArray, rate: float
 
     The kinds are ``sit-to-stand`` (also squats and lifts: feet that stand under a trunk that goes up and down),
     ``walking``, ``jumping``, ``reach`` and ``curl`` (landmarks of an arm that moves beside a thorax that stays),
-    ``still``, ``one-body`` (a single rigid body moves, such as the link of a robot) and ``unknown``.
-
-    Parameters
-    ----------
-    labels : sequence of str, length M
-    positions : (F, M, 3) array
-        Positions in lab axes with Z up, m; NaN if not visible.
-    rate : float
-        Frames per second.
+    ``still``, ``one-body`` (a single rigid body moves, such as the link of a robot) and ``unknown``. ``positions``
+    (F, M, 3) are in lab axes with Z up, m; NaN if not visible. ``rate`` is in frames per second.
     """
     step = max(1, int(rate / _ENOUGH_HZ))
     positions, rate = positions[::step], rate / step
     with warnings.catch_warnings():
-        warnings.filterwarnings(
-            "ignore", "All-NaN|Mean of empty", RuntimeWarning
-        )  # markers that are hidden for a while
+        # markers that are hidden for a while
+        warnings.filterwarnings("ignore", "All-NaN|Mean of empty", RuntimeWarning)
         part = positions[slice(*propose_window(positions, rate))]
         seen = np.isfinite(part).all(axis=2).sum(axis=0) > _SEEN * len(part)
         if seen.sum() < 2 or len(part) < 4:

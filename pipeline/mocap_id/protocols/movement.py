@@ -78,17 +78,11 @@ def find_movement(
 ) -> Movement:
     """Find the repetitions of a trial and the samples for its identification.
 
-    Parameters
-    ----------
-    protocol : {"free", "sit-to-stand", "robot-joint"}
-        Protocol of the trial.
-    prepared : PreparedTrial or None
-        The same trial with its regressor; None without a measured wrench. The posture alone then gives the repetitions.
-    rule, weight_share, knee_bend
-        Rule for chair contact and its thresholds; see :func:`mocap_id.protocols.chair_contact.find_contact`.
-    stands : bool
-        True if the person certainly stands in the recording. If this is False and nobody rises in a sit-to-stand
-        trial, the person may be seated all the time, and no sample is free.
+    ``prepared`` is the same trial with its regressor; without a measured wrench, it is None, and the posture alone
+    gives the repetitions. ``rule``, ``weight_share`` and ``knee_bend`` are as in
+    :func:`mocap_id.protocols.chair_contact.find_contact`. ``stands`` is True if the person certainly stands in the
+    recording. If not, and if nobody rises in a sit-to-stand trial, the person may be seated all the time, and no sample
+    is free.
     """
     everything = np.ones(len(recorded.time), dtype=bool)
     if protocol == "robot-joint":
@@ -98,24 +92,18 @@ def find_movement(
     body = compute_posture(recorded.q, recorded.dq, recorded.centres)
     if not body.moves:
         seated = recorded.seat is not None
+        consequence = "it is not certain that the person stands, so a chair may carry part of the body in every sample"
         if stands:
             consequence = "the person stands, so all samples are used for identification"
         elif seated:
             consequence = "the force of the chair is measured, so all samples are used for identification"
-        else:
-            consequence = (
-                "it is not certain that the person stands, so a chair may carry part of the body in every sample"
-            )
-        missing_rise = Reason(
-            "no-repetitions",
+        text = (
             f"no rise was found: the hip moves {100 * body.rise:.1f} cm up and down, too little for a "
             f"sit-to-stand; {consequence}. If the window contains only part of the movement, widen it. For another "
-            "movement without a chair, set `protocol: free`",
-            value=body.rise,
-            level="caution",
+            "movement without a chair, set `protocol: free`"
         )
         free = everything & (stands or seated)
-        return Movement(free, (), None, body, (missing_rise,), ~free)
+        return Movement(free, (), None, body, (Reason("no-repetitions", text, body.rise),), ~free)
     if prepared is None:
         repetitions = find_sit_to_stand_repetitions(recorded.time, body, None, chair=True)
         return Movement(everything, repetitions, None, body, (), ~find_samples_off_chair(body))
@@ -133,35 +121,32 @@ def find_facing(recorded: TrialData) -> int:
 
 def _explain_contact(contact: Contact, requested: ContactRule) -> tuple[Reason, ...]:
     if contact.chair is None:
-        reason = Reason(
-            "contact-unknown",
+        text = (
             "chair contact is unknown: the plates were not recorded while the person stands, or while the hips are "
             "low. Samples for identification were selected by the knee angle alone (rule `knee`), as if a chair were "
-            "used",
+            "used"
         )
-    elif not contact.chair:
-        reason = Reason(
-            "no-chair",
+        return (Reason("contact-unknown", text),)
+    if not contact.chair:
+        text = (
             "the feet carry the whole weight all the time: no chair is used, and all samples are used for "
-            "identification",
-            level="ok",
+            "identification"
         )
-    elif contact.rule not in (requested, "seat-plate"):
-        reason = Reason(
-            "contact-rule",
+        return (Reason("no-chair", text, level="ok"),)
+    if contact.rule not in (requested, "seat-plate"):
+        text = (
             f"the rule `{requested}` needs Fy among the fitted components and enough samples clearly off the chair; "
             f"contact was found from the weight under the feet instead (rule `{contact.rule}`), which misses some "
-            "contact",
+            "contact"
         )
-    elif contact.converged is False:
-        reason = Reason(
-            "contact-unsettled",
+        return (Reason("contact-rule", text),)
+    if contact.converged is False:
+        text = (
             "the iteration between the model and the chair contact did not converge; samples with contact in either of "
-            "the last two iterations were excluded, unless too few samples would remain",
+            "the last two iterations were excluded, unless too few samples would remain"
         )
-    else:
-        return ()
-    return (reason,)
+        return (Reason("contact-unsettled", text),)
+    return ()
 
 
 GRID = np.linspace(0.0, 1.0, 101)
@@ -180,8 +165,8 @@ class Averaged:
 
 
 @dataclass(frozen=True)
-class Agreement:
-    """Agreement of an angle with the same angle from another system, over the samples where both are known."""
+class AngleAgreement:
+    """AngleAgreement of an angle with the same angle from another system, over the samples where both are known."""
 
     r: float  # correlation; negative if the two angles have opposite signs
     offset: float  # mean difference, other system minus this program, rad
@@ -212,7 +197,7 @@ def average_repetitions(curves: FloatArray) -> Averaged:
     return Averaged(mean, np.sqrt(square / np.where(count > 1, count - 1, np.nan)), count)
 
 
-def compare_angles(ours: FloatArray, other: FloatArray) -> Agreement:
+def compare_angles(ours: FloatArray, other: FloatArray) -> AngleAgreement:
     """Compare an angle (T,), rad, with the same angle (T,) from another system; NaN where unknown.
 
     All numbers except ``samples`` are NaN if fewer than three samples have both angles, or if an angle is constant.
@@ -220,7 +205,7 @@ def compare_angles(ours: FloatArray, other: FloatArray) -> Agreement:
     both = np.isfinite(ours) & np.isfinite(other)
     count = int(both.sum())
     if count < 3 or np.ptp(ours[both]) == 0.0 or np.ptp(other[both]) == 0.0:
-        return Agreement(np.nan, np.nan, np.nan, count)
+        return AngleAgreement(np.nan, np.nan, np.nan, count)
     difference = other[both] - ours[both]
     r = float(np.corrcoef(ours[both], other[both])[0, 1])
-    return Agreement(r, float(difference.mean()), float(difference.std()), count)
+    return AngleAgreement(r, float(difference.mean()), float(difference.std()), count)

@@ -7,13 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.priors import (
-    Sex,
-    TableName,
-    estimate_height,
-    look_up_table,
-    scale_reference,
-)
+from mocap_id.dynamics.priors import Sex, TableName, estimate_height, look_up_table, scale_reference
 from mocap_id.verdict import Reason
 
 
@@ -44,34 +38,21 @@ def build_reference_body(
 ) -> ReferenceBody:
     """Build the reference body for a chain of foot, shank, thigh and torso, or with pelvis and trunk instead of torso.
 
-    Parameters
-    ----------
-    name : {"winter", "de-leva"}
-        Allometric table.
-    centres : (n, 2) array
-        Joint centres in the axes of the previous segment, m.
-    facing : {-1, 1}
-        1 if the person faces x in the plane's axes, -1 for -x.
-    height, mass, sex : optional
-        Height, m, mass, kg, and sex given by the user. A missing height is estimated from shank and thigh, and a
-        missing mass is ``plate_mass``. Without the sex, the mean of de Leva's two tables is used.
-    plate_mass : float or None
-        Mass measured by the plates, kg; None if unknown.
-    standing : (n,) array or None
-        Angle of each segment in the plane while the person stands, rad; None if unknown.
+    ``centres`` (n, 2) are the joint centres in the axes of the previous segment, m. ``facing`` is 1 if the person faces
+    x in the plane's axes, -1 for -x. ``height``, m, ``mass``, kg, and ``sex`` are given by the user. Without them, the
+    height is estimated from shank and thigh, the mass is ``plate_mass``, measured by the plates, kg, and the mean of de
+    Leva's two tables is used. ``standing`` (n,) are the angles of the segments in the plane while the person stands,
+    rad; None if unknown.
     """
     if len(centres) not in (3, 4):
-        return make_empty_reference(
-            len(centres), f"the tables are for chains of 4 or 5 segments, and this one has {len(centres) + 1}"
-        )
-    if mass is None and plate_mass is None:
-        return make_empty_reference(
-            len(centres), "the mass of the person is unknown, as no plate measures it; give `subject: {mass: …}`"
-        )
+        why = f"the tables are for chains of 4 or 5 segments, and this one has {len(centres) + 1}"
+        return make_empty_reference(len(centres), why)
     reference = look_up_table(name, sex)
     assumed: list[str] = []
     if mass is None:
-        assert plate_mass is not None
+        if plate_mass is None:
+            why = "the mass of the person is unknown, as no plate measures it; give `subject: {mass: …}`"
+            return make_empty_reference(len(centres), why)
         mass = plate_mass
         assumed.append(f"a mass of {mass:.1f} kg, from the plates")
     if height is None:
@@ -85,22 +66,12 @@ def build_reference_body(
     if assumed:
         message = f"the reference body ({name}) assumes {'; '.join(assumed)}; give these values under `subject:`"
         reasons = (Reason("reference-assumed", message, level="ok"),)
-    return ReferenceBody(
-        table=name,
-        parameters=scale_reference(reference, centres, height, mass, facing, standing=standing),
-        height=height,
-        mass=mass,
-        assumed=tuple(assumed),
-        why=None,
-        reasons=reasons,
-    )
+    parameters = scale_reference(reference, centres, height, mass, facing, standing=standing)
+    return ReferenceBody(name, parameters, height, mass, tuple(assumed), None, reasons)
 
 
 def make_empty_reference(joints: int, why: str | None) -> ReferenceBody:
-    """Return a reference body without parameters for a chain with ``joints`` joints.
-
-    If ``why`` is given, it is also a note for the verdict.
-    """
+    """Return a reference body without parameters; if ``why`` is given, it is also a note for the verdict."""
     reasons: tuple[Reason, ...] = ()
     if why is not None:
         reasons = (Reason("no-reference", f"there is no reference body for a comparison: {why}", level="ok"),)

@@ -18,11 +18,9 @@ STANDING = 0.9
 QUIET = 0.1
 """Share of the largest speed below which a person who is upright stands quietly."""
 
+# The hip is the first joint from the ground that rises by this share of the largest rise of any joint. The knee rises
+# less. The shoulder, or a joint within the trunk, also moves up and down when the trunk leans.
 _HIP = 0.5
-"""The hip is the first joint from the ground that rises by this share of the largest rise of any joint.
-
-The knee rises less. The shoulder, or a joint within the trunk, also moves up and down when the trunk leans."""
-
 _LEAST_RISE = 0.15  # share of the length of the leg; a smaller rise is not a sit-to-stand
 
 
@@ -241,17 +239,9 @@ def measure_support(
     quarter of the rise, it may act on the chair, so these samples are used only if the chair has its own plate. Hands
     that push on the person's own thighs are not found, because this is an internal force. The result is NaN if unknown.
 
-    Parameters
-    ----------
-    time : (T,) array
-        Sample times, s.
-    missing : (T,) array
-        Vertical ground force predicted by a body model minus the measured force, N. Its median in quiet standing is
-        the error of the model and is subtracted.
-    weight : float
-        Standing weight, N.
-    seat_measured : bool
-        Whether the chair force is measured and excluded from ``missing``.
+    ``missing`` (T,) is the vertical ground force predicted by a body model minus the measured force, N; its median in
+    quiet standing is the error of the model and is subtracted. ``weight`` is the standing weight, N. ``seat_measured``
+    says whether the chair force is measured and excluded from ``missing``.
     """
     with np.errstate(invalid="ignore"):
         quiet = (posture.height > STANDING) & (posture.speed < QUIET * np.nanmax(posture.speed))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.protocols.five_times import Attempt
-from mocap_id.protocols.repetitions import STANDING, SUPPORT_LIMIT, Posture, Repetition, RiseDetails
+from mocap_id.protocols.repetitions import NAN, STANDING, SUPPORT_LIMIT, Posture, Repetition, RiseDetails
 from mocap_id.verdict import Reason
 
 _STILL = 0.05  # share of the peak speed; in a pause, the speed is lower
@@ -30,8 +30,17 @@ def find_sit_to_stand_repetitions(
         return ()
     if chair is not False:
         return tuple(_describe_rise(time, posture, touching, up) for up in find_runs(posture.upright))
-    down = [run for run in find_runs(~posture.upright) if run.start > 0 and run.stop < len(time)]
-    return tuple(_describe_squat(time, posture, run) for run in down)
+    squats = []
+    for down in find_runs(~posture.upright):
+        if down.start == 0 or down.stop == len(time):  # not between two upright phases
+            continue
+        before, after = _find_neighbours(~posture.upright, down)
+        start = _find_rest(time, posture, before, _find_peak_speed(posture.speed, before, down), last=True)
+        stand = _find_rest(time, posture, after, _find_peak_speed(posture.speed, down, after))
+        why = ["the recording begins during the descent"] if np.isnan(start) else []
+        why += ["the recording ends during the rise"] if np.isnan(stand) else []
+        squats.append(Repetition(start, NAN, stand, NAN, stand, not why, "; ".join(why)))
+    return tuple(squats)
 
 
 def estimate_event_sd(
@@ -117,19 +126,6 @@ def _is_below_top(posture: Posture, up: slice, end: int) -> bool:
     return bool(len(known) and known.max() - known[end] > _LEVEL)
 
 
-def _describe_squat(time: FloatArray, posture: Posture, down: slice) -> Repetition:
-    """Return the repetition with the low phase ``down``, which is between two upright phases."""
-    before, after = _find_neighbours(~posture.upright, down)
-    start = _find_rest(time, posture, before, _find_peak_speed(posture.speed, before, down), last=True)
-    stand = _find_rest(time, posture, after, _find_peak_speed(posture.speed, down, after))
-    why = []
-    if np.isnan(start):
-        why.append("the recording begins during the descent")
-    if np.isnan(stand):
-        why.append("the recording ends during the rise")
-    return Repetition(start, float("nan"), stand, float("nan"), stand, not why, "; ".join(why))
-
-
 def _find_peak_speed(speed: FloatArray, *parts: slice) -> float:
     """Return the largest known speed in the given parts of the recording; 0 if no speed is known."""
     joined = np.concatenate([speed[part] for part in parts])
@@ -174,21 +170,17 @@ _RISING = 0.25  # share of the rise above which the last sample belongs to a ris
 
 def add_remarks(repetition: Repetition, rise: RiseDetails) -> Repetition:
     """Return the repetition with remarks on its rise in ``why``; it is incomplete if it does not reach standing."""
-    partial = ""
+    remarks = [repetition.why] if repetition.why else []
     if rise.reached < STANDING:
-        partial = f"reaches only {100 * rise.reached:.0f} % of the standing height"
-    support = ""
+        remarks.append(f"reaches only {100 * rise.reached:.0f} % of the standing height")
+    if rise.attempts:
+        remarks.append(f"{rise.attempts} failed attempt{'' if rise.attempts == 1 else 's'} before")
+    if rise.held > 0:
+        remarks.append(f"paused for {rise.held:.1f} s during the rise")
     if rise.support > SUPPORT_LIMIT:
-        support = f"{100 * rise.support:.0f} % of the weight carried by an unknown support"
-    remarks = (
-        repetition.why,
-        partial,
-        "" if not rise.attempts else f"{rise.attempts} failed attempt{'' if rise.attempts == 1 else 's'} before",
-        "" if not rise.held > 0 else f"paused for {rise.held:.1f} s during the rise",
-        support,
-    )
-    why = "; ".join(remark for remark in remarks if remark)
-    return replace(repetition, complete=repetition.complete and not partial, why=why)
+        remarks.append(f"{100 * rise.support:.0f} % of the weight carried by an unknown support")
+    complete = repetition.complete and not rise.reached < STANDING
+    return replace(repetition, complete=complete, why="; ".join(remarks))
 
 
 def explain_repetitions(
@@ -209,56 +201,38 @@ def explain_repetitions(
     if attempts:
         times = ", ".join(f"{attempt.time_s:.1f} s" for attempt in attempts)
         highest = max(attempt.height for attempt in attempts)
-        reasons.append(
-            Reason(
-                "attempt-failed",
-                f"an attempt to rise failed {'once' if len(attempts) == 1 else f'{len(attempts)} times'} (at {times}): "
-                f"the hips rose up to {100 * max(highest, 0.0):.0f} % of the way to standing and returned to the seat. "
-                "Failed attempts are not counted as repetitions",
-                value=float(len(attempts)),
-            )
+        text = (
+            f"an attempt to rise failed {'once' if len(attempts) == 1 else f'{len(attempts)} times'} (at {times}): "
+            f"the hips rose up to {100 * max(highest, 0.0):.0f} % of the way to standing and returned to the seat. "
+            "Failed attempts are not counted as repetitions"
         )
+        reasons.append(Reason("attempt-failed", text, float(len(attempts))))
     numbered = list(enumerate(rises, start=1))
-    partial = {k: rise.reached for k, rise in numbered if rise.reached < STANDING}
+    partial = {str(k): rise.reached for k, rise in numbered if rise.reached < STANDING}
     if partial:
         lowest = min(partial.values())
-        reasons.append(
-            Reason(
-                "rise-partial",
-                f"the person does not fully stand in repetition {_list(partial)}: the hips reach {100 * lowest:.0f} % "
-                "of the height of the other repetitions. It is marked as incomplete and not counted in the five-times "
-                "test",
-                value=lowest,
-                limit=STANDING,
-            )
+        text = (
+            f"the person does not fully stand in repetition {', '.join(partial)}: the hips reach {100 * lowest:.0f} % "
+            "of the height of the other repetitions. It is marked as incomplete and not counted in the five-times "
+            "test"
         )
-    paused = {k: rise.held for k, rise in numbered if rise.held > 0}
+        reasons.append(Reason("rise-partial", text, lowest, STANDING))
+    paused = {str(k): rise.held for k, rise in numbered if rise.held > 0}
     if paused:
         longest = max(paused.values())
-        reasons.append(
-            Reason(
-                "rise-paused",
-                f"the person pauses between seat and standing in repetition {_list(paused)}, for up to {longest:.1f} "
-                "s; the times of the repetition include the pause",
-                value=longest,
-            )
+        text = (
+            f"the person pauses between seat and standing in repetition {', '.join(paused)}, for up to {longest:.1f} "
+            "s; the times of the repetition include the pause"
         )
-    supported = {k: rise.support for k, rise in numbered if rise.support > SUPPORT_LIMIT}
+        reasons.append(Reason("rise-paused", text, longest))
+    supported = {str(k): rise.support for k, rise in numbered if rise.support > SUPPORT_LIMIT}
     if supported:
         most = max(supported.values())
-        reasons.append(
-            Reason(
-                "support-unexplained",
-                f"in the rise of repetition {_list(supported)}, up to {100 * most:.0f} % of the weight is carried "
-                "neither by the plates nor, at this height, by a chair: arms on an armrest or rail, or a helping hand. "
-                "These samples are used for identification, so parameters and torques are biased; seat-off may be "
-                "found late. In these rises, and in the sitting before them, joint torques are unknown (NaN)",
-                value=most,
-                limit=SUPPORT_LIMIT,
-            )
+        text = (
+            f"in the rise of repetition {', '.join(supported)}, up to {100 * most:.0f} % of the weight is carried "
+            "neither by the plates nor, at this height, by a chair: arms on an armrest or rail, or a helping hand. "
+            "These samples are used for identification, so parameters and torques are biased; seat-off may be "
+            "found late. In these rises, and in the sitting before them, joint torques are unknown (NaN)"
         )
+        reasons.append(Reason("support-unexplained", text, most, SUPPORT_LIMIT))
     return tuple(reasons)
-
-
-def _list(numbers: Iterable[int]) -> str:
-    return ", ".join(map(str, numbers))

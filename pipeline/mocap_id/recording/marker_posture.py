@@ -38,7 +38,7 @@ class Facing:
 
     forwards: bool  # whether the body faces the positive direction of the line
     displacement: float  # displacement along the line on which the conclusion is based, m
-    rule: str  # "knees", "reach" or "none", see :func:`find_facing`
+    rule: str  # "knees", "reach" or "none", see :func:`find_body_facing`
 
     @property
     def sure(self) -> bool:
@@ -100,7 +100,7 @@ def shows_standing(positions: FloatArray, samples: BoolArray) -> bool:
     return legs > _FLAT or bool(find_upright(positions)[1].any())
 
 
-def find_facing(positions: FloatArray, direction: FloatArray) -> Facing:
+def find_body_facing(positions: FloatArray, direction: FloatArray) -> Facing:
     """Determine in which direction a body faces along a horizontal line with the unit vector ``direction`` (2,).
 
     ``positions`` (F, M, 3) are in lab axes with Z up, m; NaN if not visible. Rule "knees": if the body changes its

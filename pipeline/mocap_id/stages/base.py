@@ -66,11 +66,6 @@ class Context:
         assert isinstance(artefact, store.Tree)
         return artefact
 
-    @property
-    def reasons(self) -> tuple[Reason, ...]:
-        """Reasons of all inputs, in the order of the inputs and without repetitions."""
-        return tuple(dict.fromkeys(reason for artefact in self.inputs.values() for reason in artefact.reasons))
-
 
 class Findings:
     """Facts and reasons of an artefact, in the order in which a stage finds them."""

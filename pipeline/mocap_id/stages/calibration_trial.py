@@ -34,11 +34,8 @@ def get_calibration(trial: TrialKeys) -> Calibration:
 def read_chain(calibration: Calibration) -> Tree:
     """Read chain.h5 of the calibration trial.
 
-    Raises
-    ------
-    RecordingError
-        The file is missing or damaged. Or its chain is in space although a chain in the plane is expected, or the
-        reverse.
+    Raises RecordingError if the file is missing or damaged, or if its chain is in space although a chain in the plane
+    is expected, or the reverse.
     """
     path = calibration.chain
     from mocap_id.store import hdf5  # noqa: PLC0415  the settings of the stages do not need it
@@ -52,13 +49,7 @@ def read_chain(calibration: Calibration) -> Tree:
 
 
 def read_states(calibration: Calibration) -> Table:
-    """Read states.parquet of the calibration trial, for a trial without markers.
-
-    Raises
-    ------
-    RecordingError
-        The file is missing or damaged.
-    """
+    """Read states.parquet of the calibration trial, for a trial without markers."""
     assert calibration.states is not None
     from mocap_id.store import parquet  # noqa: PLC0415  as above
 

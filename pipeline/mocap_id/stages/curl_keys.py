@@ -9,16 +9,11 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 from mocap_id.stages.base import Settings
 
 Vector: TypeAlias = tuple[float, float, float]
-_FARTHEST = 0.6
-"""Largest distance of a body from the origin of its segment, m."""
+_FARTHEST = 0.6  # largest distance of a body from the origin of its segment, m
 
 
-def _convert_number(value: object) -> object:
-    """Return a whole number as text, because `condition: 5` is a name; return any other value unchanged."""
-    return str(value) if type(value) is int else value
-
-
-ConditionName: TypeAlias = Annotated[str, BeforeValidator(_convert_number)]
+# a whole number becomes a text, because `condition: 5` is a name
+ConditionName: TypeAlias = Annotated[str, BeforeValidator(lambda value: str(value) if type(value) is int else value)]
 """Name of a condition of a study, such as C, AC or 5."""
 
 

@@ -13,24 +13,20 @@ def find_markers(labels: Sequence[str], patterns: Sequence[str], key: str) -> tu
     """Return the indices, in ascending order, of the markers that match labels or patterns such as ``L*WR*``.
 
     A pattern that is also the label of a marker selects only this marker, because camera software gives unlabelled
-    markers names such as ``*12``.
-
-    Raises
-    ------
-    ConfigError
-        No marker matches a pattern; the message begins with ``key``, the key in the configuration.
+    markers names such as ``*12``. If no marker matches a pattern, the message of the ConfigError begins with ``key``,
+    the key in the configuration.
     """
-    matches = {pattern: _find_matches(labels, pattern) for pattern in patterns}
+    matches = {
+        pattern: {
+            i
+            for i, label in enumerate(labels)
+            if (label == pattern if pattern in labels else fnmatchcase(label, pattern))
+        }
+        for pattern in patterns
+    }
     unmatched = [pattern for pattern, indices in matches.items() if not indices]
     if unmatched:
         near = get_close_matches(unmatched[0], labels, n=1)
         hint = f"; did you mean {near[0]}?" if near else f"; the markers are {', '.join(labels)}"
         raise ConfigError(f"{key}: no marker is called {', '.join(unmatched)}{hint}")
     return tuple(sorted(set().union(*matches.values())))
-
-
-def _find_matches(labels: Sequence[str], pattern: str) -> set[int]:
-    """Return the index of the marker with this label, or else the indices of the markers that match the pattern."""
-    if pattern in labels:
-        return {i for i, label in enumerate(labels) if label == pattern}
-    return {i for i, label in enumerate(labels) if fnmatchcase(label, pattern)}

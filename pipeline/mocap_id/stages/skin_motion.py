@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray, as_complex, as_xy, chunks
+from mocap_id.arrays import FloatArray, as_complex, as_xy, chunks, interpolate_gaps
 from mocap_id.estimation.space import SpatialStates
 from mocap_id.estimation.space.frame_poses import remove_fast_part
 from mocap_id.geometry import so3
@@ -21,14 +21,8 @@ from mocap_id.store.schemas import SKIN
 def make_skin_tree(skin: SkinModel, labels: Sequence[str], camera_sd: float | None, basis: str) -> Tree:
     """Return the content of skin.h5 for a model of skin motion.
 
-    Parameters
-    ----------
-    labels : sequence of str
-        Labels of the markers.
-    camera_sd : float or None
-        Standard deviation of the camera noise of a coordinate, m; None without cameras.
-    basis : str
-        Name of the data from which the variances were estimated.
+    ``camera_sd`` is the standard deviation of the camera noise of a coordinate, m; None without cameras. ``basis`` is
+    the name of the data from which the variances were estimated.
     """
     data = {
         "joints": {"centre": as_xy(skin.centres), "mean_angle": skin.mean},
@@ -62,12 +56,10 @@ def read_skin_tree(tree: Tree) -> SkinModel:
     )
 
 
-_ROUNDS = 4
-"""Number of rounds; each multiplies the error by the share of the rotation that the skin misses, about 0.2."""
-_COMMON = 0.05
-"""Standard deviation of the share of the axial rotation that the skin beside the next joint misses."""
+_ROUNDS = 4  # number of rounds; each multiplies the error by the share of the rotation that the skin misses, about 0.2
+_COMMON = 0.05  # standard deviation of the share of the axial rotation that the skin beside the next joint misses
+# ratio of the share that all skin of a segment may miss to the share under its sensor, from simulated arms
 _ALL_MISS = 0.5
-"""Ratio of the share that all skin of a segment may miss to the share under its sensor, from simulated arms."""
 
 
 def fit_cluster_poses(points: FloatArray, chain: SpatialChain) -> tuple[FloatArray, FloatArray]:
@@ -96,52 +88,35 @@ def correct_axial_rotation(points: FloatArray, chain: SpatialChain) -> FloatArra
     When a segment rotates by τ about its long axis l, the skin under a marker misses the share s of this rotation: in
     the axes of the segment, the marker is at exp(-s τ l) x instead of x. The rotation follows from the poses of the
     segments, which have the same error; poses and rotation are therefore computed alternately. A corrected marker is
-    NaN if the pose of its segment is unknown.
-
-    Parameters
-    ----------
-    points : (F, M, 3) array
-        Measured markers, m; NaN where missing.
-    chain : SpatialChain
-        Fitted chain, which contains the share that the skin under each marker misses.
+    NaN if the pose of its segment is unknown. ``chain`` contains the share that the skin under each marker misses.
     """
     if not np.any(chain.skin):
         return points
     rotations, origins = fit_cluster_poses(points, chain)
     segments = np.unique(chain.segment[chain.skin != 0]).tolist()
     for k in range(1, _ROUNDS + 1):
-        angles = _measure_axial_rotations(rotations, chain)
+        # axial rotation of each moving segment, without jumps and interpolated where unknown
+        angles = np.zeros((len(rotations), len(chain.joints)))
+        for j, joint in enumerate(chain.joints):
+            relative = np.swapaxes(rotations[:, joint.parent], 1, 2) @ rotations[:, j + 1]
+            known = np.flatnonzero(np.isfinite(relative).all(axis=(1, 2)))
+            if len(known):
+                angle = np.unwrap(joint.twist(relative[known]))
+                angle = angle - 2 * np.pi * np.round(np.median(angle) / (2 * np.pi))
+                angles[:, j] = np.interp(np.arange(len(rotations)), known, angle)
+        # each marker is turned back by the part that the skin misses
         corrected = points.copy()
         for part in chunks(len(points)):
-            _rotate_back(corrected[part], angles[part], rotations[part], origins[part], chain)
+            for j, joint in enumerate(chain.joints, start=1):
+                here = np.flatnonzero((chain.segment == j) & (chain.skin != 0))
+                own, origin = rotations[part, j], origins[part, j, None]
+                seen = np.einsum("fji,fmj->fmi", own, points[part, here] - origin)
+                turn = so3.exp(angles[part, j - 1, None, None] * chain.skin[here, None] * joint.long_axis)
+                turned = np.einsum("fij,fmj->fmi", own, np.einsum("fmij,fmj->fmi", turn, seen))
+                corrected[part, here] = turned + origin
         if k < _ROUNDS:
             _fit_clusters(corrected, chain, segments, rotations, origins)
     return corrected
-
-
-def _measure_axial_rotations(rotations: FloatArray, chain: SpatialChain) -> FloatArray:
-    """Return the axial rotation (F, n) of each moving segment, rad, without jumps and interpolated where unknown."""
-    angles = np.zeros((len(rotations), len(chain.joints)))
-    every = np.arange(len(rotations))
-    for k, joint in enumerate(chain.joints):
-        relative = np.swapaxes(rotations[:, joint.parent], 1, 2) @ rotations[:, k + 1]
-        known = np.flatnonzero(np.isfinite(relative).all(axis=(1, 2)))
-        if len(known):
-            angle = np.unwrap(joint.twist(relative[known]))
-            angles[:, k] = np.interp(every, known, angle - 2 * np.pi * np.round(np.median(angle) / (2 * np.pi)))
-    return angles
-
-
-def _rotate_back(
-    points: FloatArray, angles: FloatArray, rotations: FloatArray, origins: FloatArray, chain: SpatialChain
-) -> None:
-    """Rotate ``points`` (f, M, 3) in place by the part of ``angles`` (f, n), rad, that the skin misses."""
-    for k, joint in enumerate(chain.joints, start=1):
-        here = np.flatnonzero((chain.segment == k) & (chain.skin != 0))
-        own, origin = rotations[:, k], origins[:, k, None]
-        seen = np.einsum("fji,fmj->fmi", own, points[:, here] - origin)
-        turn = so3.exp(angles[:, k - 1, None, None] * chain.skin[here, None] * joint.long_axis)
-        points[:, here] = np.einsum("fij,fmj->fmi", own, np.einsum("fmij,fmj->fmi", turn, seen)) + origin
 
 
 def add_axial_rotation_errors(
@@ -151,16 +126,9 @@ def add_axial_rotation_errors(
 
     If this share has the error c, the estimated rotation of the segment has the error c τ about its long axis, where τ
     is its axial rotation. This is an error of the joint before the segment and, with opposite sign, of those after it.
-
-    Parameters
-    ----------
-    chain : SpatialChain
-        Fitted chain with the standard deviations of the shares.
-    common : float
-        Standard deviation of an error of the share that is the same for all markers of a segment.
-    missed : mapping from int to float, optional
-        Share that the skin under an inertial sensor misses in comparison with the markers, by number of the segment.
-        For these segments, the uncertainty of velocities and accelerations follows from this share alone.
+    ``common`` is the standard deviation of an error of the share that is the same for all markers of a segment.
+    ``missed`` is the share that the skin under an inertial sensor misses in comparison with the markers, by number of
+    the segment. For these segments, the uncertainty of velocities and accelerations follows from this share alone.
     """
     if not len(chain.skin_sd):
         return states
@@ -197,15 +165,7 @@ def correct_cluster_slides(points: FloatArray, chain: SpatialChain, rate: float)
 
     Each cluster is shifted so that its joint centre agrees with the same centre in the cluster before it. Only the
     difference between two clusters is known, so the mean shift of all clusters is zero. Rotations do not change.
-
-    Parameters
-    ----------
-    points : (F, M, 3) array
-        Markers, m; NaN where missing.
-    chain : SpatialChain
-        Fitted chain; ``slide_sd`` is 0 for a joint without slides.
-    rate : float
-        Frames per second.
+    ``rate`` is in frames per second; ``slide_sd`` of the chain is 0 for a joint without slides.
     """
     if not any(joint.slide_sd for joint in chain.joints):
         return points
@@ -217,14 +177,6 @@ def correct_cluster_slides(points: FloatArray, chain: SpatialChain, rate: float)
             base = rotations[:, joint.parent]
             centre = joint.origin(np.swapaxes(base, 1, 2) @ rotations[:, k])
             apart = origins[:, k] - origins[:, joint.parent] - np.einsum("fij,fj->fi", base, centre)
-            shifts[:, k] += remove_fast_part(_fill_gaps(apart), rate)
+            shifts[:, k] += remove_fast_part(interpolate_gaps(apart), rate)
     shifts -= shifts.mean(axis=1, keepdims=True)
     return np.asarray(points - shifts[:, chain.segment])
-
-
-def _fill_gaps(series: FloatArray) -> FloatArray:
-    """Return a series (F, 3) with interpolated values for missing samples; zeros if all samples are missing."""
-    known = np.flatnonzero(np.isfinite(series).all(axis=1))
-    if not len(known):
-        return np.zeros_like(series)
-    return np.stack([np.interp(np.arange(len(series)), known, column[known]) for column in series.T], axis=1)

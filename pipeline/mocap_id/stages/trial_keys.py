@@ -288,18 +288,13 @@ class TrialKeys(Settings):
 
     @field_validator("external")
     @classmethod
-    def _one_name_a_sensor(cls, value: tuple[ExternalForce, ...]) -> tuple[ExternalForce, ...]:
+    def _sensors_beside_markers(
+        cls, value: tuple[ExternalForce, ...], info: ValidationInfo
+    ) -> tuple[ExternalForce, ...]:
         names = [sensor.name for sensor in value]
         twice = sorted({name for name in names if names.count(name) > 1 or name == "seat"})
         if twice:
             raise ValueError(f"`{twice[0]}` is used twice or reserved for the chair: give every sensor its own name")
-        return value
-
-    @field_validator("external")
-    @classmethod
-    def _sensors_beside_markers(
-        cls, value: tuple[ExternalForce, ...], info: ValidationInfo
-    ) -> tuple[ExternalForce, ...]:
         if value and "recording" in info.data and info.data["recording"] is None:
             raise ValueError("force sensors need markers: name a `recording`")
         if value and info.data.get("space") == "3d":

@@ -170,9 +170,60 @@ def compute_reachable_set(
     ``limits`` (4, 2) are the lowest and highest plane, elevation, axial rotation and flexion, rad. ``planes`` gives the
     range of the plane, which depends on the other angles; by default, it is the range in ``limits``.
     """
-    solver = _Solver.create(arm, limits, grid)
-    solutions = [solver.solve_at_elevations(sign) for sign in (-1.0, 1.0)]
-    solutions += [solver.solve_at_axials(sign) for sign in (-1.0, 1.0)]
+    # distance of the wrist from the shoulder, ascending, and flexion and wrist in the upper arm at this distance
+    flexions = np.linspace(limits[3, 0], limits[3, 1], _CURVE)
+    wrist = arm.wrist(flexions)
+    reach = np.linalg.norm(wrist, axis=1)
+    longest = int(reach.argmax())  # smaller flexions only repeat distances
+    reach, flexions, wrist = reach[longest:][::-1], flexions[longest:][::-1], wrist[longest:][::-1]
+    slack = abs(arm.rise) / 2
+    near, far = max(reach[0] - slack, 0.0), reach[-1] + slack
+    distance = np.cbrt(np.linspace(near**3, far**3, grid.distances + 1))
+    cosine = np.linspace(-1.0, 1.0, grid.polar + 1)
+    # distance from the vertical axis and height (R, C, 1) of the middle of every cell, m
+    r = np.cbrt((distance[1:] ** 3 + distance[:-1] ** 3) / 2)[:, None, None]
+    c = ((cosine[1:] + cosine[:-1]) / 2)[:, None]
+    across, level = r * np.sqrt(1 - c**2), r * c
+
+    def shoulder_height(elevation: FloatArray) -> FloatArray:
+        """Return the height of the shoulder at an elevation, relative to the middle elevation, m."""
+        return np.asarray(arm.rise * (np.cos(limits[1]).mean() - np.cos(elevation)) / 2)
+
+    def bend_arm(height: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, BoolArray]:
+        """Return x, y, z of the wrist in the upper arm, m, the flexion, and True where the distance is possible."""
+        d = np.hypot(across, height)
+        x, y, z, flexion = (np.interp(d, reach, each) for each in (*wrist.T, flexions))
+        return x, y, z, flexion, (d >= reach[0]) & (d <= reach[-1])
+
+    # azimuth at plane 0, elevation, axial rotation, flexion, and True where the limits allow them, (R, C, A) arrays
+    solutions: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray, BoolArray]] = []
+    # the two axial rotations at every elevation of the grid
+    elevation = np.linspace(limits[1, 0], limits[1, 1], grid.turns)
+    sine = np.maximum(np.sin(elevation), 1e-9)
+    height = level - shoulder_height(elevation)
+    x, y, z, flexion, possible = bend_arm(height)
+    forward, wide = (height - np.cos(elevation) * y) / sine, np.hypot(x, z)
+    lowest, highest = limits[2]
+    for sign in (-1.0, 1.0):
+        axial = sign * np.arccos(np.clip(forward / wide, -1, 1)) - np.arctan2(x, z)
+        valid = possible & (np.abs(forward) <= wide) & (np.mod(axial - lowest, _FULL) <= highest - lowest)
+        azimuth = np.arctan2(x * np.cos(axial) + z * np.sin(axial), np.cos(elevation) * forward - sine * y)
+        solutions.append((azimuth, np.broadcast_to(elevation, axial.shape), axial, flexion, valid))
+    # the two elevations at every axial rotation of the grid
+    axial = np.linspace(limits[2, 0], limits[2, 1], grid.turns)
+    for sign in (-1.0, 1.0):
+        elevation = np.full((*level.shape[:2], len(axial)), limits[1].mean())
+        for _ in range(2 if arm.rise else 1):  # the height of the shoulder changes a little with the elevation
+            height = level - shoulder_height(elevation)
+            x, y, z, flexion, possible = bend_arm(height)
+            sideways, forward = x * np.cos(axial) + z * np.sin(axial), z * np.cos(axial) - x * np.sin(axial)
+            wide = np.hypot(y, forward)
+            elevation = np.arctan2(forward, y) + sign * np.arccos(np.clip(height / wide, -1, 1))
+        elevation = np.mod(elevation, _FULL)
+        valid = possible & (np.abs(height) <= wide) & (elevation >= limits[1, 0]) & (elevation <= limits[1, 1])
+        azimuth = np.arctan2(sideways, np.cos(elevation) * forward - np.sin(elevation) * y)
+        solutions.append((azimuth, elevation, np.broadcast_to(axial, elevation.shape), flexion, valid))
+
     azimuth, elevation, axial, flexion, valid = (np.concatenate(each, axis=-1) for each in zip(*solutions, strict=True))
     low, high = np.full_like(azimuth, limits[0, 0]), np.full_like(azimuth, limits[0, 1])
     if planes is not None:
@@ -182,91 +233,7 @@ def compute_reachable_set(
     end = np.where(valid, start + np.minimum(high - low, _FULL), _FULL)
     order = np.argsort(start, axis=-1)
     start, end = (np.take_along_axis(each, order, axis=-1) for each in (start, end))
-    return ReachableSet(solver.distance, solver.cosine, start, end)
-
-
-_Solutions: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray, BoolArray]
-"""Azimuth at plane 0, elevation, axial rotation, flexion, and True where the limits allow them, (R, C, A) arrays."""
-
-
-@dataclass(frozen=True)
-class _Solver:
-    """Inverse kinematics on the cells of distance and polar angle."""
-
-    limits: FloatArray
-    grid: CellGrid
-    rise: float
-    distance: FloatArray
-    cosine: FloatArray
-    reach: FloatArray  # (K,) distance of the wrist from the shoulder, ascending
-    flexion: FloatArray  # (K,) flexion at this distance
-    wrist: FloatArray  # (K, 3) wrist in the axes of the upper arm at this distance
-
-    @classmethod
-    def create(cls, arm: ReachArm, limits: FloatArray, grid: CellGrid) -> _Solver:
-        flexion = np.linspace(limits[3, 0], limits[3, 1], _CURVE)
-        wrist = arm.wrist(flexion)
-        reach = np.linalg.norm(wrist, axis=1)
-        longest = int(reach.argmax())  # smaller flexions only repeat distances
-        reach, flexion, wrist = reach[longest:][::-1], flexion[longest:][::-1], wrist[longest:][::-1]
-        slack = abs(arm.rise) / 2
-        near, far = max(reach[0] - slack, 0.0), reach[-1] + slack
-        distance = np.cbrt(np.linspace(near**3, far**3, grid.distances + 1))
-        cosine = np.linspace(-1.0, 1.0, grid.polar + 1)
-        return cls(limits, grid, arm.rise, distance, cosine, reach, flexion, wrist)
-
-    def _cells(self) -> tuple[FloatArray, FloatArray]:
-        """Return the distance from the vertical axis and the height (R, C, 1) of the middle of every cell, m."""
-        r = np.cbrt((self.distance[1:] ** 3 + self.distance[:-1] ** 3) / 2)[:, None, None]
-        c = ((self.cosine[1:] + self.cosine[:-1]) / 2)[:, None]
-        return r * np.sqrt(1 - c**2), r * c
-
-    def _shoulder_height(self, elevation: FloatArray) -> FloatArray:
-        """Return the height of the shoulder at an elevation, relative to the middle elevation, m."""
-        middle = np.cos(self.limits[1]).mean()
-        return np.asarray(self.rise * (middle - np.cos(elevation)) / 2)
-
-    def _bend_arm(
-        self, across: FloatArray, height: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, BoolArray]:
-        """Return x, y, z of the wrist in the upper arm, m, the flexion, and True where the distance is possible.
-
-        The wrist is at the distance ``across`` from the vertical axis of the shoulder, and ``height`` above it, m.
-        """
-        d = np.hypot(across, height)
-        x, y, z, flexion = (np.interp(d, self.reach, each) for each in (*self.wrist.T, self.flexion))
-        return x, y, z, flexion, (d >= self.reach[0]) & (d <= self.reach[-1])
-
-    def solve_at_elevations(self, sign: float) -> _Solutions:
-        """Return the solutions at the elevations of the grid; ``sign`` selects one of the two axial rotations."""
-        across, height = self._cells()
-        elevation = np.linspace(self.limits[1, 0], self.limits[1, 1], self.grid.turns)
-        sine, cosine = np.maximum(np.sin(elevation), 1e-9), np.cos(elevation)
-        height = height - self._shoulder_height(elevation)
-        x, y, z, flexion, valid = self._bend_arm(across, height)
-        forward = (height - cosine * y) / sine
-        far = np.hypot(x, z)
-        axial = sign * np.arccos(np.clip(forward / far, -1, 1)) - np.arctan2(x, z)
-        lowest, highest = self.limits[2]
-        valid = valid & (np.abs(forward) <= far) & (np.mod(axial - lowest, _FULL) <= highest - lowest)
-        azimuth = np.arctan2(x * np.cos(axial) + z * np.sin(axial), cosine * forward - sine * y)
-        return azimuth, np.broadcast_to(elevation, axial.shape), axial, flexion, valid
-
-    def solve_at_axials(self, sign: float) -> _Solutions:
-        """Return the solutions at the axial rotations of the grid; ``sign`` selects one of the two elevations."""
-        across, level = self._cells()
-        axial = np.linspace(self.limits[2, 0], self.limits[2, 1], self.grid.turns)
-        elevation = np.full((*level.shape[:2], len(axial)), self.limits[1].mean())
-        for _ in range(2 if self.rise else 1):  # the height of the shoulder changes a little with the elevation
-            height = level - self._shoulder_height(elevation)
-            x, y, z, flexion, valid = self._bend_arm(across, height)
-            sideways, forward = x * np.cos(axial) + z * np.sin(axial), z * np.cos(axial) - x * np.sin(axial)
-            far = np.hypot(y, forward)
-            elevation = np.arctan2(forward, y) + sign * np.arccos(np.clip(height / far, -1, 1))
-        elevation = np.mod(elevation, _FULL)
-        valid = valid & (np.abs(height) <= far) & (elevation >= self.limits[1, 0]) & (elevation <= self.limits[1, 1])
-        azimuth = np.arctan2(sideways, np.cos(elevation) * forward - np.sin(elevation) * y)
-        return azimuth, elevation, np.broadcast_to(axial, elevation.shape), flexion, valid
+    return ReachableSet(distance, cosine, start, end)
 
 
 SURFACE_GRID = CellGrid(48, 24, 16)

@@ -21,19 +21,18 @@ _LEAST = 0.25  # s, shortest movement
 _FAR = 0.12  # share of the arm's length: a movement that ends nearer to its start is ignored
 _HOME = 0.25  # share of the arm's length: radius of the region where the hand rests
 _ANY = 0.17  # statures: a hand farther from every target did not go to a target
-
+# position of each target relative to the sternal notch, in statures: forward, upward and to the right
 _PLACES = {
     "hip": (-0.02, -0.29, 0.115),
     "mouth": (0.05, 0.085, 0.0),
     "head": (-0.02, 0.17, 0.0),
 }
-"""Position of each target relative to the sternal notch, in statures: forward, upward and to the right."""
 _SKIN = np.array([0.04, 0.015, 0.02])  # statures from the shoulder's centre to its surface in front, above and outside
+# height above the sternal notch, in statures; an overhead shelf is a hand's length above the head
 _LEVELS = {"waist": -0.21, "mouth": 0.085, "overhead": 0.26}
-"""Height above the sternal notch, in statures; an overhead shelf is a hand's length above the head."""
 _ENDS = "the recording ends before the hand leaves the target"
+# distance from the middle of a hand to a target that it touches, in statures: half a hand's width and a margin
 _TOUCH = 0.05
-"""Distance from the middle of a hand to a target that it touches, in statures: half a hand's width and a margin."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,20 @@ def find_reaches(time: FloatArray, arm: RecordedArm) -> tuple[Reach, ...]:
     if known.sum() < 10:
         return ()
     path = np.stack([np.interp(time, time[known], each) for each in palms[known].T], axis=1)
-    moves = _find_movements(time, path, arm.arm.length)
+    # first and last sample of every movement of the hand between two pauses
+    speed = np.linalg.norm(np.gradient(path, time, axis=0), axis=1)
+    threshold = max(_MOVING * float(np.quantile(speed, 0.98)), _SLOWEST)
+    rate = 1 / float(np.median(np.diff(time)))
+    moving = speed > threshold
+    for a, b in _find_spans(~moving):
+        if b - a < round(_PAUSE * rate):
+            moving[a:b] = True
+    least = _FAR * arm.arm.length
+    moves = [
+        (a, b)
+        for a, b in _find_spans(moving)
+        if (b - a) / rate >= _LEAST and np.linalg.norm(path[b] - path[a]) >= least
+    ]
     if not moves:
         return ()
     home = path[: moves[0][0] + 1].mean(axis=0)
@@ -85,19 +97,6 @@ def find_reaches(time: FloatArray, arm: RecordedArm) -> tuple[Reach, ...]:
     return tuple(reaches)
 
 
-def _find_movements(time: FloatArray, path: FloatArray, length: float) -> list[tuple[int, int]]:
-    """Return the first and last sample of every movement of the hand between two pauses."""
-    speed = np.linalg.norm(np.gradient(path, time, axis=0), axis=1)
-    threshold = max(_MOVING * float(np.quantile(speed, 0.98)), _SLOWEST)
-    rate = 1 / float(np.median(np.diff(time)))
-    moving = speed > threshold
-    for a, b in _find_spans(~moving):
-        if b - a < round(_PAUSE * rate):
-            moving[a:b] = True
-    spans = _find_spans(moving)
-    return [(a, b) for a, b in spans if (b - a) / rate >= _LEAST and np.linalg.norm(path[b] - path[a]) >= _FAR * length]
-
-
 def _find_spans(flags: BoolArray) -> list[tuple[int, int]]:
     """Return the first sample of each run of True, and the sample after it, or the last one if the run ends there."""
     return [(run.start, min(run.stop, len(flags) - 1)) for run in find_runs(flags)]
@@ -113,7 +112,10 @@ def _find_target(arm: RecordedArm, held: slice, path: FloatArray) -> tuple[str, 
         return "none", float("nan")
     palm, wrist = (np.median(each[held][seen], axis=0) for each in (path, arm.wrists))
     fingers = 2 * palm - wrist
-    far = {name: _measure_distance(place, wrist, fingers) for name, place in locate_body_targets(arm).items()}
+    along, far = fingers - wrist, {}
+    for name, place in locate_body_targets(arm).items():  # distance from the line between wrist and fingers
+        share = np.clip((place - wrist) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
+        far[name] = float(np.linalg.norm(wrist + share * along - place))
     overhead = compute_level_heights(arm)["overhead"]
     if fingers[1] >= overhead and min(far.values()) > _TOUCH * arm.stature:
         return "overhead", 0.0
@@ -121,13 +123,6 @@ def _find_target(arm: RecordedArm, held: slice, path: FloatArray) -> tuple[str, 
     if far[name] > _ANY * arm.stature:
         return "none", float("nan")
     return name, max(far[name] - _TOUCH * arm.stature, 0.0)
-
-
-def _measure_distance(point: FloatArray, start: FloatArray, end: FloatArray) -> float:
-    """Return the distance of a point from the line segment between two points, m."""
-    along = end - start
-    share = np.clip((point - start) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
-    return float(np.linalg.norm(start + share * along - point))
 
 
 def locate_body_targets(arm: RecordedArm) -> dict[str, FloatArray]:

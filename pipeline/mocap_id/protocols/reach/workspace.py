@@ -61,17 +61,9 @@ def measure_arm(
     The wrist is the projection of its joint centre onto the forearm's y axis, because axial rotation of the forearm
     does not move this point.
 
-    Parameters
-    ----------
-    poses : SegmentPoses
-        Poses of the segments in their anatomical axes.
-    stature : float, optional
-        Stature, m; by default estimated from the arm's length.
-
-    Raises
-    ------
-    UnknownReach
-        A segment, an angle, the shoulder centre or the wrist is missing, or the chain is not an arm.
+    ``poses`` are those of the segments in their anatomical axes. ``stature``, m, is by default estimated from the arm's
+    length. Raises UnknownReach if a segment, an angle, the shoulder centre or the wrist is missing, or if the chain is
+    not an arm.
     """
     missing = [name.replace("_", " ") for name in SEGMENTS if name not in poses.segments]
     if missing:
@@ -130,8 +122,18 @@ def measure_arm(
     usable = np.isfinite(hand) & poses.find_measured("hand")[:, None, None]
     hand = np.where(usable, hand, poses.rotation[:, lower])
     palm = np.array([0.0, -_PALM * stature, 0.0])
+    # carrying angle c0 + c1 cos(flexion) + c2 sin(flexion), rad
+    at_elbow = np.swapaxes(poses.rotation[:, upper], 1, 2) @ poses.rotation[:, lower]
+    at_elbow = at_elbow[np.isfinite(at_elbow).all(axis=(1, 2))]
+    flexion = np.unwrap(np.arctan2(-at_elbow[:, 0, 1], at_elbow[:, 1, 1]))
+    bent = np.arcsin(np.clip(at_elbow[:, 2, 1], -1, 1))
+    if np.ptp(flexion) < 0.5:
+        carrying = np.array([float(np.median(bent)), 0.0, 0.0])
+    else:
+        design = np.stack([np.ones(len(flexion)), np.cos(flexion), np.sin(flexion)], axis=1)
+        carrying = np.asarray(np.linalg.lstsq(design, bent, rcond=None)[0])
     return RecordedArm(
-        arm=ReachArm(elbow, wrist, _fit_carrying(poses.rotation[:, upper], poses.rotation[:, lower]), float(glide[1])),
+        arm=ReachArm(elbow, wrist, carrying, float(glide[1])),
         upper_arm_sd=_length_sd(skeleton, "upper_arm"),
         forearm_sd=forearm_sd,
         rise_sd=rise_sd,
@@ -178,27 +180,13 @@ def _length_sd(skeleton: SpatialSkeleton, segment: str) -> float:
     return sd if np.isfinite(sd) else _WRIST_SD
 
 
-def _fit_carrying(upper: FloatArray, forearm: FloatArray) -> FloatArray:
-    """Fit c0, c1, c2 of the carrying angle c0 + c1 cos(flexion) + c2 sin(flexion), rad, to rotations (T, 3, 3)."""
-    elbow = np.swapaxes(upper, 1, 2) @ forearm
-    known = np.isfinite(elbow).all(axis=(1, 2))
-    flexion = np.unwrap(np.arctan2(-elbow[known, 0, 1], elbow[known, 1, 1]))
-    carrying = np.arcsin(np.clip(elbow[known, 2, 1], -1, 1))
-    if np.ptp(flexion) < 0.5:
-        return np.array([float(np.median(carrying)), 0.0, 0.0])
-    design = np.stack([np.ones(len(flexion)), np.cos(flexion), np.sin(flexion)], axis=1)
-    return np.asarray(np.linalg.lstsq(design, carrying, rcond=None)[0])
-
-
 HELD = 0.05
 """Total time for which the angle is beyond each end of its range, s, so that one wrong sample does not move an end."""
+# expected value of the larger of two independent errors, in standard deviations: noise moves each end outwards
 _EXCESS = 0.56
-"""Expected value of the larger of two independent errors, in standard deviations: noise moves each end outwards."""
+# Standard deviation of each end of the elevation from the skeleton of a camera, rad. This error depends on the posture:
+# the ranges of five recorded arms were up to 20° too large (docs/recordings.md).
 _RAISED_SD = float(np.radians(7.0))
-"""Standard deviation of each end of the elevation from the skeleton of a camera, rad.
-
-This error depends on the posture: the ranges of five recorded arms were up to 20° too large (docs/recordings.md).
-"""
 
 BETWEEN = {"shoulder": ("thorax", "upper_arm"), "elbow": ("upper_arm", "forearm"), "wrist": ("forearm", "hand")}
 """Segments before and after each joint of the arm."""
@@ -278,12 +266,11 @@ def _find_low_end(values: FloatArray, sd: FloatArray, rank: int) -> tuple[float,
     return float(values[lowest[-1]]), float(np.median(sd[lowest]))
 
 
+# first grids for the box and for a region, which needs more axial rotations
 _BOX, _REGION = CellGrid(12, 24, 16), CellGrid(8, 16, 32)
-"""First grids for the box and for a region, which needs more axial rotations."""
+# CellGrid for the changes of the volume by one standard deviation; their error is a few per cent
 _CHANGES = CellGrid(9, 18, 12)
-"""CellGrid for the changes of the volume by one standard deviation; their error is a few per cent."""
-_ENOUGH = 0.01, 0.02
-"""Grids for the box and for a region are refined until the volume changes by less than this share."""
+_ENOUGH = 0.01, 0.02  # grids for the box and for a region are refined until the volume changes by less than this share
 _MOST = 4  # largest number of grids
 
 
@@ -319,25 +306,39 @@ def compute_workspace(arm: RecordedArm, ranges: Mapping[str, AngleRange], region
     errors of the angles from the landmarks, and the error of the grid. A constant error of the plane is left out
     because it only rotates the set.
 
-    Parameters
-    ----------
-    arm : RecordedArm
-        Dimensions of the arm with their standard deviations.
-    ranges : mapping
-        Ranges of the four angles of :data:`~.arm_geometry.ANGLES`, by name.
-    region : VisitedRegion or None
-        Visited region; None if the motion has none.
-
-    Raises
-    ------
-    UnknownReach
-        The ranges are too small for a volume.
+    ``ranges`` are those of the four angles of :data:`ANGLES`, by name; ``region`` is None if the motion has no visited
+    region. Raises UnknownReach if the ranges are too small for a volume.
     """
     limits = np.array([(ranges[name].low, ranges[name].high) for name in ANGLES])
     volumes = _refine(arm.arm, limits)
     if not volumes[-1]:
         raise UnknownReach("the ranges of the angles are too small for a volume: record larger reaches")
-    effects = _compute_effects(arm, ranges, limits)
+    # change of the volume by one standard deviation of each input, m³, by name
+    own = arm.arm
+
+    def change(up: ReachArm, down: ReachArm, step: FloatArray) -> float:
+        larger = compute_reachable_set(up, limits + step, _CHANGES)
+        return 0.5 * (larger.volume - compute_reachable_set(down, limits - step, _CHANGES).volume)
+
+    effects = {}
+    for k, name in enumerate(ANGLES):
+        sds = ranges[name].low_sd, ranges[name].high_sd, ranges[name].constant_sd
+        for side, columns, sd in zip(("low", "high", "both"), ([0], [1], [0, 1]), sds, strict=True):
+            if (name, side) == ("shoulder_plane", "both"):
+                continue
+            step = np.zeros((4, 2))
+            step[k, columns] = sd
+            # elevations and ranges stay valid
+            step[1] = np.minimum(step[1], [max(limits[1, 0], 0.0), max(np.pi - limits[1, 1], 0.0)])
+            step = np.minimum(step, 0.5 * (limits[:, 1:] - limits[:, :1]))
+            effects[f"{name}_{side}"] = change(own, own, step)
+    longer = own.elbow * (1 + arm.upper_arm_sd / float(np.linalg.norm(own.elbow)))
+    pairs = {
+        "upper_arm": (replace(own, elbow=longer), replace(own, elbow=2 * own.elbow - longer)),
+        "forearm": tuple(replace(own, forearm=own.forearm + s * arm.forearm_sd) for s in (1, -1)),
+        "rise": tuple(replace(own, rise=own.rise + s * arm.rise_sd) for s in (1, -1)),
+    }
+    effects |= {name: change(up, down, np.zeros((4, 2))) for name, (up, down) in pairs.items()}
     sd = float(np.sqrt(sum(effect**2 for effect in effects.values())))
     visited = None
     if region is not None:
@@ -368,32 +369,3 @@ def _refine(arm: ReachArm, limits: FloatArray, planes: PlaneRange | None = None)
         if abs(volumes[-1] - volumes[-2]) <= enough * volumes[-1]:
             break
     return tuple(volumes)
-
-
-def _compute_effects(arm: RecordedArm, ranges: Mapping[str, AngleRange], limits: FloatArray) -> dict[str, float]:
-    """Return the change of the volume by one standard deviation of each input, m³, by name."""
-    own = arm.arm
-
-    def change(up: ReachArm, down: ReachArm, step: FloatArray) -> float:
-        larger = compute_reachable_set(up, limits + step, _CHANGES)
-        return 0.5 * (larger.volume - compute_reachable_set(down, limits - step, _CHANGES).volume)
-
-    effects = {}
-    for k, name in enumerate(ANGLES):
-        sds = ranges[name].low_sd, ranges[name].high_sd, ranges[name].constant_sd
-        for side, columns, sd in zip(("low", "high", "both"), ([0], [1], [0, 1]), sds, strict=True):
-            if (name, side) == ("shoulder_plane", "both"):
-                continue
-            step = np.zeros((4, 2))
-            step[k, columns] = sd
-            # elevations and ranges stay valid
-            step[1] = np.minimum(step[1], [max(limits[1, 0], 0.0), max(np.pi - limits[1, 1], 0.0)])
-            step = np.minimum(step, 0.5 * (limits[:, 1:] - limits[:, :1]))
-            effects[f"{name}_{side}"] = change(own, own, step)
-    longer = own.elbow * (1 + arm.upper_arm_sd / float(np.linalg.norm(own.elbow)))
-    pairs = {
-        "upper_arm": (replace(own, elbow=longer), replace(own, elbow=2 * own.elbow - longer)),
-        "forearm": tuple(replace(own, forearm=own.forearm + s * arm.forearm_sd) for s in (1, -1)),
-        "rise": tuple(replace(own, rise=own.rise + s * arm.rise_sd) for s in (1, -1)),
-    }
-    return effects | {name: change(up, down, np.zeros((4, 2))) for name, (up, down) in pairs.items()}

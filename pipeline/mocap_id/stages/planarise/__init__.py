@@ -10,6 +10,7 @@ from pydantic import Field
 from mocap_id.errors import Refused
 from mocap_id.stages import STAGE_HELP
 from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
+from mocap_id.store import Document
 from mocap_id.verdict import Reason
 
 
@@ -49,9 +50,7 @@ class PlanariseSettings(Settings):
 
 def _planarise(context: Context) -> Outputs:
     guess = context.trial.guessed
-    if guess is None:
-        return _planarise_in_its_space(context)
-    if guess.movement in {"walking", "jumping"}:
+    if guess is not None and guess.movement in {"walking", "jumping"}:
         from mocap_id.protocols.kind_of_movement import ELSEWHERE  # noqa: PLC0415  loads numpy
 
         raise Refused(
@@ -60,6 +59,16 @@ def _planarise(context: Context) -> Outputs:
             f"{ELSEWHERE[guess.movement]}. If only a part of the recording is of interest, give `window:`; if the "
             "movement is another one, give its protocol (`--protocol`)",
         )
+    # each loads its libraries only when run
+    if context.trial.space == "3d":
+        from mocap_id.stages.planarise.space import planarise_in_space as planarise  # noqa: PLC0415
+    elif context.trial.recording is None:
+        from mocap_id.stages.planarise.skeleton import planarise_sensors as planarise  # noqa: PLC0415
+    else:
+        from mocap_id.stages.planarise.plane import planarise  # noqa: PLC0415
+    outputs = planarise(context)
+    if guess is None:
+        return outputs
     what = " and ".join(f"`{name}: {getattr(context.trial, name)}`" for name in guess.keys)
     note = Reason(
         "guessed",
@@ -67,25 +76,9 @@ def _planarise(context: Context) -> Outputs:
         "the right values (`--protocol`, `--space`, `--side`)",
         level="ok",
     )
-    from mocap_id.store import LongTable  # noqa: PLC0415  loads numpy
-
-    planar, *others = _planarise_in_its_space(context)
-    assert isinstance(planar, LongTable)
-    return replace(planar, reasons=(note, *planar.reasons)), *others
-
-
-def _planarise_in_its_space(context: Context) -> Outputs:
-    if context.trial.space == "3d":
-        from mocap_id.stages.planarise.space import planarise_in_space  # noqa: PLC0415
-
-        return planarise_in_space(context)
-    if context.trial.recording is None:
-        from mocap_id.stages.planarise.skeleton import planarise_sensors  # noqa: PLC0415
-
-        return planarise_sensors(context)
-    from mocap_id.stages.planarise.plane import planarise  # noqa: PLC0415  loads its libraries only when run
-
-    return planarise(context)
+    planar, wrench = outputs
+    assert not isinstance(planar, Document)
+    return replace(planar, reasons=(note, *planar.reasons)), wrench
 
 
 STAGE = Stage(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from mocap_id.plates.choice import GRAVITY, find_dropouts
 from mocap_id.plates.direction import compare_courses
 from mocap_id.plates.placement import find_standing_feet
 from mocap_id.recording import PlateSamples, ThinnedFrames
-from mocap_id.recording.marker_posture import find_facing, find_upright
+from mocap_id.recording.marker_posture import find_body_facing, find_upright
 from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.planarise import PlanariseSettings
 from mocap_id.stages.planarise.plate_registration import (
@@ -51,6 +52,7 @@ from mocap_id.stages.planarise.wrenches import (
 from mocap_id.stages.trial_keys import BalanceBoard, get_recording
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
+from mocap_id.verdict import Reason
 
 _LISTED = 5  # largest number of changes in the message; the facts contain all
 _HIGH_M = 1.1  # largest height of the centre of mass
@@ -79,17 +81,18 @@ def planarise(context: Context) -> Outputs:
     if settings.yaw_deg is not None:
         yaw, plane = float(np.radians(settings.yaw_deg)), replace(plane, lean=0.0)
     else:
-        faced = find_facing(still.positions, np.array([np.cos(yaw), np.sin(yaw)]))
+        faced = find_body_facing(still.positions, np.array([np.cos(yaw), np.sin(yaw)]))
         if faced.forwards != (settings.facing == "+x"):
             yaw += np.pi
     yaw = float(np.pi - (np.pi - yaw) % (2 * np.pi))  # in (-pi, pi]
     centres = [source.plates[index].centre for index in on_feet]
     frame = PlaneFrame(yaw, next((centre for centre in centres if centre is not None), np.zeros(3)))
 
-    board = None
+    board: dict[str, Any] | None = None
+    board_reasons: tuple[Reason, ...] = ()
     if log is not None and not log.problem and isinstance(files.forces, BalanceBoard):
         faces = 1.0 if settings.facing == "+x" else -1.0
-        plate, origin, *board = place_board(files.forces, log, source, still, frame, faces=faces)
+        plate, origin, board, board_reasons = place_board(files.forces, log, source, still, frame, faces=faces)
         source, frame = replace(source, plates=(plate,)), replace(frame, origin=origin)
         samples = [recording.decimate(plate, part.time, source.rate)]
         thinned = replace(thinned, samples=(recording.decimate(plate, thinned.time, thinned.rate),))
@@ -198,8 +201,8 @@ def planarise(context: Context) -> Outputs:
         if check.unusable is not None:
             wrench["plate_ok"] = np.zeros(len(part.time), np.bool_)
     else:
-        ground.fact(board=board[0])
-        ground.reasons += board[1]
+        ground.fact(board=board)
+        ground.reasons += board_reasons
     if board is not None or not check.horizontal:
         wrench["Fx"] = np.full(len(part.time), np.nan)
     across = measure_lateral_cop(thinned.samples, frame, threshold)

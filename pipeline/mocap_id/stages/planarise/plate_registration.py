@@ -29,39 +29,29 @@ from mocap_id.stages.planarise.wrenches import ExternalWrenches
 from mocap_id.stages.trial_keys import BalanceBoard
 from mocap_id.verdict import Reason
 
+# largest accepted distance of the force outside the outermost markers of a foot; up to 27 mm in good recordings
 _MARGIN_M = 0.05
-"""Largest accepted distance of the force outside the outermost markers of a foot; up to 27 mm in good recordings."""
-
+# largest accepted lean of the force under a standing person; up to 0.7° in good ones, due to the plate's bias
 _LEAN = np.radians(2.0)
-"""Largest accepted lean of the force under a standing person; up to 0.7° in good ones, due to the plate's bias."""
-
+# largest accepted inclination of a plate according to its corners; up to 0.25° if they were measured with a marker
 _INCLINED = np.radians(1.5)
-"""Largest accepted inclination of a plate according to its corners; up to 0.25° if they were measured with a marker."""
-
+# largest accepted angle about the vertical between force and acceleration: for all plates together, and for the plate
+# of one foot, which also pushes sideways
 _TURNED, _TURNED_ALONE = np.radians(30.0), np.radians(90.0)
-"""Largest accepted angle about the vertical between force and acceleration: for all plates together, and for the plate
-of one foot, which also pushes sideways."""
-
+# smallest coherence with the movement and smallest force for which a direction is judged
 _COHERENT, _FORCE_N = 0.7, 5.0
-"""Smallest coherence with the movement and smallest force for which a direction is judged."""
-
+# A horizontal force smaller than this fraction of the expected one is missing; good recordings have 0.4 to 1.2. It is
+# judged if the expected one is at least the second value, N.
 _WEAK, _EXPECTED_N = 0.15, 6.0
-"""A horizontal force smaller than this fraction of the expected one is missing; good recordings have 0.4 to 1.2. It is
-judged if the expected one is at least the second value, N."""
-
+# least cosine of the angle between a dead channel and the motion, so that the motion plane depends on the channel
 _ALONG = 0.2
-"""Least cosine of the angle between a dead channel and the motion, so that the motion plane depends on the channel."""
-
+# the lowest marker of a foot must not be below the surface, nor higher above it than an ankle
 _SUNK_M, _HOVERING_M = 0.008, 0.12
-"""The lowest marker of a foot must not be below the surface, nor higher above it than an ankle."""
-
+# Share of the load on one foot below which the load of two feet is uneven. Healthy people have 0.4 to 0.5.
 _UNEVEN = 0.25
-"""Share of the load on one foot below which the load of two feet is uneven. Healthy people have 0.4 to 0.5."""
-
+# Largest accepted distance of the centre of pressure from the middle of the body, along the line from foot to foot: a
+# length, and a fraction of the distance of the feet. In good recordings it is up to 0.013 m and 0.04.
 _BODY_M, _BODY_SHARE = 0.035, 0.12
-"""Largest accepted distance of the centre of pressure from the middle of the body, along the line from foot to foot: a
-length, and a fraction of the distance of the feet. In good recordings it is up to 0.013 m and 0.04.
-"""
 
 
 @dataclass(frozen=True)
@@ -74,11 +64,10 @@ class PlateCheck:
     horizontal: bool = True  # whether the horizontal force in the motion plane is measured
 
 
+# faults that move the centre of pressure, so that it cannot be compared with the body
 _EXPLAIN = ("plate-misplaced", "plate-moments-missing")
-"""Faults that move the centre of pressure, so that it cannot be compared with the body."""
-
+# distance of the centre of pressure from the feet above which nothing is identified: a unit or a position is wrong
 _FAR_OFF_M = 1.0
-"""Distance of the centre of pressure from the feet above which nothing is identified: a unit or a position is wrong."""
 
 
 def check_registration(
@@ -174,7 +163,7 @@ def check_registration(
     along = any(yaw is None or abs(axis @ direction) > _ALONG for axis in dead)
     weak = bool(follows and weak)
     if weak or dead:
-        _describe_dead(out, plates, whole if weak else None, along=along, space=yaw is None)
+        _check_channels(out, plates, whole if weak else None, along=along, space=yaw is None)
         if yaw is None:
             unusable = unusable or out.reasons[-1].message
     return PlateCheck(out.facts, tuple(out.reasons), unusable, not (weak or along))
@@ -297,7 +286,7 @@ def _check_load(out: Findings, plates: Sequence[Plate], markers: str, load: Foot
         out.say("load-uneven", text, measured, _UNEVEN, "ok")
 
 
-def _describe_dead(
+def _check_channels(
     out: Findings, plates: Sequence[Plate], weak: ForceDirection | None, *, along: bool, space: bool
 ) -> None:
     """Add a caution about horizontal channels that are dead, or a note if the motion plane does not need them."""
@@ -364,12 +353,9 @@ _UNRELATED, FOLLOWS = 0.62, 0.7
 """Correlation of vertical force and acceleration below which the two do not belong together, or are doubtful. It is at
 least 0.86 in good recordings, and at most 0.57 with the forces of another movement."""
 
-_BELONGS_LATE = 0.85
-"""Correlation from which the forces belong to the markers with a clock offset above 1 s."""
-
+_BELONGS_LATE = 0.85  # correlation from which the forces belong to the markers with a clock offset above 1 s
+# least variation of the vertical force, expected from the movement, for which the correlation is judged, N
 _MOVES_N = 15.0
-"""Least variation of the vertical force, expected from the movement, for which the correlation is judged, N."""
-
 _FEW = 0.05  # fraction of the frames; fewer frames without plate samples give a note, more give a caution
 
 

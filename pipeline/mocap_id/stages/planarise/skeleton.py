@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from mocap_id.anatomy.names import Side, find_roles
-from mocap_id.arrays import BoolArray, FloatArray, find_runs
+from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import ConfigError, RecordingError, Refused
 from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.plates.choice import PlateChoice
@@ -30,38 +30,25 @@ from mocap_id.verdict import Reason
 _BEHIND = 0.05  # m; if hands or feet are farther behind the trunk than this, the file is a mirror image
 
 
-@dataclass(frozen=True)
-class UprightSkeleton:
-    """A skeleton whose trunk is upright, in lab axes with Z up."""
-
-    recording: Recording
-    side: Side
-    inferred: BoolArray  # (F, M) joint positions that the sensor inferred
-    reasons: tuple[Reason, ...]
-
-    def list_inferred(self, labels: tuple[str, ...], first: int, stop: int) -> dict[str, list[list[float]]]:
-        """Return for each joint first and last time, s, of the intervals with inferred positions.
-
-        Only the joints ``labels`` and the frames from ``first`` to ``stop`` - 1 are considered.
-        """
-        time, stretches = self.recording.time, {}
-        for number, label in enumerate(self.recording.labels):
-            runs = find_runs(self.inferred[first:stop, number])
-            if label in labels and runs:
-                stretches[label] = [time[[first + run.start, first + run.stop - 1]].tolist() for run in runs]
-        return stretches
-
-
-def read_upright(trial: TrialKeys, settings: PlanariseSettings) -> UprightSkeleton:
+def read_upright(
+    trial: TrialKeys, settings: PlanariseSettings
+) -> tuple[Recording, Side, BoolArray, tuple[Reason, ...]]:
     """Read the skeleton of a trial, and determine the axis that points up and the arm that moves.
 
-    Raises Refused if the skeleton has no arm with shoulder, elbow and wrist.
+    Return the skeleton with an upright trunk in lab axes with Z up, the side of the arm, whether the sensor inferred
+    each joint position (F, M), and reasons. Raises Refused if it has no arm with shoulder, elbow and wrist.
     """
     file = get_recording(trial).skeleton
     assert file is not None
     read = read_skeleton(file, units=settings.units, vertical=settings.vertical)
     source, out = read.recording, Findings(read.reasons)
-    side = trial.side or _find_moving_side(source)
+    moved: dict[Side, float] = {"right": 0.0, "left": 0.0}  # by the wrist relative to its shoulder
+    for each in moved:
+        roles = find_roles(source.labels, each)
+        if {"near_shoulder", "wrist"} <= roles.keys():
+            arm = source.positions[:, roles["wrist"]] - source.positions[:, roles["near_shoulder"]]
+            moved[each] = 1e-6 + float(np.nansum(np.nanvar(arm, axis=0))) if np.isfinite(arm).any() else 0.0
+    side: Side = trial.side or ("left" if moved["left"] > moved["right"] else "right")
     roles = find_roles(source.labels, side)
     missing = [name for name in ("near_shoulder", "elbow", "wrist") if name not in roles]
     if missing:
@@ -111,18 +98,7 @@ def read_upright(trial: TrialKeys, settings: PlanariseSettings) -> UprightSkelet
             -along,
             _BEHIND,
         )
-    return UprightSkeleton(source, side, read.inferred, tuple(out.reasons))
-
-
-def _find_moving_side(source: Recording) -> Side:
-    """Return the side whose wrist moves more relative to its shoulder."""
-    moved: dict[Side, float] = {"right": 0.0, "left": 0.0}
-    for side in moved:
-        roles = find_roles(source.labels, side)
-        if {"near_shoulder", "wrist"} <= roles.keys():
-            arm = source.positions[:, roles["wrist"]] - source.positions[:, roles["near_shoulder"]]
-            moved[side] = 1e-6 + float(np.nansum(np.nanvar(arm, axis=0))) if np.isfinite(arm).any() else 0.0
-    return "left" if moved["left"] > moved["right"] else "right"
+    return source, side, read.inferred, tuple(out.reasons)
 
 
 def _find_trunk(source: Recording, roles: dict[str, int]) -> tuple[FloatArray, FloatArray]:

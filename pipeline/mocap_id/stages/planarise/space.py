@@ -8,6 +8,7 @@ import numpy as np
 
 from mocap_id import recording
 from mocap_id.anatomy.names import find_landmarks
+from mocap_id.arrays import find_runs
 from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.kinematics import fit_plane
 from mocap_id.plates.placement import find_standing_feet
@@ -27,6 +28,7 @@ from mocap_id.stages.planarise.wrenches import ExternalWrenches, compute_ground_
 from mocap_id.stages.trial_keys import get_landmark_labels, get_recording
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
+from mocap_id.verdict import Reason
 
 _PLANAR = 0.01  # fraction of the motion out of the best vertical plane up to which a trial in the plane is sufficient
 
@@ -39,11 +41,14 @@ def planarise_in_space(context: Context) -> Outputs:
     """
     settings: PlanariseSettings = context.settings
     files, free = get_recording(context.trial), context.trial.protocol == "free"
-    skeleton = None if files.skeleton is None else read_upright(context.trial, settings)
-    source = read_recording(files, settings) if skeleton is None else skeleton.recording
+    side, inferred = context.trial.side, None
+    notes: tuple[Reason, ...] = ()
+    if files.skeleton is None:
+        source = read_recording(files, settings)
+    else:
+        source, side, inferred, notes = read_upright(context.trial, settings)
     part = select_part(source, context.trial.window or (float(source.time[0]), float(source.time[-1])), settings.ignore)
-    side = context.trial.side or find_landmarks(part.labels, get_landmark_labels(context.trial)).side
-    left = (side if skeleton is None else skeleton.side) == "left"
+    left = (side or find_landmarks(part.labels, get_landmark_labels(context.trial)).side) == "left"
     frame = PlaneFrame(0.0)
     points = express_trajectories(part, frame)
     if left:
@@ -70,9 +75,14 @@ def planarise_in_space(context: Context) -> Outputs:
             _PLANAR,
             "ok",
         )
-    if skeleton is not None:
-        out.fact(skeleton={"inferred": skeleton.list_inferred(part.labels, part.first, part.stop)})
-        out.reasons += skeleton.reasons
+    if inferred is not None:  # first and last time of the intervals with inferred positions, by joint
+        stretches = {}
+        for number, label in enumerate(source.labels):
+            runs = find_runs(inferred[part.first : part.stop, number])
+            if label in part.labels and runs:
+                stretches[label] = [part.time[[run.start, run.stop - 1]].tolist() for run in runs]
+        out.fact(skeleton={"inferred": stretches})
+    out.reasons += notes
     values = {**points, "visible": visible}
     planar = LongTable(PLANAR, part.frames, part.time, part.labels, values, out.facts, tuple(out.reasons))
 

@@ -278,15 +278,8 @@ def place_board(
     the board's plate. ``faces`` is 1 if the person faces the plane's x, and -1 if the person faces the opposite
     direction.
 
-    Returns
-    -------
-    plate : Plate
-        Vertical force and its moments; the horizontal force is 0 because it is not measured.
-    origin : (3,) array
-        Origin of the plane frame at the height of the cells, so that tauz needs no horizontal force, m.
-    facts : dict
-        Fact ``board`` of wrench.parquet.
-    reasons : tuple of Reason
+    Return the plate, whose horizontal force is 0 because it is not measured; the origin (3,) of the plane frame at the
+    height of the cells, so that tauz needs no horizontal force, m; the fact ``board`` of wrench.parquet; and reasons.
     """
     plate, load = source.plates[0], thinned.samples[0].force[:, 2]
     forwards = faces * frame.axes[0, :2]

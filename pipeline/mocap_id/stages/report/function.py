@@ -5,7 +5,7 @@ from __future__ import annotations
 from mocap_id import __version__
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.trial_keys import BalanceBoard, StaticTrial, TrialKeys, list_sensors
+from mocap_id.stages.trial_keys import BalanceBoard, StaticTrial, list_sensors
 from mocap_id.verdict import Reason
 
 
@@ -22,22 +22,11 @@ def report(context: Context) -> Outputs:
 
 def report_data(context: Context) -> ReportData:
     """Return the artefacts, settings and refusal from which the report is made."""
-    refused = context.refused
+    refused, trial = context.refused, context.trial
     refusal = None
     if refused is not None:
         refusal = Reason(refused.code, refused.message, refused.value, refused.limit, "refused")
-    return ReportData(
-        trial=context.trial.trial,
-        product=__version__,
-        artefacts=context.inputs,
-        refusal=refusal,
-        seconds=context.seconds,
-        settings=_describe_trial(context.trial),
-    )
-
-
-def _describe_trial(trial: TrialKeys) -> dict[str, str]:
-    """Return the keys of the trial that are not empty, as texts; file names are without folders."""
+    # the keys of the trial that are not empty; file names are without folders
     forces = None if trial.recording is None else trial.recording.forces
     forces = forces.balance_board if isinstance(forces, BalanceBoard) else forces
     worn = [sensor.file for sensor in list_sensors(trial.imus).values()]
@@ -62,4 +51,11 @@ def _describe_trial(trial: TrialKeys) -> dict[str, str]:
         "compare": "" if trial.compare is None else trial.compare.angles.name,
         "encoder": "" if trial.encoder is None else trial.encoder.name,
     }
-    return {key: value for key, value in texts.items() if value}
+    return ReportData(
+        trial=trial.trial,
+        product=__version__,
+        artefacts=context.inputs,
+        refusal=refusal,
+        seconds=context.seconds,
+        settings={key: value for key, value in texts.items() if value},
+    )

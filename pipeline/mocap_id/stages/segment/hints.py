@@ -4,30 +4,27 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mocap_id.anatomy.names import ARM, TRUNK, find_roles
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import ConfigError
 from mocap_id.kinematics import Constraints, SegmentationRules
 from mocap_id.protocols.body_names import GROUND
-from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.calibration_trial import get_calibration, read_chain
 from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.segment import SegmentSettings
 from mocap_id.store import Table
 from mocap_id.store.schemas import SEGMENTS
 from mocap_id.store.views import Trajectories
-from mocap_id.verdict import Reason
 
 UNSURE = 0.5
 """Confidence below which there is a caution."""
 
 
-def make_rules(settings: SegmentSettings, longest: int) -> SegmentationRules:
+def limit_search(settings: SegmentSettings, longest: int) -> SegmentationRules:
     """Return the limits of the search for segments; ``longest`` is the largest number of segments of the protocol."""
     return SegmentationRules(
         still_limit=settings.still_limit_m,
@@ -42,10 +39,7 @@ def make_rules(settings: SegmentSettings, longest: int) -> SegmentationRules:
 def make_constraints(
     labels: tuple[str, ...], settings: SegmentSettings, known: Sequence[list[int]] = ()
 ) -> Constraints:
-    """Return the hints `together` and `apart` with marker indices. Each group in ``known`` is also on one segment.
-
-    Raises ConfigError if the hints contradict each other.
-    """
+    """Return the hints `together` and `apart` with marker indices; each group in ``known`` is also on one segment."""
     together = [*(find_markers(labels, group, "segment: together") for group in settings.together), *known]
     apart = [find_markers(labels, group, "segment: apart") for group in settings.apart]
     constraints = Constraints.of(len(labels), together, apart)
@@ -59,7 +53,7 @@ def make_constraints(
 
 
 def check_names(names: tuple[str, ...], count: int) -> tuple[str, ...]:
-    """Return the user's names of ``count`` segments; ConfigError if the number of names is different."""
+    """Return the user's names, which must be as many as the segments."""
     if len(names) != count:
         raise ConfigError(
             f"segment: names: there are {len(names)} names for {count} segments ({', '.join(names)}); "
@@ -68,23 +62,16 @@ def check_names(names: tuple[str, ...], count: int) -> tuple[str, ...]:
     return names
 
 
-def explain_doubt(why: str, confidence: float | None = None) -> tuple[Reason, ...]:
-    """Return a caution that the segments are doubtful; ``why`` is the strongest evidence against them.
-
-    ``confidence`` is the probability that the segments are right; None if the evidence has no probability.
-    """
+def describe_doubt(why: str) -> str:
+    """Return the caution that the segments are doubtful; ``why`` is the strongest evidence against them."""
     return (
-        Reason(
-            "segments-unsure",
-            f"the segments are doubtful: {why}. Check the skeleton; if it is wrong, set `segment: {{count: …}}`, or "
-            "name markers that are `together` or `apart`, or markers to `ignore`.",
-            confidence,
-            None if confidence is None else UNSURE,
-        ),
+        f"the segments are doubtful: {why}. Check the skeleton; if it is wrong, set `segment: {{count: …}}`, or "
+        "name markers that are `together` or `apart`, or markers to `ignore`."
     )
 
 
 _TRUNK = ("pelvis", "torso", "trunk")
+# names in Plug-in Gait and usual synonyms, without the side, by the segments on which such a marker may be
 _PLUG_IN_GAIT = {
     ("foot",): ("HEE", "HEEL", "TOE", "TOES", "MT1", "MT2", "MT5", "CAL", "CALC"),
     ("foot", "shank"): ("ANK", "ANKLE", "MED", "MMA", "LMA"),
@@ -94,7 +81,6 @@ _PLUG_IN_GAIT = {
     ("thigh", *_TRUNK): ("GTR", "TROCH"),
     _TRUNK: ("ASI", "ASIS", "PSI", "PSIS", "SACR", "SHO", "SHOULDER", "C7", "T10", "CLAV", "STRN", "RBAK"),
 }
-"""Names in Plug-in Gait and usual synonyms, without the side, by the segments on which such a marker may be."""
 _SEGMENTS_OF = {name: segments for segments, names in _PLUG_IN_GAIT.items() for name in names}
 _SIDES = re.compile(r"^(LEFT|RIGHT|L|R)[_. ]?|[_. ](LEFT|RIGHT|L|R)$")
 _LEAST = 5  # smallest number of different known names that indicates a known marker set
@@ -103,52 +89,35 @@ _LISTED = 6  # largest number of markers named in the message
 
 
 def check_marker_names(
-    labels: Sequence[str], segment: IntArray, names: Sequence[str], confidence: float
-) -> tuple[Reason, ...]:
-    """Return a note, or a caution if the segments are not certain, about markers whose names belong to other segments.
+    out: Findings, labels: Sequence[str], segment: IntArray, names: Sequence[str], confidence: float
+) -> None:
+    """Add a note, or a caution if the segments are not certain, about markers whose names belong to other segments.
 
-    Parameters
-    ----------
-    labels : sequence of str, length M
-        Labels of the markers.
-    segment : (M,) int array
-        Segment of each marker, found from the motion; -1 if it is on no segment.
-    names : sequence of str
-        Names of the segments in the protocol.
-    confidence : float
-        Probability that the segments are right.
+    ``segment`` (M,) is the segment of each marker, found from the motion; -1 if it is on no segment. ``names`` are
+    those of the segments in the protocol, and ``confidence`` is the probability that the segments are right.
     """
-    expected = [[name for name in _find_segments(label) if name in names] for label in labels]
-    known = {_remove_side(label) for label in labels if _find_segments(label)}
-    if len(known) < _LEAST or "shank" not in names:
-        return ()
-    wrong = [
-        f"{label} is on the {names[k]}, but by its name on the {' or '.join(segments)}"
-        for label, segments, k in zip(labels, expected, segment, strict=True)
-        if k >= 0 and segments and names[k] not in (*segments, GROUND)
+    plain = [_SIDES.sub("", label.upper()) for label in labels]
+    # segments on which a marker with this label may be; none for an unknown label
+    may_be = [
+        _SEGMENTS_OF.get(label.upper(), _SEGMENTS_OF.get(name, ())) for label, name in zip(labels, plain, strict=True)
     ]
-    if not wrong:
-        return ()
-    rest = f"; and {len(wrong) - _LISTED} more" if len(wrong) > _LISTED else ""
-    return (
-        Reason(
+    known = {name for name, segments in zip(plain, may_be, strict=True) if segments}
+    if len(known) < _LEAST or "shank" not in names:
+        return
+    wrong = []
+    for label, segments, k in zip(labels, may_be, segment, strict=True):
+        expected = [name for name in segments if name in names]
+        if k >= 0 and expected and names[k] not in (*expected, GROUND):
+            wrong.append(f"{label} is on the {names[k]}, but by its name on the {' or '.join(expected)}")
+    if wrong:
+        rest = f"; and {len(wrong) - _LISTED} more" if len(wrong) > _LISTED else ""
+        out.say(
             "names-contradict",
             f"the names of a known marker set contradict the motion: {'; '.join(wrong[:_LISTED])}{rest}. The motion "
             "was used. Check the labels in the camera software; if the segments are wrong, set `segment: {count: …}`.",
             float(len(wrong)),
             level="ok" if confidence >= _SURE else "caution",
-        ),
-    )
-
-
-def _find_segments(label: str) -> tuple[str, ...]:
-    """Return the segments on which a marker with this label may be; empty for an unknown label."""
-    return _SEGMENTS_OF.get(label.upper(), _SEGMENTS_OF.get(_remove_side(label), ()))
-
-
-def _remove_side(label: str) -> str:
-    """Return a label without its side, in capitals."""
-    return _SIDES.sub("", label.upper())
+        )
 
 
 _NAMES = ("thorax", "upper_arm", "forearm", "hand")
@@ -163,8 +132,8 @@ def assign_skeleton(view: Trajectories) -> Table:
     for role in roles.keys() & {*TRUNK, *limbs}:
         segment[roles[role]] = limbs.index(role) + 1 if role in limbs else 0
     why = ["" if k >= 0 else "not a joint of the trunk or of this arm" for k in segment]
-    columns = make_columns(view.labels, segment, np.where(segment >= 0, 0.0, np.nan), why)
-    return Table(SEGMENTS, columns, make_facts(_NAMES[: len(limbs) + 1], _JOINTS[: len(limbs)], range(len(limbs))))
+    out = describe_chain(_NAMES[: len(limbs) + 1], _JOINTS[: len(limbs)], range(len(limbs)))
+    return make_table(out, view.labels, segment, np.where(segment >= 0, 0.0, np.nan), why)
 
 
 def assign_by_calibration(context: Context) -> Outputs:
@@ -173,44 +142,46 @@ def assign_by_calibration(context: Context) -> Outputs:
     names = tree.texts("segments/name")
     segment = tree.integers("markers/segment")
     why = [f"as in the calibration: {names[k]}" for k in segment]
-    columns = make_columns(tree.texts("markers/name"), segment, np.full(len(segment), np.nan), why)
-    facts = make_facts(names, tree.texts("joints/name"), tree.integers("joints/parent").tolist())
-    return (Table(SEGMENTS, columns, facts),)
+    out = describe_chain(names, tree.texts("joints/name"), tree.integers("joints/parent").tolist())
+    return (make_table(out, tree.texts("markers/name"), segment, np.full(len(segment), np.nan), why),)
 
 
-def make_columns(
-    labels: Sequence[str], segment: IntArray, residual: FloatArray, why: Sequence[str]
-) -> dict[str, NDArray[Any]]:
-    """Return the columns of segments.parquet; ``residual``, m, and ``why`` belong to each marker on its segment."""
-    return {
+def make_table(
+    out: Findings, labels: Sequence[str], segment: IntArray, residual: FloatArray, why: Sequence[str]
+) -> Table:
+    """Return segments.parquet; ``residual``, m, and ``why`` belong to each marker on its segment."""
+    columns = {
         "marker": np.array(labels, dtype=object),
         "segment": segment,
         "residual": residual,
         "reason": np.array(why, dtype=object),
     }
+    return Table(SEGMENTS, columns, out.facts, tuple(out.reasons))
 
 
-def make_facts(names: Sequence[str], joint_names: Sequence[str], parents: Sequence[int]) -> dict[str, Any]:
-    """Return the facts of segments.parquet; the facts about evidence from a search are empty or None.
+def describe_chain(names: Sequence[str], joint_names: Sequence[str], parents: Sequence[int]) -> Findings:
+    """Return the facts of a chain; those about evidence from a search are empty or None.
 
     ``parents`` are the numbers of the segments before the joints.
     """
-    return {
-        "count": len(names),
-        "names": list(names),
-        "joint_names": list(joint_names),
-        "parents": list(parents),
-        "joint_markers": {},
-        "links": None,
-        "bad_stretches": [],
-        "confidence": None,
-        "against": {},
-        "planarity": None,
-        "joint_confidences": [],
-        "joint_ratios": [],
-        "asymmetry_deg": [],
-        "noise_floor_m": None,
-        "static_gap": None,
-        "hypotheses": [],
-        "divisions": [],
-    }
+    out = Findings()
+    out.fact(
+        count=len(names),
+        names=list(names),
+        joint_names=list(joint_names),
+        parents=list(parents),
+        joint_markers={},
+        links=None,
+        bad_stretches=[],
+        confidence=None,
+        against={},
+        planarity=None,
+        joint_confidences=[],
+        joint_ratios=[],
+        asymmetry_deg=[],
+        noise_floor_m=None,
+        static_gap=None,
+        hypotheses=[],
+        divisions=[],
+    )
+    return out

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,12 +11,7 @@ import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray, as_xy
 from mocap_id.errors import ConfigError, Refused
-from mocap_id.kinematics import (
-    Segmentation,
-    frames_over_time,
-    measure_asymmetry,
-    segment_markers,
-)
+from mocap_id.kinematics import Segmentation, frames_over_time, measure_asymmetry, segment_markers
 from mocap_id.kinematics.marker_faults import BadStretch, RecordedMarkers, find_bad_stretches, find_repeats, sample_rows
 from mocap_id.protocols.body_names import LONGEST, name_chain
 from mocap_id.protocols.kind_of_movement import ELSEWHERE, recognise_movement
@@ -26,13 +22,11 @@ from mocap_id.stages.segment.hints import (
     UNSURE,
     check_marker_names,
     check_names,
-    explain_doubt,
-    make_columns,
+    describe_doubt,
+    limit_search,
     make_constraints,
-    make_rules,
+    make_table,
 )
-from mocap_id.store import Table
-from mocap_id.store.schemas import SEGMENTS
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
@@ -52,8 +46,10 @@ def segment(context: Context) -> Outputs:
         _check_unit(np.delete(recorded.read_positions(axes="y")[..., 0], left_out, axis=1))
 
     # segments, without bad stretches and the markers that the user leaves out
-    rules = make_rules(settings, LONGEST[trial.protocol])
+    rules = limit_search(settings, LONGEST[trial.protocol])
     constraints = make_constraints(labels, settings)
+
+    examined = np.setdiff1d(np.arange(len(labels)), left_out)
 
     def segment_into(count: int | None) -> SegmentedMarkers:
         counted = replace(rules, count=count, longest=max(count or 0, rules.longest))
@@ -67,7 +63,6 @@ def segment(context: Context) -> Outputs:
                 text = f"{refused} The settings `together`, `apart` and `ignore` were applied."
                 raise Refused(refused.code, text, refused.value, refused.limit) from refused
 
-        examined = np.setdiff1d(np.arange(len(labels)), left_out)
         return segment_without_bad_markers(recorded, settings.frames, examined, search)
 
     try:
@@ -88,8 +83,11 @@ def segment(context: Context) -> Outputs:
     lift: Mapping[str, Any] | None = recorded.planar.facts.get("heel_lift")
     if lift is not None and {each["marker"] for each in done.view.bad} & {lift["marker"], lift["about"]}:
         lift = None
-    if settings.count is None:
-        done = add_foot(done, lift, labels, segment_into)
+    if settings.count is None and lift is not None and not is_foot_a_segment(lift, labels, done.found):
+        with suppress(Refused):  # the foot as an additional segment, if it is certain that it rotates
+            other = segment_into(done.found.count + 1)
+            if other.found.confidence.value >= _SURE and is_foot_a_segment(lift, labels, other.found):
+                done = other
     found, view, points = done.found, done.view, done.points
 
     if trial.protocol == "sit-to-stand":
@@ -112,12 +110,13 @@ def segment(context: Context) -> Outputs:
     foot = is_foot_a_segment(lift, labels, found)
     usual, joint_names = name_chain(trial.protocol, found.count, foot_turns=foot)
     names = usual if settings.names is None else check_names(settings.names, found.count)
-    doubts = _explain_doubts(found, joint_names)
+    sure = found.confidence.value
+    doubt = describe_doubt(_find_gravest(found, joint_names)) if sure < UNSURE else ""
     counted = settings.count is not None and settings.count_alone is None  # by the user, not by a study
     given = counted or settings.names is not None or settings.together or settings.apart
-    if found.confidence.value < _WRONG and not given:
-        text = f"{doubts[0].message} With a confidence of {found.confidence.value:.1g}, nothing is computed from them."
-        raise Refused("segments-unsure", text, found.confidence.value, _WRONG)
+    if sure < _WRONG and not given:
+        text = f"{doubt} With a confidence of {sure:.1g}, nothing is computed from them."
+        raise Refused("segments-unsure", text, sure, _WRONG)
 
     # facts: markers at the joints, by the motion or the settings, and the start of the joint fit
     joint_markers: dict[str, list[str]] = {}
@@ -144,7 +143,7 @@ def segment(context: Context) -> Outputs:
         joint_markers=joint_markers,
         links=links,
         bad_stretches=list(view.bad),
-        confidence=found.confidence.value,
+        confidence=sure,
         against=dict(found.confidence.against),
         planarity=planarity,
         joint_confidences=list(found.confidence.joints),
@@ -177,7 +176,7 @@ def segment(context: Context) -> Outputs:
             f"{labels[worst]} has the most, the first at {first:.2f} s."
         )
         out.say("bursts", text, float(bursts.sum() / np.count_nonzero(visible)), level="ok")
-    out.reasons += explain_bad_markers(view.bad)
+    explain_bad_markers(out, view.bad)
     if lift is not None:
         rotates = (
             f"a foot rotates by {lift['turn_deg']:.0f}° and {lift['marker']} rises by {100 * lift['height_m']:.1f} cm, "
@@ -197,7 +196,8 @@ def segment(context: Context) -> Outputs:
             f"{out_of_plane} (usually at most {100 * caution:.0f} %): angles and lengths are those of its projection."
         )
         out.say("not-planar", text, planarity, caution)
-    out.reasons += doubts
+    if doubt:
+        out.say("segments-unsure", doubt, sure, UNSURE)
     apart = np.flatnonzero(asymmetries > settings.asymmetry_deg)
     if len(apart):  # one segment represents both sides
         worst = int(apart[np.argmax(asymmetries[apart])])
@@ -206,7 +206,7 @@ def segment(context: Context) -> Outputs:
             f"{asymmetries[worst]:.1f}° rms. One segment represents both; its angle is their mean."
         )
         out.say("segments-unsure", text, float(asymmetries[worst]), settings.asymmetry_deg)
-    out.reasons += check_marker_names(labels, found.segment, usual, found.confidence.value)
+    check_marker_names(out, labels, found.segment, usual, sure)
     base, last = (np.nanmean(points[:, found.segment == k, 1]) for k in (0, int(found.segment.max())))
     if not last >= base:
         text = (
@@ -242,8 +242,7 @@ def segment(context: Context) -> Outputs:
             if each["marker"] == label:
                 text += f"; left out from {each['first_s']:.2f} to {each['last_s']:.2f} s: {each['how']}"
         why.append(text)
-    columns = make_columns(labels, found.segment, found.residual, why)
-    return (Table(SEGMENTS, columns, out.facts, tuple(out.reasons)),)
+    return (make_table(out, labels, found.segment, found.residual, why),)
 
 
 def _plane(points: FloatArray, out: list[int]) -> ComplexArray:
@@ -286,16 +285,14 @@ def _lateral(points: FloatArray) -> FloatArray:
     return np.where(counts > 0, np.where(visible, z, 0).sum(axis=0) / np.maximum(counts, 1), np.nan)
 
 
-def _explain_doubts(found: Segmentation, joint_names: tuple[str, ...]) -> tuple[Reason, ...]:
-    """Return a caution if the segments are more likely wrong than right, with the strongest evidence against them."""
+def _find_gravest(found: Segmentation, joint_names: tuple[str, ...]) -> str:
+    """Return the strongest evidence against the segments."""
     confidence = found.confidence
-    if confidence.value >= UNSURE:
-        return ()
     weakest = int(np.argmin(confidence.joints))
     left_out = int(np.sum(found.segment < 0))
     gravest = max(confidence.against, key=lambda evidence: confidence.against[evidence])
     loose = " and the ".join(joint_names[joint] for joint in (found.links.loose if found.links else ()))
-    why = {
+    return {
         "skipped": f"without the segment after the {joint_names[weakest]}, the markers fit only "
         f"{found.ratios[weakest]:.1f} times worse",
         "left-out": f"{left_out} markers are on no segment, and many of them are not on a side limb either",
@@ -307,14 +304,14 @@ def _explain_doubts(found: Segmentation, joint_names: tuple[str, ...]) -> tuple[
         "links": f"no marker is at the {loose}; add a marker there",
         "ankle": f"the {joint_names[0]} rotates little and has no marker; add a marker there",
     }[gravest]
-    return explain_doubt(why, confidence.value)
 
 
 _ROUNDS = 3  # largest number of searches
 _CLOSE = 0.1  # s: smaller differences of times are ignored
-_UNSURE = 0.5  # confidence below which the segments are doubtful
 _LISTED = 5  # largest number of stretches named in a note
-
+_SURE = 0.5  # smallest confidence of a chain with the foot
+_FEWEST = 5  # smallest number of segments with the foot: ground, foot, shank, thigh and torso
+# incomplete note by the kind of a bad stretch; its message is an observation with the probable cause
 _CAUSES = {
     "frozen": Reason(
         "marker-frozen",
@@ -337,7 +334,6 @@ _CAUSES = {
         level="ok",
     ),
 }
-"""Incomplete note by the kind of a bad stretch; its message is an observation with the probable cause."""
 
 
 @dataclass(frozen=True)
@@ -355,20 +351,9 @@ def segment_without_bad_markers(
     """Return the segments found without the bad stretches of the markers.
 
     The markers are segmented, then bad stretches are found; both are repeated until the stretches no longer change.
-
-    Parameters
-    ----------
-    frames : int
-        Number of frames used for the segmentation.
-    examined : int array
-        Indices of the markers in which bad stretches are searched.
-    segment : callable
-        Function that returns the segments for the positions (f, M, 3) of the markers, m.
-
-    Raises
-    ------
-    Refused
-        The markers as recorded do not form a chain.
+    ``frames`` is the number of frames used for the segmentation, and ``examined`` are the indices of the markers in
+    which bad stretches are searched. ``segment`` returns the segments for the positions (f, M, 3) of the markers, m.
+    Raises Refused if the markers as recorded do not form a chain.
     """
     # stretches in which two markers have exchanged labels that planarise has not repaired
     swapped = tuple(
@@ -402,7 +387,7 @@ def segment_without_bad_markers(
             other = _segment(view, frames, segment)
         except Refused:  # the other markers do not form a chain
             break
-        if other.found.confidence.value < _UNSURE <= done.found.confidence.value:  # more certain with the bad samples
+        if other.found.confidence.value < UNSURE <= done.found.confidence.value:  # more certain with the bad samples
             return replace(done, view=view, points=other.points)
         done = other
     return done
@@ -428,8 +413,8 @@ def _make_facts(view: Trajectories, stretch: BadStretch, swapped: Sequence[Mappi
     return {"marker": marker, "first_s": float(first), "last_s": float(last), "how": how}
 
 
-def explain_bad_markers(bad: Sequence[Mapping[str, Any]]) -> Iterator[Reason]:
-    """Yield a note for each kind of bad stretch that occurs, with the markers and times."""
+def explain_bad_markers(out: Findings, bad: Sequence[Mapping[str, Any]]) -> None:
+    """Add a note for each kind of bad stretch that occurs, with the markers and times."""
     for how, cause in _CAUSES.items():
         stretches = [each for each in bad if each["how"] == how]
         if not stretches:
@@ -446,11 +431,7 @@ def explain_bad_markers(bad: Sequence[Mapping[str, Any]]) -> Iterator[Reason]:
             "the marker in the camera software."
         )
         seconds = float(sum(each["last_s"] - each["first_s"] for each in stretches))
-        yield replace(cause, message=text, value=seconds)
-
-
-_SURE = 0.5  # smallest confidence of a chain with the foot
-_FEWEST = 5  # smallest number of segments: ground, foot, shank, thigh and torso
+        out.reasons.append(replace(cause, message=text, value=seconds))
 
 
 def is_foot_a_segment(lift: Mapping[str, Any] | None, labels: Sequence[str], found: Segmentation) -> bool:
@@ -462,30 +443,3 @@ def is_foot_a_segment(lift: Mapping[str, Any] | None, labels: Sequence[str], fou
         return False
     segments = {int(found.segment[labels.index(lift[which])]) for which in ("marker", "about")}
     return segments in ({1}, {1, 2})
-
-
-def add_foot(
-    done: SegmentedMarkers,
-    lift: Mapping[str, Any] | None,
-    labels: Sequence[str],
-    segment: Callable[[int], SegmentedMarkers],
-) -> SegmentedMarkers:
-    """Return the segments with the foot as an additional segment; unchanged if it is not certain that the foot rotates.
-
-    Parameters
-    ----------
-    lift : mapping or None
-        Fact ``heel_lift`` of planar.parquet.
-    labels : sequence of str
-        Labels of the markers.
-    segment : callable
-        Function that segments the markers into a given number of segments.
-    """
-    if lift is None or is_foot_a_segment(lift, labels, done.found):
-        return done
-    try:
-        other = segment(done.found.count + 1)
-    except Refused:
-        return done
-    sure = other.found.confidence.value >= _SURE
-    return other if sure and is_foot_a_segment(lift, labels, other.found) else done

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from mocap_id.anatomy.names import SEGMENTS as LANDMARK_SEGMENTS
 from mocap_id.anatomy.names import find_landmarks
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import FloatArray
 from mocap_id.kinematics import Constraints
 from mocap_id.kinematics.space.rigid_body import rigid_poses
 from mocap_id.kinematics.space.segmentation import SpatialSegmentation, segment_in_space
-from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.calibration_trial import read_chain
 from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.segment import SegmentSettings
@@ -22,26 +21,25 @@ from mocap_id.stages.segment.hints import (
     UNSURE,
     assign_skeleton,
     check_names,
-    explain_doubt,
-    make_columns,
+    describe_chain,
+    describe_doubt,
+    limit_search,
     make_constraints,
-    make_facts,
-    make_rules,
+    make_table,
 )
 from mocap_id.stages.segment.plane import explain_bad_markers, remove_repeats
-from mocap_id.stages.trial_keys import get_landmark_labels
+from mocap_id.stages.trial_keys import Calibration, get_landmark_labels
 from mocap_id.store import Table
-from mocap_id.store.schemas import SEGMENTS
 from mocap_id.store.views import Trajectories, is_skeleton
-from mocap_id.verdict import Reason
 
 _LONGEST = 9  # largest number of segments
 _ARM = ("thorax", "girdle", "upper_arm", "forearm", "hand")
 _ARM_JOINTS = {"girdle": "clavicle", "upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist"}
+# segment on which each landmark is, if the acromion and the scapula do not move with the thorax
 _SHOWS = {name: segment for name, segment in LANDMARK_SEGMENTS.items() if name != "GH"} | dict.fromkeys(
     ("AC", "AA", "AI", "TS", "PC"), "girdle"
 )
-"""Segment on which each landmark is, if the acromion and the scapula do not move with the thorax."""
+# texts about evidence against the segments, by kind
 _WHY = {
     "weakest": "two neighbouring segments could nearly be one",
     "runner-up": "one of the segments could nearly be two",
@@ -53,27 +51,26 @@ _WHY = {
     "one-joint": "only one joint rotates, and segments that do not move against each other count as one. Name a trial "
     "in which all joints move as `calibration:`",
 }
-"""Texts about evidence against the segments, by kind."""
+# largest rms distance of a marker from its position in the calibration, m; beyond it, this is another marker
 _MOVED = 0.02
-"""Largest rms distance of a marker from its position in the calibration, m; beyond it, this is another marker."""
 
 
 def segment_bodies(context: Context) -> Outputs:
     """Return segments.parquet of a trial in space."""
     settings: SegmentSettings = context.settings
     view = Trajectories(context.long("planar.parquet"))
-    skeleton = is_skeleton(view.planar.facts)
-    if skeleton and context.trial.calibration is None:
+    skeleton, calibration = is_skeleton(view.planar.facts), context.trial.calibration
+    if skeleton and calibration is None:
         return (assign_skeleton(view),)
     view = view if skeleton else remove_repeats(view)
-    if context.trial.calibration is not None:
-        return (_use_calibration(context, view),)
+    if calibration is not None:
+        return (_use_calibration(calibration, settings, view),)
     labels = view.labels
-    out = list(find_markers(labels, settings.ignore, "segment: ignore"))
+    left_out = list(find_markers(labels, settings.ignore, "segment: ignore"))
     points = view.read_positions(np.arange(len(labels)))
-    points[:, out] = np.nan
+    points[:, left_out] = np.nan
     hints = make_constraints(labels, settings)
-    rules = make_rules(settings, _LONGEST)
+    rules = limit_search(settings, _LONGEST)
 
     def search(hints: Constraints) -> tuple[SpatialSegmentation, tuple[str, ...]]:
         found = segment_in_space(points, rules, hints, settings.frames)
@@ -97,12 +94,35 @@ def segment_bodies(context: Context) -> Outputs:
         why[marker] = f"on the segment of {labels[strayed[0]]}, because of its name; {why[marker]}"
     for marker in before.tolist():
         why[marker] = "on a body before the thorax: not on the chain of the arm"
-    for marker in out:
+    for marker in left_out:
         why[marker] = "left out by `segment: ignore`"
-    columns = make_columns(labels, found.segment, found.residual, why)
-    facts = _make_facts(found, names, labels) | {"bad_stretches": list(view.bad)}
-    reasons = (*_explain_doubts(found, names), *_explain_branches(found, labels), *explain_bad_markers(view.bad))
-    return (Table(SEGMENTS, columns, facts, reasons),)
+    out = describe_chain(names, _name_joints(names), range(found.count - 1))
+    out.fact(
+        confidence=found.confidence.value,
+        against=dict(found.confidence.against),
+        planarity=found.planarity,
+        moving_base=found.moving_base,
+        joint_confidences=list(found.confidence.joints),
+        joint_ratios=[joint.ratio for joint in found.joints],
+        joint_residuals_m=[joint.residual for joint in found.joints],
+        divisions=[
+            {
+                "parts": [[labels[m] for m in part.markers] for part in each.parts],
+                "evidence": each.evidence,
+                "gain": each.gain,
+                "chosen": made,
+            }
+            for each, made in found.divisions
+        ],
+        bad_stretches=list(view.bad),
+    )
+    _explain_doubts(out, found, names)
+    if found.branches:
+        groups = "; ".join(", ".join(labels[m] for m in branch) for branch in found.branches)
+        text = f"{len(found.branches)} rigid bodies were left out, because the chain cannot have branches: {groups}."
+        out.say("branches-left-out", text, float(len(found.branches)), level="ok")
+    explain_bad_markers(out, view.bad)
+    return (make_table(out, labels, found.segment, found.residual, why),)
 
 
 def _find_strayed_wrist(
@@ -152,117 +172,61 @@ def _name_joints(names: Sequence[str]) -> list[str]:
     return [_ARM_JOINTS.get(name, f"joint {k}") for k, name in enumerate(names[1:], start=1)]
 
 
-def _make_facts(found: SpatialSegmentation, names: Sequence[str], labels: Sequence[str]) -> dict[str, Any]:
-    """Return the facts of segments.parquet."""
-    return make_facts(names, _name_joints(names), range(found.count - 1)) | {
-        "confidence": found.confidence.value,
-        "against": dict(found.confidence.against),
-        "planarity": found.planarity,
-        "moving_base": found.moving_base,
-        "joint_confidences": list(found.confidence.joints),
-        "joint_ratios": [joint.ratio for joint in found.joints],
-        "joint_residuals_m": [joint.residual for joint in found.joints],
-        "divisions": [
-            {
-                "parts": [[labels[m] for m in part.markers] for part in each.parts],
-                "evidence": each.evidence,
-                "gain": each.gain,
-                "chosen": made,
-            }
-            for each, made in found.divisions
-        ],
-    }
-
-
-def _explain_doubts(found: SpatialSegmentation, names: Sequence[str]) -> tuple[Reason, ...]:
-    """Return a caution if the segments are more likely wrong than right, or if a segment splits the arm."""
+def _explain_doubts(out: Findings, found: SpatialSegmentation, names: Sequence[str]) -> None:
+    """Add a caution if the segments are more likely wrong than right, or if a segment splits the arm."""
     confidence = found.confidence
     if confidence.value < UNSURE:
         gravest = max(confidence.against, key=lambda evidence: confidence.against[evidence])
-        return explain_doubt(_WHY[gravest], confidence.value)
-    if _splits_arm(names):
-        return explain_doubt("a segment without landmarks is between the landmarks of elbow and wrist")
-    return ()
+        out.say("segments-unsure", describe_doubt(_WHY[gravest]), confidence.value, UNSURE)
+    elif _splits_arm(names):
+        why = "a segment without landmarks is between the landmarks of elbow and wrist"
+        out.say("segments-unsure", describe_doubt(why))
 
 
-def _explain_branches(found: SpatialSegmentation, labels: Sequence[str]) -> tuple[Reason, ...]:
-    """Return a note about rigid bodies that are not on the chain."""
-    if not found.branches:
-        return ()
-    groups = "; ".join(", ".join(labels[m] for m in branch) for branch in found.branches)
-    return (
-        Reason(
-            "branches-left-out",
-            f"{len(found.branches)} rigid bodies were left out, because the chain cannot have branches: {groups}.",
-            float(len(found.branches)),
-            level="ok",
-        ),
-    )
-
-
-def _use_calibration(context: Context, view: Trajectories) -> Table:
+def _use_calibration(calibration: Calibration, settings: SegmentSettings, view: Trajectories) -> Table:
     """Return segments.parquet with the segments of the calibration, for the markers of this trial."""
-    assert context.trial.calibration is not None
-    settings: SegmentSettings = context.settings
-    tree = read_chain(context.trial.calibration)
+    tree, labels = read_chain(calibration), view.labels
     local, owner = tree.numbers("markers/local", (-1, 3)), tree.integers("markers/segment")
     index = {label: k for k, label in enumerate(tree.texts("markers/name"))}
-    out = find_markers(view.labels, settings.ignore, "segment: ignore")
-    known = np.array([m for m, label in enumerate(view.labels) if label in index and m not in out], dtype=np.int64)
-    segment = np.full(len(view.labels), -1, dtype=np.int64)
-    segment[known] = owner[[index[view.labels[m]] for m in known]]
-    residual = np.full(len(view.labels), np.nan)
-    points, own = view.read_positions(known), local[[index[view.labels[m]] for m in known]]
+    ignored = find_markers(labels, settings.ignore, "segment: ignore")
+    known = np.array([m for m, label in enumerate(labels) if label in index and m not in ignored], dtype=np.int64)
+    of_calibration = [index[labels[m]] for m in known]
+    segment = np.full(len(labels), -1, dtype=np.int64)
+    segment[known] = owner[of_calibration]
+    # rms distance of every marker from its position on the body; unknown with fewer than three markers
+    residual = np.full(len(labels), np.nan)
+    points, own = view.read_positions(known), local[of_calibration]
     for k in range(int(owner.max()) + 1):
         here = segment[known] == k
-        residual[known[here]] = _compute_residuals(points[:, here], own[here])
+        if np.count_nonzero(here) >= 3:
+            there, fixed = points[:, here], own[here]
+            rotation, origin, _ = rigid_poses(there, fixed)
+            off = there - origin[:, None] - np.einsum("fij,kj->fki", rotation, fixed)
+            square = np.sum(off**2, axis=2)
+            seen = np.isfinite(square)
+            mean = np.where(seen, square, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+            residual[known[here]] = np.sqrt(mean)
     names = tree.texts("segments/name")
     why = [
-        f"as in the calibration: {names[segment[m]].replace('_', ' ')}" if segment[m] >= 0 else "not in the calibration"
-        for m in range(len(view.labels))
+        f"as in the calibration: {names[k].replace('_', ' ')}" if k >= 0 else "not in the calibration" for k in segment
     ]
-    facts = make_facts(names, _name_joints(names), tree.integers("joints/parent").tolist())
-    facts["bad_stretches"] = list(view.bad)
-    reasons = (
-        *_explain_moved_markers(view.labels, residual),
-        *_explain_few_markers(names, segment),
-        *explain_bad_markers(view.bad),
-    )
-    return Table(SEGMENTS, make_columns(view.labels, segment, residual, why), facts, reasons)
-
-
-def _compute_residuals(points: FloatArray, local: FloatArray) -> FloatArray:
-    """Return the rms distances (k,) of markers (F, k, 3) from ``local`` (k, 3) on a rigid body, m; NaN if k < 3."""
-    if points.shape[1] < 3:
-        return np.full(points.shape[1], np.nan)
-    rotation, origin, _ = rigid_poses(points, local)
-    off = points - origin[:, None] - np.einsum("fij,kj->fki", rotation, local)
-    square = np.sum(off**2, axis=2)
-    seen = np.isfinite(square)
-    return np.asarray(np.sqrt(np.where(seen, square, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)))
-
-
-def _explain_moved_markers(labels: Sequence[str], residual: FloatArray) -> tuple[Reason, ...]:
-    """Return a caution about markers that are not at their positions in the calibration."""
+    out = describe_chain(names, _name_joints(names), tree.integers("joints/parent").tolist())
+    out.fact(bad_stretches=list(view.bad))
     far = np.flatnonzero(residual > _MOVED)
-    if not len(far):
-        return ()
-    worst = int(far[np.argmax(residual[far])])
-    text = (
-        f"{', '.join(labels[int(m)] for m in far)} are not at their positions in the calibration ({labels[worst]}: "
-        f"{1e3 * residual[worst]:.0f} mm rms away): markers were moved or exchanged between the trials. Use a "
-        "calibration with the same markers, or leave them out with `segment: {ignore: …}`."
-    )
-    return (Reason("calibration-differs", text, float(residual[worst]), _MOVED),)
-
-
-def _explain_few_markers(names: Sequence[str], segment: IntArray) -> tuple[Reason, ...]:
-    """Return a caution about segments of the calibration with fewer than three markers in this trial."""
+    if len(far):
+        worst = int(far[np.argmax(residual[far])])
+        text = (
+            f"{', '.join(labels[int(m)] for m in far)} are not at their positions in the calibration ({labels[worst]}: "
+            f"{1e3 * residual[worst]:.0f} mm rms away): markers were moved or exchanged between the trials. Use a "
+            "calibration with the same markers, or leave them out with `segment: {ignore: …}`."
+        )
+        out.say("calibration-differs", text, float(residual[worst]), _MOVED)
     few = [name for k, name in enumerate(names) if np.count_nonzero(segment == k) < 3]
-    if not few:
-        return ()
-    text = (
-        f"this trial has fewer than three markers on {', '.join(few)} of the calibration; the poses of these segments "
-        "are uncertain. Use the same marker labels in both trials."
-    )
-    return (Reason("calibration-differs", text),)
+    if few:
+        text = (
+            f"this trial has fewer than three markers on {', '.join(few)} of the calibration; the poses of these "
+            "segments are uncertain. Use the same marker labels in both trials."
+        )
+        out.say("calibration-differs", text)
+    explain_bad_markers(out, view.bad)
+    return make_table(out, labels, segment, residual, why)
