@@ -30,7 +30,7 @@ from mocap_id.dynamics.identification import Identification, identify, score_lef
 from mocap_id.dynamics.instrument_errors import correlate_errors
 from mocap_id.dynamics.measured_motion import USUAL
 from mocap_id.dynamics.prediction import Prediction, centre_of_pressure, estimate_chain_noise, predict
-from mocap_id.dynamics.preparation import PreparedTrial, TrialData, measure_arcs, prepare
+from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, measure_arcs, prepare
 from mocap_id.dynamics.priors import build_even_prior
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, planar_regressor
 from mocap_id.dynamics.scale_check import estimate_gains
@@ -83,7 +83,6 @@ from mocap_id.stages.identify_dim.trial_data import (
     find_seat_segment,
     judge_mass,
     locate_board,
-    make_fit_settings,
     read_cop_threshold,
     read_kinematic_error,
     read_trial_data,
@@ -188,7 +187,18 @@ def read_inputs(context: Context) -> TrialInputs:
     prepared: PreparedTrial | None = None
     of_chair: tuple[Reason, ...] = ()
     if obstacle is None:
-        prepared, of_chair = check_chair(prepare(recorded, make_fit_settings(settings, recorded)))
+        components = (WRENCH_COMPONENTS.index(name) for name in settings.components)
+        fitted = FitSettings(
+            components=tuple(component for component in components if component in recorded.measures),
+            cutoff=settings.cutoff_hz,
+            offset_limit=recorded.clock.search,
+            apply_offset=settings.apply_clock_offset,
+            plate_bias=settings.plate_bias,
+            plate_zero=(settings.plate_zero_sd_n, settings.plate_zero_sd_nm),
+            block=settings.block_s,
+            gravity=settings.gravity,
+        )
+        prepared, of_chair = check_chair(prepare(recorded, fitted))
         recorded = prepared.recorded
 
     def find_repetitions(trial: PreparedTrial | None) -> Movement:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id import recording
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.base_parameters import BaseSet
 from mocap_id.dynamics.consistency import PointGrid
 from mocap_id.dynamics.identification import ChosenCutoffs, Identification, LeftOutPrediction, choose_cutoffs, identify
@@ -321,23 +321,6 @@ ASKED_FOR = "asked for"
 _CLOCKS_APART = 0.005  # s, largest difference; 5 ms changes a base parameter of a person by a fifth or more
 
 
-def predict_on_chain(
-    prepared: PreparedTrial, pinned: Identification, movement: Movement, segments: SegmentFit
-) -> tuple[BoolArray, FloatArray, FloatArray] | None:
-    """Return True (T,) in left-out samples, the wrench (T, 3) that the chain predicts, and the measured wrench (T, 3).
-
-    In these samples, chain and bodies both have predictions. The wrenches are filtered by the low-pass of the bodies.
-    The result is None without predictions.
-    """
-    on_chain = validate(prepared, movement, pinned, np.zeros((len(prepared.recorded.time), 3)))
-    on_bodies = segments.left_out
-    if isinstance(on_chain, str) or isinstance(on_bodies, str):
-        return None
-    both = on_chain.samples & on_bodies.samples
-    lowpass = segments.prepared.lowpass
-    return both, lowpass(on_chain.wrench), lowpass(on_chain.measured)
-
-
 def compare_motions(
     prepared: PreparedTrial, pinned: Identification, movement: Movement, segments: SegmentFit, threshold: float
 ) -> dict[str, Any]:
@@ -346,18 +329,19 @@ def compare_motions(
     ``prepared`` and ``pinned`` are the trial on the pinned chain and its identification. There is no centre of pressure
     up to the vertical force ``threshold``, N.
     """
-    chain, bodies = predict_on_chain(prepared, pinned, movement, segments), segments.left_out
+    on_chain = validate(prepared, movement, pinned, np.zeros((len(prepared.recorded.time), 3)))
+    on_bodies, lowpass = segments.left_out, segments.prepared.lowpass
     offset = pinned.fit.total_offset if pinned.fit.offset_known else None
-    if chain is None or isinstance(bodies, str):
-        why = bodies if isinstance(bodies, str) else None
+    if isinstance(on_chain, str) or isinstance(on_bodies, str):
+        why = on_bodies if isinstance(on_bodies, str) else None
         return {"why": why, "chain": None, "segments": None, "clock_offset_s": offset}
-    both, model, measured = chain
-    both = both & np.isfinite(model).all(axis=1)
+    model, measured = lowpass(on_chain.wrench), lowpass(on_chain.measured)
+    both = on_chain.samples & on_bodies.samples & np.isfinite(model).all(axis=1)
     return {
         "why": None,
         "samples": int(both.sum()),
         "chain": describe_errors(model, measured, both, threshold),
-        "segments": describe_errors(bodies.filtered, bodies.filtered_measured, both, threshold),
+        "segments": describe_errors(on_bodies.filtered, on_bodies.filtered_measured, both, threshold),
         "clock_offset_s": offset,
     }
 
