@@ -18,10 +18,17 @@ from mocap_id.geometry import planar
 from mocap_id.protocols.reference_body import make_empty_reference
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
+from mocap_id.stages.identify_dim.dynamics_artefacts import validate
 from mocap_id.stages.identify_dim.plane import identify_on_chain, read_inputs
-from mocap_id.stages.identify_dim.segment_fit import SegmentFit, filter_measured, fit_segments
+from mocap_id.stages.identify_dim.segment_fit import (
+    MeasuredBodies,
+    SegmentFit,
+    bridge_gaps,
+    filter_measured,
+    fit_segments,
+    read_bodies,
+)
 from mocap_id.stages.identify_dim.trial_data import ReferenceBodies, build_reference_bodies
-from mocap_id.stages.identify_dim.validation import MeasuredBodies, bridge_gaps, read_bodies, validate
 from mocap_id.store import Folder
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.transfer import HELD_OUT, OWN, SERIES, TRANSFERRED, apply_model, rms_error

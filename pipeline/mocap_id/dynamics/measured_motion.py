@@ -120,7 +120,7 @@ class JointGap:
     def pinned(self) -> bool:
         """Whether the joint counts as a pin: its gap is within the noise or unknown, or the forces show that it holds.
 
-        Forces are compared in :func:`mocap_id.stages.identify_dim.validation.pin_joints_that_hold`.
+        Forces are compared in :func:`mocap_id.stages.identify_dim.segment_fit.pin_joints_that_hold`.
         """
         return self.holds or self.above_noise == 0.0
 

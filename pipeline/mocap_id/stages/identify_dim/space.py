@@ -10,7 +10,7 @@ import numpy as np
 from mocap_id import recording
 from mocap_id.arrays import FloatArray, find_complete_rows
 from mocap_id.dynamics.cautions import WEAK, find_cautions_in_space
-from mocap_id.dynamics.fit import LEAST_SECONDS, describe_clock, determines_parameters, select_samples
+from mocap_id.dynamics.fit import LEAST_SECONDS, determines_parameters, select_samples
 from mocap_id.dynamics.prediction import agreement, centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.preparation import CoarseClock, FitSettings
 from mocap_id.dynamics.space.identification import (
@@ -32,7 +32,7 @@ from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.stages.identify_dim.dynamics_artefacts import (
     NO_FACTS,
-    describe_solver,
+    describe_fit,
     make_datasets,
     make_dynamics_columns,
 )
@@ -116,11 +116,11 @@ def _identify(context: Context, chain: SpatialChain, trial: SpatialTrial) -> tup
     data = make_datasets(
         structure.names,
         found.base,
-        found.covariance,
-        sd=found.base_sd,
+        name_parameters_in_space(len(found.full) // 10),
         units=structure.units,
         regrouping=structure.mapping,
-        full_names=name_parameters_in_space(len(found.full) // 10),
+        sd=found.base_sd,
+        covariance=found.covariance,
         full=found.full,
         excitation=excited,
         prior_share=np.zeros(len(found.base)),
@@ -132,16 +132,11 @@ def _identify(context: Context, chain: SpatialChain, trial: SpatialTrial) -> tup
     facts = _make_common_facts(chain, None) | {
         "condition_number": fit.condition,
         "condition_number_scaled": fit.condition_scaled,
-        "clock_offset_s": fit.total_offset if fit.offset_known else None,
-        "clock_offset_sd_s": found.offset_sd if fit.offset_known else None,
-        "clock": describe_clock(trial, fit),
+        **describe_fit(trial, found, "cone"),
         "wrench": {name: None if one is None else asdict(one) for name, one in compared.items()},
         "cop_rms_m": None if apart is None else float(np.hypot(apart.bias, apart.sd)),
-        "samples": int(fit.in_fit.sum()),
         "consistency": "cone",
-        "solver": describe_solver(found.solution, "cone"),
         "reference_pulls": False,
-        "cutoff_hz": trial.lowpass.cutoff,
         "plate_bias": {COMPONENTS[k]: float(value) for k, value in zip(trial.constants, found.plate_bias, strict=True)},
         "residual_covariance": found.residual_covariance.tolist(),
         "unit_covariance": found.unit_covariance.tolist(),
@@ -184,17 +179,8 @@ def _explain_obstacle(
     # the only base parameter is the mass
     names, regrouping = name_parameters_in_space(segments), np.zeros((1, 10 * segments))
     regrouping[0, ::10] = 1.0
-    mass, unknown = np.array([np.nan if obstacle.mass is None else obstacle.mass]), np.full((1, 1), np.nan)
-    data = make_datasets(
-        ["+".join(names[::10])],
-        mass,
-        unknown,
-        sd=unknown[0],
-        units=["kg"],
-        regrouping=regrouping,
-        full_names=names,
-        full=np.full(10 * segments, np.nan),
-    )
+    mass = np.array([np.nan if obstacle.mass is None else obstacle.mass])
+    data = make_datasets(["+".join(names[::10])], mass, names, units=["kg"], regrouping=regrouping)
     expected = context.trial.protocol in ("reach", "curl")  # usually recorded without plates
     reasons = (Reason(obstacle.code, obstacle.why, level="ok" if expected else "caution"),)
     facts = _make_common_facts(chain, obstacle.why)
