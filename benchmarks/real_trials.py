@@ -18,10 +18,17 @@ from mocap_id.geometry import planar
 from mocap_id.protocols.reference_body import make_empty_reference
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
+from mocap_id.stages.identify_dim.dynamics_artefacts import validate
 from mocap_id.stages.identify_dim.plane import identify_on_chain, read_inputs
-from mocap_id.stages.identify_dim.segment_fit import SegmentFit, filter_measured, fit_segments, predict_on_chain
+from mocap_id.stages.identify_dim.segment_fit import (
+    MeasuredBodies,
+    SegmentFit,
+    bridge_gaps,
+    filter_measured,
+    fit_segments,
+    read_bodies,
+)
 from mocap_id.stages.identify_dim.trial_data import ReferenceBodies, build_reference_bodies
-from mocap_id.stages.identify_dim.validation import MeasuredBodies, bridge_gaps, read_bodies
 from mocap_id.store import Folder
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.transfer import HELD_OUT, OWN, SERIES, TRANSFERRED, apply_model, rms_error
@@ -128,9 +135,11 @@ def compare_steps(trial: Trial) -> dict[str, list[str]]:
     fits = [fitted(way) for way in ways]
     fits.append(fitted(chosen, ReferenceBodies(make_empty_reference(len(recorded.centres), None), ())))
     best = fits[4]
-    first = predict_on_chain(prepared, chain, movement, best)
-    assert first is not None
-    found: list[tuple[BoolArray, FloatArray, FloatArray]] = [first]
+    first, lowpass = validate(prepared, movement, chain, np.zeros((len(recorded.time), 3))), best.prepared.lowpass
+    assert not isinstance(first, str)
+    assert not isinstance(best.left_out, str)
+    on_chain = first.samples & best.left_out.samples, lowpass(first.wrench), lowpass(first.measured)
+    found: list[tuple[BoolArray, FloatArray, FloatArray]] = [on_chain]
     for each in fits:
         held = each.left_out
         assert not isinstance(held, str)

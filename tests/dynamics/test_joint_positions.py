@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 from mocap_id.dynamics.measured_motion import BodyPoses, close_gaps
 from mocap_id.geometry import planar
-from mocap_id.stages.identify_dim.validation import estimate_hidden_gaps
+from mocap_id.stages.identify_dim.segment_fit import estimate_hidden_gaps
 
 TIME = np.arange(60) / 10
 CENTRES = np.array([[0.0, 0.1], [0.0, 0.4]])

@@ -22,9 +22,9 @@ from mocap_id.dynamics.regressor import PlanarMotion, torque_regressor, wrench_r
 from mocap_id.geometry import planar
 from mocap_id.stages.base import Context, Findings
 from mocap_id.stages.identify_dim import STAGE
-from mocap_id.stages.identify_dim.segment_fit import explain_motion
-from mocap_id.stages.identify_dim.validation import (
+from mocap_id.stages.identify_dim.segment_fit import (
     bridge_gaps,
+    explain_motion,
     pin_joints_that_hold,
     read_bodies,
     remove_previous_errors,

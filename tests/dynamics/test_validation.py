@@ -12,7 +12,7 @@ from test_stage_identify_dim import codes, run, with_
 from mocap_id.protocols.repetitions import compute_posture
 from mocap_id.protocols.sit_to_stand import find_sit_to_stand_repetitions
 from mocap_id.stages.base import Findings
-from mocap_id.stages.identify_dim.validation import SERIES, explain_validation
+from mocap_id.stages.identify_dim.dynamics_artefacts import SERIES, explain_validation
 from mocap_id.verdict import Reason
 
 NOISE = (0.5, 0.5, 0.15)

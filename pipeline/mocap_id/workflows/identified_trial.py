@@ -27,7 +27,7 @@ from mocap_id.dynamics.regressor import PlanarMotion, move_chain, torque_regress
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import planar
 from mocap_id.kinematics.cluster_poses import measure_cluster
-from mocap_id.stages.identify_dim.validation import bridge_gaps, read_bodies
+from mocap_id.stages.identify_dim.segment_fit import bridge_gaps, read_bodies
 from mocap_id.store import Folder, Table
 from mocap_id.store.views import Skeleton, Trajectories, joint_columns
 from mocap_id.workflows.run_folder import check_provenance, open_run_to

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -12,7 +11,6 @@ from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.priors import look_up_arm
 from mocap_id.geometry import so3
 from mocap_id.protocols.curl import (
-    Curl,
     CurlRules,
     ElbowTorque,
     Mass,
@@ -71,7 +69,28 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
     axis = np.asarray(poses.rotation[:, poses.segments.index("upper_arm")] @ fixed)
     axis[~poses.find_measured("upper_arm")] = np.nan
     end = find_trial_end(time, axis, curls, rules)
-    channels, in_step = _collect_angles(context, poses, curls), None
+
+    # angles (T,) of shoulder and thorax, and the standard deviations of their changes, rad
+    channels: dict[str, tuple[FloatArray, FloatArray]] = {}
+    clear = angles["isb_condition"] < NEAR_GIMBAL if "isb_condition" in angles.names else None
+    for name in _SHOULDER:
+        if name in angles.names:
+            value = angles[name]
+            if name in MEANINGLESS_AT_POLE and clear is not None:
+                value = np.where(clear, value, np.nan)
+            value = np.where(poses.find_measured("thorax", "upper_arm"), value, np.nan)
+            channels[name] = (value, angles[f"sd_{name}"])
+    timed = [curl for curl in curls if curl.timed]
+    if timed and "thorax" in poses.segments:
+        turn = poses.rotation[:, poses.segments.index("thorax")]
+        turn = np.where(poses.find_measured("thorax")[:, None, None], turn, np.nan)
+        known = np.flatnonzero(np.isfinite(turn).all(axis=(1, 2)) & (poses.time >= timed[0].start))
+        if len(known):
+            lean = so3.log(turn[known[0]].T @ np.where(np.isfinite(turn), turn, np.eye(3)))
+            lean[~np.isfinite(turn).all(axis=(1, 2))] = np.nan
+            sd = context.table("poses.parquet")["sd_thorax_rotation"]
+            channels |= {name: (lean[:, i], sd) for i, name in enumerate(_THORAX)}
+    in_step = None
     if _AXIAL in channels:
         covariance = None  # of the elbow's axis along x and y of the upper arm, (2, 2) rad²
         if elbow is not None:
@@ -131,57 +150,23 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
     rows = [asdict(curl) for curl in curls]
     if isinstance(torque, str):
         return make_arm_events("curl", rows, facts | {"torque_why": torque}, reasons), {}
-    facts["torque"] = [_find_peak_torques(time, torque, curl) for curl in curls]
+    # peaks of total and person's torque in each curl, N·m; a curl in part of which the arm is not measured has none
+    facts["torque"] = []
+    for curl in curls:
+        within = (time >= curl.start) & (time <= (curl.end if np.isfinite(curl.end) else time[-1]))
+        peaks: dict[str, float | None] = {}
+        for prefix, one in (("", torque[""]), ("person_", torque["person"])):
+            there = np.flatnonzero(within & np.isfinite(one.torque))
+            k = there[np.argmax(one.torque[there])] if len(there) else None
+            peaks[f"{prefix}peak_Nm"] = None if k is None else float(one.torque[k])
+            peaks[f"{prefix}sd_Nm"] = None if k is None else float(one.sd[k])
+        whole = np.isfinite(torque[""].torque[within]).all()
+        facts["torque"].append(peaks if whole and peaks["peak_Nm"] is not None else None)
     columns: dict[str, FloatArray] = {}
     for part, one in torque.items():
         suffix = f"_{part}" if part else ""
         columns |= {f"elbow_torque{suffix}": one.torque, f"sd_elbow_torque{suffix}": one.sd}
     return make_arm_events("curl", rows, facts, reasons), columns
-
-
-def _collect_angles(
-    context: Context, poses: SegmentPoses, curls: Sequence[Curl]
-) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Return the angles (T,) of shoulder and thorax and the standard deviations of their changes, rad, by name."""
-    angles, table = context.table("angles.parquet"), context.table("poses.parquet")
-    channels = {}
-    clear = angles["isb_condition"] < NEAR_GIMBAL if "isb_condition" in angles.names else None
-    for name in _SHOULDER:
-        if name in angles.names:
-            value = angles[name]
-            if name in MEANINGLESS_AT_POLE and clear is not None:
-                value = np.where(clear, value, np.nan)
-            value = np.where(poses.find_measured("thorax", "upper_arm"), value, np.nan)
-            channels[name] = (value, angles[f"sd_{name}"])
-    done = [curl for curl in curls if curl.timed]
-    if done and "thorax" in poses.segments:
-        turn = poses.rotation[:, poses.segments.index("thorax")]
-        turn = np.where(poses.find_measured("thorax")[:, None, None], turn, np.nan)
-        known = np.flatnonzero(np.isfinite(turn).all(axis=(1, 2)) & (poses.time >= done[0].start))
-        if len(known):
-            lean = so3.log(turn[known[0]].T @ np.where(np.isfinite(turn), turn, np.eye(3)))
-            lean[~np.isfinite(turn).all(axis=(1, 2))] = np.nan
-            channels |= {name: (lean[:, i], table["sd_thorax_rotation"]) for i, name in enumerate(_THORAX)}
-    return channels
-
-
-def _find_peak_torques(
-    time: FloatArray, torques: Mapping[str, ElbowTorque], curl: Curl
-) -> dict[str, float | None] | None:
-    """Return the peaks of total and person's torque in a curl and their standard deviations, N·m; None if unknown.
-
-    A curl in part of which the arm is not measured has no peak.
-    """
-    within = (time >= curl.start) & (time <= (curl.end if np.isfinite(curl.end) else time[-1]))
-    if not np.isfinite(torques[""].torque[within]).all():
-        return None
-    found: dict[str, float | None] = {}
-    for name, one in (("", torques[""]), ("person_", torques["person"])):
-        there = np.flatnonzero(within & np.isfinite(one.torque))
-        k = there[np.argmax(one.torque[there])] if len(there) else None
-        found[f"{name}peak_Nm"] = None if k is None else float(one.torque[k])
-        found[f"{name}sd_Nm"] = None if k is None else float(one.sd[k])
-    return found if found["peak_Nm"] is not None else None
 
 
 _ADDED_SD, _TABLE_SD = 0.02, 0.15  # relative standard deviation of a mass: weighed, and from a table

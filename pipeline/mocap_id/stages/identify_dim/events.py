@@ -59,8 +59,8 @@ def make_sit_to_stand_events(
     *,
     share: float,
     seat_measured: bool,
-    measured: BoolArray | None = None,
-    modelled: BoolArray | None = None,
+    measured: BoolArray,
+    modelled: BoolArray,
     speed_sd: FloatArray | None = None,
     clock_offset: float = 0.0,
 ) -> Table:
@@ -75,10 +75,9 @@ def make_sit_to_stand_events(
         Share of the standing weight under the feet at seat-off, by the rule of the thesis.
     seat_measured : bool
         Whether the chair's force is measured and therefore not part of ``missing``.
-    measured : (T,) array, optional
-        False where markers of the legs are visible but not used. An event there is NaN.
-    modelled : (T,) array, optional
-        False where the low-passed motion contains such samples. Chair contact that a model shows there is unknown.
+    measured, modelled : (T,) bool arrays
+        False where markers of the legs are visible but not used, and where the low-passed motion contains such samples.
+        An event there is NaN, and chair contact that a model shows there is unknown.
     speed_sd : (T,) array, optional
         Standard deviation of the speed in the posture, rad/s; without it, those of the five-times test are unknown.
     clock_offset : float
@@ -89,8 +88,6 @@ def make_sit_to_stand_events(
     chair = None if contact is None else contact.chair
     weight = float("nan") if contact is None else contact.weight
     time, rises = recorded.time, []
-    everything = np.ones(len(time), dtype=np.bool_)
-    measured, modelled = (everything if each is None else each for each in (measured, modelled))
 
     def correct(force: FloatArray) -> FloatArray:  # a force of the plates at the times of their clock
         return SampledWrench.of(time, force[:, None])(time - clock_offset)[:, 0]

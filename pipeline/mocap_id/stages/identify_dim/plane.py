@@ -25,12 +25,11 @@ from mocap_id.dynamics.cautions import (
     measure_excitation,
 )
 from mocap_id.dynamics.consistency import PointGrid, build_grid
-from mocap_id.dynamics.fit import describe_clock
 from mocap_id.dynamics.identification import Identification, identify, score_left_out
 from mocap_id.dynamics.instrument_errors import correlate_errors
 from mocap_id.dynamics.measured_motion import USUAL
 from mocap_id.dynamics.prediction import Prediction, centre_of_pressure, estimate_chain_noise, predict
-from mocap_id.dynamics.preparation import PreparedTrial, TrialData, measure_arcs, prepare
+from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, measure_arcs, prepare
 from mocap_id.dynamics.priors import build_even_prior
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, planar_regressor
 from mocap_id.dynamics.scale_check import estimate_gains
@@ -44,9 +43,12 @@ from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.stages.identify_dim.dynamics_artefacts import (
     NO_FACTS,
-    describe_solver,
+    describe_fit,
+    describe_validation,
+    explain_validation,
     make_datasets,
     make_dynamics_columns,
+    validate,
 )
 from mocap_id.stages.identify_dim.events import (
     average_signals,
@@ -58,14 +60,23 @@ from mocap_id.stages.identify_dim.events import (
 from mocap_id.stages.identify_dim.segment_fit import (
     ASKED_FOR,
     ON_TRUST,
+    MeasuredBodies,
+    Predictor,
     SegmentFit,
     check_and_calibrate,
     compare_motions,
     compare_torque,
+    estimate_hidden_gaps,
     explain_motion,
     explain_scales,
     filter_measured,
+    find_measured_bodies,
     fit_segments,
+    make_body_prior,
+    make_predictor,
+    pin_joints,
+    pin_joints_that_hold,
+    prepare_bodies,
     read_calibration,
 )
 from mocap_id.stages.identify_dim.trial_data import (
@@ -83,25 +94,10 @@ from mocap_id.stages.identify_dim.trial_data import (
     find_seat_segment,
     judge_mass,
     locate_board,
-    make_fit_settings,
     read_cop_threshold,
     read_kinematic_error,
     read_trial_data,
     read_wrench,
-)
-from mocap_id.stages.identify_dim.validation import (
-    MeasuredBodies,
-    Predictor,
-    describe_validation,
-    estimate_hidden_gaps,
-    explain_validation,
-    find_measured_bodies,
-    make_body_prior,
-    make_predictor,
-    pin_joints,
-    pin_joints_that_hold,
-    prepare_bodies,
-    validate,
 )
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
@@ -188,7 +184,18 @@ def read_inputs(context: Context) -> TrialInputs:
     prepared: PreparedTrial | None = None
     of_chair: tuple[Reason, ...] = ()
     if obstacle is None:
-        prepared, of_chair = check_chair(prepare(recorded, make_fit_settings(settings, recorded)))
+        components = (WRENCH_COMPONENTS.index(name) for name in settings.components)
+        fitted = FitSettings(
+            components=tuple(component for component in components if component in recorded.measures),
+            cutoff=settings.cutoff_hz,
+            offset_limit=recorded.clock.search,
+            apply_offset=settings.apply_clock_offset,
+            plate_bias=settings.plate_bias,
+            plate_zero=(settings.plate_zero_sd_n, settings.plate_zero_sd_nm),
+            block=settings.block_s,
+            gravity=settings.gravity,
+        )
+        prepared, of_chair = check_chair(prepare(recorded, fitted))
         recorded = prepared.recorded
 
     def find_repetitions(trial: PreparedTrial | None) -> Movement:
@@ -446,11 +453,11 @@ def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) ->
     data = make_datasets(
         base_names(prepared.base, centres),
         in_chain.base,
-        in_chain.covariance,
-        sd=np.sqrt(np.diag(in_chain.covariance)),
+        name_parameters(len(centres) + 1),
         units=list_base_units(prepared.base),
         regrouping=prepared.base.regrouping,
-        full_names=name_parameters(len(centres) + 1),
+        sd=np.sqrt(np.diag(in_chain.covariance)),
+        covariance=in_chain.covariance,
         full=in_chain.full,
         excitation=excited,
         prior_share=prior_share,
@@ -479,11 +486,8 @@ def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) ->
         **NO_FACTS,
         "condition_number": in_chain.fit.condition,
         "condition_number_scaled": in_chain.fit.condition_scaled,
-        "clock_offset_s": fit.total_offset if fit.offset_known else None,
-        "clock_offset_sd_s": found.offset_sd if fit.offset_known else None,
-        "clock": describe_clock(trial, fit),
+        **describe_fit(trial, found, found.solution.requested),
         **describe_errors(modelled, plates, fit.in_fit, threshold),
-        "samples": int(fit.in_fit.sum()),
         "reference_table": tables.chosen.table,
         "rivals": compare_references(tables, rows, plates, fit.in_fit, threshold, external=others),
         "held_out": describe_validation(
@@ -496,9 +500,7 @@ def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) ->
             filtered=segments is not None,
         ),
         "consistency": found.solution.consistency,
-        "solver": describe_solver(found.solution, found.solution.requested),
         "reference_pulls": found.uses_reference,
-        "cutoff_hz": trial.lowpass.cutoff,
         "plate_bias_N": None if found.plate_bias is None else {"Fx": found.plate_bias, "Fx_sd": found.plate_bias_sd},
         "untold": list(model.undetermined),
         "arc_deg": np.degrees(measure_arcs(trial.recorded.q, fit.in_fit)).tolist(),
@@ -756,19 +758,15 @@ def _explain_obstacle(context: Context, inputs: TrialInputs, obstacle: NotIdenti
         torque_sd=absent,
         in_fit=np.zeros(len(absent), dtype=np.bool_),
     )
-    base, segments = structural_base(recorded.centres), len(recorded.centres) + 1
+    base = structural_base(recorded.centres)
     value = np.full(len(base.kept), np.nan)
     value[0] = np.nan if obstacle.mass is None else obstacle.mass
-    unknown = np.full((len(value), len(value)), np.nan)
     data = make_datasets(
         base_names(base, recorded.centres),
         value,
-        unknown,
-        sd=unknown[0],
+        name_parameters(len(recorded.centres) + 1),
         units=list_base_units(base),
         regrouping=base.regrouping,
-        full_names=name_parameters(segments),
-        full=np.full(4 * segments, np.nan),
         reference=references.chosen.parameters,
         grid=inputs.grid,
     )

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from mocap_id import recording
-from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
+from mocap_id.arrays import FloatArray, find_complete_rows
 from mocap_id.dynamics.cautions import WEAK, find_cautions_in_space
-from mocap_id.dynamics.fit import LEAST_SECONDS, describe_clock, determines_parameters, select_samples
+from mocap_id.dynamics.fit import LEAST_SECONDS, determines_parameters, select_samples
 from mocap_id.dynamics.prediction import agreement, centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.preparation import CoarseClock, FitSettings
 from mocap_id.dynamics.space.identification import (
@@ -32,7 +32,7 @@ from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.stages.identify_dim.dynamics_artefacts import (
     NO_FACTS,
-    describe_solver,
+    describe_fit,
     make_datasets,
     make_dynamics_columns,
 )
@@ -116,11 +116,11 @@ def _identify(context: Context, chain: SpatialChain, trial: SpatialTrial) -> tup
     data = make_datasets(
         structure.names,
         found.base,
-        found.covariance,
-        sd=found.base_sd,
+        name_parameters_in_space(len(found.full) // 10),
         units=structure.units,
         regrouping=structure.mapping,
-        full_names=name_parameters_in_space(len(found.full) // 10),
+        sd=found.base_sd,
+        covariance=found.covariance,
         full=found.full,
         excitation=excited,
         prior_share=np.zeros(len(found.base)),
@@ -132,16 +132,11 @@ def _identify(context: Context, chain: SpatialChain, trial: SpatialTrial) -> tup
     facts = _make_common_facts(chain, None) | {
         "condition_number": fit.condition,
         "condition_number_scaled": fit.condition_scaled,
-        "clock_offset_s": fit.total_offset if fit.offset_known else None,
-        "clock_offset_sd_s": found.offset_sd if fit.offset_known else None,
-        "clock": describe_clock(trial, fit),
+        **describe_fit(trial, found, "cone"),
         "wrench": {name: None if one is None else asdict(one) for name, one in compared.items()},
         "cop_rms_m": None if apart is None else float(np.hypot(apart.bias, apart.sd)),
-        "samples": int(fit.in_fit.sum()),
         "consistency": "cone",
-        "solver": describe_solver(found.solution, "cone"),
         "reference_pulls": False,
-        "cutoff_hz": trial.lowpass.cutoff,
         "plate_bias": {COMPONENTS[k]: float(value) for k, value in zip(trial.constants, found.plate_bias, strict=True)},
         "residual_covariance": found.residual_covariance.tolist(),
         "unit_covariance": found.unit_covariance.tolist(),
@@ -184,17 +179,8 @@ def _explain_obstacle(
     # the only base parameter is the mass
     names, regrouping = name_parameters_in_space(segments), np.zeros((1, 10 * segments))
     regrouping[0, ::10] = 1.0
-    mass, unknown = np.array([np.nan if obstacle.mass is None else obstacle.mass]), np.full((1, 1), np.nan)
-    data = make_datasets(
-        ["+".join(names[::10])],
-        mass,
-        unknown,
-        sd=unknown[0],
-        units=["kg"],
-        regrouping=regrouping,
-        full_names=names,
-        full=np.full(10 * segments, np.nan),
-    )
+    mass = np.array([np.nan if obstacle.mass is None else obstacle.mass])
+    data = make_datasets(["+".join(names[::10])], mass, names, units=["kg"], regrouping=regrouping)
     expected = context.trial.protocol in ("reach", "curl")  # usually recorded without plates
     reasons = (Reason(obstacle.code, obstacle.why, level="ok" if expected else "caution"),)
     facts = _make_common_facts(chain, obstacle.why)
@@ -250,13 +236,33 @@ def _prepare(
         )
     # prefix of each segment's columns in poses.parquet
     prefixes = [name if f"{name}_qw" in poses.names else f"segment_{k}" for k, name in enumerate(segments)]
-    base = _find_base_at_rest(*_read_segment_poses(poses, prefixes[0]))
-    if isinstance(base, NotIdentifiable):
-        return base
+    rotations, origins, seen = [], [], []
+    for name in prefixes:
+        cross = so3.hat(poses.stack([f"{name}_q{axis}" for axis in "xyz"]))
+        rotations.append(np.eye(3) + 2 * poses[f"{name}_qw"][:, None, None] * cross + 2 * cross @ cross)
+        origins.append(poses.stack([f"{name}_{axis}" for axis in "xyz"]))
+        seen.append(poses[f"{name}_observed"].astype(np.bool_))
+
+    # pose of the base, which must be at rest
+    known = seen[0] & np.isfinite(origins[0]).all(axis=1) & np.isfinite(rotations[0]).all(axis=(1, 2))
+    if not known.any():
+        return NotIdentifiable("base-unseen", "the pose of the base is never known: put three markers on it")
+    rotation, origin = rotations[0][known], origins[0][known]
+    first = rotation[len(rotation) // 2]
+    mean = first @ so3.exp(np.median(so3.log(first.T @ rotation), axis=0))
+    position = np.median(origin, axis=0)
+    distance = float(np.quantile(np.linalg.norm(origin - position, axis=1), 0.95))
+    angle = float(np.quantile(np.linalg.norm(so3.log(mean.T @ rotation), axis=1), 0.95))
+    if not (distance <= _AT_REST[0] and angle <= _AT_REST[1]):
+        return NotIdentifiable(
+            "base-moves",
+            f"the base moves by {1e3 * distance:.0f} mm and {np.degrees(angle):.1f}°, expected a base at rest on the "
+            f"plate (up to {1e3 * _AT_REST[0]:g} mm and {np.degrees(_AT_REST[1]):g}°). Fix the base; if it is fixed, "
+            "the plates also carry other segments",
+        )
 
     # motion of the other segments
     names = prefixes[1:]
-    each = [_read_segment_poses(poses, name) for name in names]
     omega, alpha = (
         np.stack([poses.stack([f"{name}_{rate}_{axis}" for axis in "xyz"]) for name in names], axis=1)
         for rate in ("omega", "alpha")
@@ -264,12 +270,12 @@ def _prepare(
     record = SpatialRecord(
         time=time,
         chain=chain,
-        base=base,
-        rotation=np.stack([rotation for rotation, _, _ in each], axis=1),
+        base=se3.pose(mean, position),
+        rotation=np.stack(rotations[1:], axis=1),
         omega=omega,
         alpha=alpha,
         alpha_sd=poses.stack([f"sd_{name}_alpha" for name in names]),
-        observed=np.logical_and.reduce([seen for _, _, seen in each]),
+        observed=np.logical_and.reduce(seen[1:]),
         wrench=wrench,
         plate=None if facts.get("centre_m") is None else np.array(facts["centre_m"]),
         clock=clock,
@@ -286,35 +292,6 @@ def _prepare(
     )
     trial = prepare_in_space(record, fitted)
     return _check_excitation(settings, trial) or trial
-
-
-def _find_base_at_rest(rotation: FloatArray, origin: FloatArray, observed: BoolArray) -> FloatArray | NotIdentifiable:
-    """Return the pose (4, 4) of the base, or the reason why it is unknown or not at rest."""
-    observed = observed & np.isfinite(origin).all(axis=1) & np.isfinite(rotation).all(axis=(1, 2))
-    if not observed.any():
-        return NotIdentifiable("base-unseen", "the pose of the base is never known: put three markers on it")
-    rotation, origin = rotation[observed], origin[observed]
-    first = rotation[len(rotation) // 2]
-    mean = first @ so3.exp(np.median(so3.log(first.T @ rotation), axis=0))
-    position = np.median(origin, axis=0)
-    distance = float(np.quantile(np.linalg.norm(origin - position, axis=1), 0.95))
-    angle = float(np.quantile(np.linalg.norm(so3.log(mean.T @ rotation), axis=1), 0.95))
-    if distance <= _AT_REST[0] and angle <= _AT_REST[1]:
-        return se3.pose(mean, position)
-    return NotIdentifiable(
-        "base-moves",
-        f"the base moves by {1e3 * distance:.0f} mm and {np.degrees(angle):.1f}°, expected a base at rest on the plate "
-        f"(up to {1e3 * _AT_REST[0]:g} mm and {np.degrees(_AT_REST[1]):g}°). Fix the base; if it is fixed, the plates "
-        "also carry other segments",
-    )
-
-
-def _read_segment_poses(poses: Table, name: str) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return rotations (T, 3, 3) and origins (T, 3), m, of a segment, and True (T,) where it is observed."""
-    scalar, vector = poses[f"{name}_qw"], poses.stack([f"{name}_q{axis}" for axis in "xyz"])
-    cross = so3.hat(vector)
-    rotation = np.eye(3) + 2 * scalar[:, None, None] * cross + 2 * cross @ cross
-    return rotation, poses.stack([f"{name}_{axis}" for axis in "xyz"]), poses[f"{name}_observed"].astype(np.bool_)
 
 
 def _check_excitation(settings: IdentifyDimSettings, trial: SpatialTrial) -> NotIdentifiable | None:

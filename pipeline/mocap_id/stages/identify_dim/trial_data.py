@@ -15,7 +15,6 @@ from mocap_id.dynamics.instrument_errors import KinematicError, propagate_to_par
 from mocap_id.dynamics.prediction import compare_wrenches
 from mocap_id.dynamics.preparation import (
     CoarseClock,
-    FitSettings,
     PreparedTrial,
     SampledWrench,
     TrialData,
@@ -34,7 +33,6 @@ from mocap_id.protocols.reference_body import ReferenceBody, build_reference_bod
 from mocap_id.protocols.repetitions import measure_standing_angles
 from mocap_id.stages import skin_motion
 from mocap_id.stages.base import Context, Findings
-from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.store import Table
 from mocap_id.store.views import Skeleton, joint_columns
 from mocap_id.verdict import Reason
@@ -48,12 +46,8 @@ _THIGH_NUMBER = 2  # number of the thigh in a chain whose base is the foot
 def read_trial_data(context: Context, chain: Skeleton) -> TrialData:
     """Return the joint states and wrenches of a trial in the plane.
 
-    Raises
-    ------
-    StoreError
-        States and wrench have different times.
-    ConfigError
-        A segment in the settings does not exist.
+    StoreError is raised if states and wrench have different times, ConfigError if a segment in the settings does not
+    exist.
     """
     states = context.table("states.parquet")
     wrench, clock = read_wrench(context)
@@ -63,6 +57,18 @@ def read_trial_data(context: Context, chain: Skeleton) -> TrialData:
     vertical_only = board is not None or not wrench.facts.get("horizontal_measured", True)
     if vertical_only:
         ground[:, 0] = 0.0
+    external: dict[str, list[ExternalWrench]] = {"contact": [], "beyond": []}
+    for fact in wrench.facts.get("external") or ():
+        name = fact["name"]
+        if name != SEAT:
+            segment = _find_segment_number(chain.segments, fact.get("segment"), f"external: {name}: segment")
+        elif context.settings.seat_plate:
+            segment = find_seat_segment(context, chain.segments)
+        else:
+            continue
+        values = wrench.stack([f"{component}_{fact['columns']}" for component in WRENCH_COMPONENTS])
+        one = ExternalWrench(name, segment, values, by_plates=fact["clock"] == "plates")
+        external[fact.get("measures", "contact")].append(one)
     recorded = TrialData(
         time=time,
         q=joint_columns(states, "theta", joints),
@@ -72,8 +78,8 @@ def read_trial_data(context: Context, chain: Skeleton) -> TrialData:
         observed=np.logical_and.reduce([states[f"observed_{j}"] for j in range(1, joints + 1)]),
         wrench=np.where(wrench["plate_ok"][:, None], ground, np.nan),
         centres=chain.centres,
-        external=_read_external_wrenches(context, wrench, chain.segments, "contact"),
-        built_in=_read_external_wrenches(context, wrench, chain.segments, "beyond"),
+        external=tuple(external["contact"]),
+        built_in=tuple(external["beyond"]),
         knee=max(0, _find_thigh(chain.segments) - 1),
         measures=_VERTICAL if vertical_only else (0, 1, 2),
         clock=clock,
@@ -130,25 +136,6 @@ def read_cop_threshold(context: Context) -> float:
     return float(context.table("wrench.parquet").facts["cop_threshold_N"])
 
 
-def _read_external_wrenches(
-    context: Context, table: Table, segments: Sequence[str], measures: str
-) -> tuple[ExternalWrench, ...]:
-    """Return the external wrenches with this key `measures`: "contact" or "beyond"."""
-    settings, wrenches = context.settings, []
-    for fact in table.facts.get("external") or ():
-        if fact.get("measures", "contact") != measures:
-            continue
-        given, key = fact.get("segment"), f"external: {fact['name']}: segment"
-        if fact["name"] == SEAT:
-            if not settings.seat_plate:
-                continue
-            given, key = find_seat_segment(context, segments), "identify-dim: seat_segment"
-        wrench = table.stack([f"{component}_{fact['columns']}" for component in WRENCH_COMPONENTS])
-        segment = _find_segment_number(segments, given, key)
-        wrenches.append(ExternalWrench(fact["name"], segment, wrench, by_plates=fact["clock"] == "plates"))
-    return tuple(wrenches)
-
-
 def find_seat_segment(context: Context, segments: Sequence[str]) -> int:
     """Return the number of the segment on which the chair pushes; ConfigError if the setting names no segment."""
     given = context.settings.seat_segment
@@ -176,21 +163,6 @@ def read_kinematic_error(context: Context) -> KinematicError:
     skin = skin_motion.read_skin_tree(context.tree("skin.h5"))
     centres, turned = skin.stored_chain_errors()
     return KinematicError(lambda q: skin.errors(q)[0] + turned, centres)
-
-
-def make_fit_settings(settings: IdentifyDimSettings, recorded: TrialData) -> FitSettings:
-    """Return the settings of the fit, with the wrench components that the trial measures."""
-    components = (WRENCH_COMPONENTS.index(name) for name in settings.components)
-    return FitSettings(
-        components=tuple(component for component in components if component in recorded.measures),
-        cutoff=settings.cutoff_hz,
-        offset_limit=recorded.clock.search,
-        apply_offset=settings.apply_clock_offset,
-        plate_bias=settings.plate_bias,
-        plate_zero=(settings.plate_zero_sd_n, settings.plate_zero_sd_nm),
-        block=settings.block_s,
-        gravity=settings.gravity,
-    )
 
 
 @dataclass(frozen=True)
@@ -400,33 +372,33 @@ def check_chair(prepared: PreparedTrial) -> tuple[PreparedTrial, tuple[Reason, .
         )
         return prepared, (Reason("seat-measured", text, level="ok"),)
     without = replace(recorded, external=tuple(each for each in recorded.external if each.name != SEAT))
-    gain = _find_worst(wrong)
+    gain = max(wrong, key=_compute_effect)
     text = (
         f"the forces of ground and chair add up best with the chair's {gain.component} times {gain.value:.2f} ± "
         f"{gain.sd:.2f}, expected 1: its plate does not measure the wrench of the chair on the body (wrong sign, "
         "corners or units, another object on the plate, or a chair leg beside it). It was left out, with all samples "
         "with contact"
     )
-    reason = Reason("seat-contradiction", text, value=gain.value, limit=1.0)
-    return prepare(without, prepared.settings), (reason,)
+    return prepare(without, prepared.settings), (Reason("seat-contradiction", text, gain.value, 1.0),)
 
 
-def check_sensors(prepared: PreparedTrial, found: Fit) -> tuple[Reason, ...]:
+def check_sensors(prepared: PreparedTrial, found: Fit) -> list[Reason]:
     """Return a caution for every sensor whose wrench or clock contradicts the motion of the body."""
-    wrong = [gain for gain in estimate_gains(prepared, found) if gain.name != SEAT and gain.contradicts]
-    clocks = tuple(_check_clock(prepared, found, each) for each in prepared.recorded.external if not each.by_plates)
-    return tuple(reason for reason in clocks if reason is not None) + tuple(
-        Reason(
-            "external-contradiction",
+    clocks = (_check_clock(prepared, found, each) for each in prepared.recorded.external if not each.by_plates)
+    reasons = [reason for reason in clocks if reason is not None]
+    wrong: dict[str, list[WrenchGain]] = {}
+    for each in estimate_gains(prepared, found):
+        if each.name != SEAT and each.contradicts:
+            wrong.setdefault(each.name, []).append(each)
+    for name, gains in wrong.items():
+        gain = max(gains, key=_compute_effect)
+        text = (
             f"the forces add up best with the {gain.component} of `{name}` times {gain.value:.2f} ± {gain.sd:.2f}, "
             "expected 1: check its sign (`force: on-sensor`), its axes, its point of application (`at:`), its segment "
-            "and its clock (`clock_offset_s:`) under `external:`. It was used without a change",
-            value=gain.value,
-            limit=1.0,
+            "and its clock (`clock_offset_s:`) under `external:`. It was used without a change"
         )
-        for name in dict.fromkeys(gain.name for gain in wrong)
-        for gain in [_find_worst([each for each in wrong if each.name == name])]
-    )
+        reasons.append(Reason("external-contradiction", text, gain.value, 1.0))
+    return reasons
 
 
 def _check_clock(prepared: PreparedTrial, found: Fit, sensor: ExternalWrench) -> Reason | None:
@@ -462,9 +434,9 @@ def _check_clock(prepared: PreparedTrial, found: Fit, sensor: ExternalWrench) ->
     )
 
 
-def _find_worst(wrong: Sequence[WrenchGain]) -> WrenchGain:
-    """Return the gain whose deviation from 1 has the largest effect relative to its limit."""
-    return max(wrong, key=lambda gain: abs(gain.value - 1.0) * gain.size / gain.limit)
+def _compute_effect(gain: WrenchGain) -> float:
+    """Return the effect of the gain's deviation from 1, relative to its limit."""
+    return abs(gain.value - 1.0) * gain.size / gain.limit
 
 
 MASS_CONTRADICTS = 0.2
