@@ -57,7 +57,6 @@ class Difference:
 
     @property
     def differs(self) -> bool:
-        """Whether the two runs differ."""
         return self.difference != 0.0 if self.difference is not None else self.a != self.b
 
 
@@ -72,7 +71,6 @@ class RunComparison:
 
     @property
     def changed(self) -> tuple[Difference, ...]:
-        """The rows that differ."""
         return tuple(row for row in self.rows if row.differs)
 
     def as_json(self, rows: Sequence[Difference]) -> dict[str, Any]:

@@ -76,7 +76,6 @@ class Perturbation:
 
     @property
     def definition(self) -> Kind:
-        """The definition of the perturbation's kind."""
         return KINDS[self.kind]
 
     @property
@@ -115,29 +114,23 @@ class RerunInputs:
     settings: Mapping[str, Settings]  # settings by stage
 
     def table(self, file: str) -> Table:
-        """Return a Parquet artefact that has a row for each sample or object."""
         return cast(Table, self.artefacts[file])
 
     def long(self, file: str) -> LongTable:
-        """Return a Parquet artefact that has a row for each pair of frame and marker."""
         return cast(LongTable, self.artefacts[file])
 
     def tree(self, file: str) -> Tree:
-        """Return an HDF5 artefact."""
         return cast(Tree, self.artefacts[file])
 
     def with_artefacts(self, *changed: Artefact) -> RerunInputs:
-        """Return the inputs with the ``changed`` artefacts in place of the artefacts with the same file names."""
         return replace(self, artefacts={**self.artefacts, **{one.schema.file: one for one in changed}})
 
     def with_settings(self, stage: str, **values: object) -> RerunInputs:
-        """Return the inputs with new ``values`` for some settings of a stage."""
         changed = self.settings[stage].model_copy(update=values)
         return replace(self, settings={**self.settings, stage: changed})
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints."""
         return self.tree("chain.h5").texts("joints/name")
 
     @property
@@ -151,7 +144,6 @@ class RerunInputs:
 
     @property
     def has_plate(self) -> bool:
-        """Whether any sample of the wrench is known."""
         return bool(np.isfinite(self.table("wrench.parquet")["Fy"]).any())
 
 

@@ -148,29 +148,23 @@ def _find_mistakes(entry: KindSelection, number: int, source: Source) -> Iterato
 
 def plan(selections: Sequence[KindSelection], joints: Sequence[str], seed: int = SEED) -> tuple[Perturbation, ...]:
     """Return the perturbations of a trial with these joints that the selections describe, without duplicates."""
-    perturbations = (
-        Perturbation(one.kind, target, float(level), seed)
-        for one in selections
-        for target in _choose_targets(one, joints)
-        for level in one.levels or KINDS[one.kind].levels
-    )
-    return tuple(dict.fromkeys(perturbations))
-
-
-def _choose_targets(selection: KindSelection, joints: Sequence[str]) -> Sequence[str]:
-    kind = KINDS[selection.kind]
-    if kind.free:
-        return selection.targets or kind.targets
-    possible = (*joints, ALL) if kind.targets == JOINTS else kind.targets
-    wrong = [target for target in selection.targets if target not in possible]
-    if wrong:
-        expected = f"expected one of {', '.join(possible)}" if possible else "this kind has no target: leave out `on`"
-        raise ConfigError(f"{kind.name}: there is no {wrong[0]!r} to perturb in this trial; {expected}")
-    if selection.targets:
-        return selection.targets
-    if len(joints) == 1 and kind.targets == JOINTS:
-        return joints  # with a single joint, "all" would be the same target
-    return kind.usual or possible or ("",)
+    found: list[Perturbation] = []
+    for one in selections:
+        kind = KINDS[one.kind]
+        possible = (*joints, ALL) if kind.targets == JOINTS else kind.targets
+        wrong = [target for target in one.targets if target not in possible and not kind.free]
+        if wrong:
+            ways = f"expected one of {', '.join(possible)}" if possible else "this kind has no target: leave out `on`"
+            raise ConfigError(f"{kind.name}: there is no {wrong[0]!r} to perturb in this trial; {ways}")
+        usual = kind.usual or possible or ("",)
+        if len(joints) == 1 and kind.targets == JOINTS:
+            usual = tuple(joints)  # with a single joint, "all" would be the same target
+        found += [
+            Perturbation(one.kind, target, float(level), seed)
+            for target in one.targets or usual
+            for level in one.levels or kind.levels
+        ]
+    return tuple(dict.fromkeys(found))
 
 
 # The tolerated levels of each kind of error, and whether the verdict warns of larger errors, also as text.
@@ -193,7 +187,6 @@ class Point:
 
     @property
     def is_tolerated(self) -> bool:
-        """Whether the level is tolerated."""
         return self.ratio <= 1
 
 
@@ -367,7 +360,6 @@ def describe_failures(runs: Sequence[PerturbationRun]) -> str:
 
 
 def _broken(name: str, missing: Any) -> Callable[[Tolerance], Any]:
-    """Return a function that reads an attribute of a tolerance's ``broken`` level; ``missing`` without this level."""
     return lambda one: missing if one.broken is None else getattr(one.broken, name)
 
 

@@ -104,7 +104,6 @@ class TrialResult(StudyOutcome):
 
     @property
     def strategy(self) -> str:
-        """Strategy of the movement."""
         return self.trial.strategy
 
     def length(self, segment: str) -> float | None:

@@ -57,11 +57,9 @@ class StudyKind:
     prepare: Callable[[Sequence[Any]], Sequence[Any]] = list  # completes the results by those of other trials
 
     def read_labels(self, trial: Any) -> dict[str, Any]:
-        """Return the properties of a trial by name."""
         return {name: getattr(trial, name) for name in self.labels}
 
     def make_tables(self, trials: Sequence[Any]) -> dict[str, ResultTable]:
-        """Return the tables by name."""
         own = self.prepare(trials)
         return {name: ResultTable.of(table, self.rows.get(name, list)(own)) for name, table in self.tables.items()}
 
@@ -82,7 +80,6 @@ class StudyResult:
 
     @property
     def page(self) -> Path:
-        """Path of the page of the cohort."""
         return self.study.folder / COHORT_PAGE
 
 
