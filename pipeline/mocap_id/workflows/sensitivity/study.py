@@ -681,7 +681,45 @@ def study_sensitivity(
         runs = run_perturbations(source, perturbations, jobs, lambda run: tell(run, next(numbers), len(perturbations)))
         notes = "; ".join(filter(None, (note, describe_failures(runs))))
         result = SensitivityResult(source.name, options, read_estimates(trial), runs, notes, folder)
-        output = _make_output(result)
+        own, judged, share = result.own, result.judged_parameters, result.options.tolerance
+        rows = {
+            "responses": (row for run in result.runs for row in _list_responses(result, run)),
+            "perturbations": (_describe_run(result, run) for run in result.runs),
+            "tolerates": find_tolerances(own, result.runs, judged, share),
+        }
+        tables = {name: ResultTable.of(schema, rows[name]) for name, schema in TABLES.items()}
+
+        def make_page() -> dict[str, bytes]:
+            data = SensitivityData(
+                trial=result.trial,
+                verdict=own.level,
+                note=result.note,
+                tolerance=share,
+                seed=result.options.seed,
+                parameters=tuple(own.parameters[name] for name in judged),
+                titles={run.perturbation.kind: run.perturbation.definition.title for run in result.runs},
+                tables=tables,
+            )
+            return {PAGE: render_sensitivity_page(data)}
+
+        def describe(one: Parameter) -> dict[str, Any]:
+            numbers = {name: to_finite(getattr(one, name)) for name in ("value", "sd", "size")}
+            return asdict(one) | numbers | {"verdict": one.verdict or None}
+
+        content = {
+            "trial": result.trial,
+            "product": __version__,
+            "seed": result.options.seed,
+            "tolerance": {"share_of_size": share, "or_stated_sd": 1.0},
+            "note": result.note or None,
+            "verdict": {"level": own.level, "codes": sorted(own.codes)},
+            "condition_number": to_finite(own.condition),
+            "parameters": [describe(one) for one in own.parameters.values()],
+            "tolerates": tables["tolerates"].records,
+            "perturbations": tables["perturbations"].records,
+            "tables": {name: table.columns for name, table in tables.items()},
+        }
+        output = Result("sensitivity", DOCUMENT, content, tables, make_page, hashed=True)
         output.write(folder)
         store_owner(folder, owner, DOCUMENT)
     return replace(result, document=output.document)
@@ -710,45 +748,3 @@ def _select_possible(selections: Sequence[KindSelection], trial: RerunInputs) ->
         raise ConfigError(f"{name} has {missing}, so there is nothing to study{left_out}")
     note = f"no parameters were identified ({facts['why']})" if trial.has_plate else "there is no force plate"
     return possible, f"{note}: only lengths and states are compared{left_out}"
-
-
-def _make_output(result: SensitivityResult) -> Result:
-    own, judged, share = result.own, result.judged_parameters, result.options.tolerance
-    rows = {
-        "responses": (row for run in result.runs for row in _list_responses(result, run)),
-        "perturbations": (_describe_run(result, run) for run in result.runs),
-        "tolerates": find_tolerances(own, result.runs, judged, share),
-    }
-    tables = {name: ResultTable.of(schema, rows[name]) for name, schema in TABLES.items()}
-
-    def make_page() -> dict[str, bytes]:
-        data = SensitivityData(
-            trial=result.trial,
-            verdict=own.level,
-            note=result.note,
-            tolerance=share,
-            seed=result.options.seed,
-            parameters=tuple(own.parameters[name] for name in judged),
-            titles={run.perturbation.kind: run.perturbation.definition.title for run in result.runs},
-            tables=tables,
-        )
-        return {PAGE: render_sensitivity_page(data)}
-
-    def describe(one: Parameter) -> dict[str, Any]:
-        numbers = {name: to_finite(getattr(one, name)) for name in ("value", "sd", "size")}
-        return asdict(one) | numbers | {"verdict": one.verdict or None}
-
-    content = {
-        "trial": result.trial,
-        "product": __version__,
-        "seed": result.options.seed,
-        "tolerance": {"share_of_size": share, "or_stated_sd": 1.0},
-        "note": result.note or None,
-        "verdict": {"level": own.level, "codes": sorted(own.codes)},
-        "condition_number": to_finite(own.condition),
-        "parameters": [describe(one) for one in own.parameters.values()],
-        "tolerates": tables["tolerates"].records,
-        "perturbations": tables["perturbations"].records,
-        "tables": {name: table.columns for name, table in tables.items()},
-    }
-    return Result("sensitivity", DOCUMENT, content, tables, make_page, hashed=True)
