@@ -33,14 +33,14 @@ from mocap_id.workflows.sensitivity.perturbations import (
     locate_trial,
     read_rerun_inputs,
 )
-from mocap_id.workflows.sensitivity.runs import (
+from mocap_id.workflows.sensitivity.study import (
     Estimates,
     SeriesChanges,
     compare_series,
     read_estimates,
     run_from,
+    study_sensitivity,
 )
-from mocap_id.workflows.sensitivity.study import study_sensitivity
 from mocap_id_simulation import simulate
 from mocap_id_simulation.options import JointName, Options, Speed
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +9,7 @@ from typer import Option
 
 from mocap_id.design.proposal import Objective
 from mocap_id.workflows import advice
-from mocap_id.workflows.run_folder import describe_sources
+from mocap_id.workflows.run_folder import write_result
 from mocap_id_cli.console import Output, TrialPath, common_options
 
 
@@ -62,8 +61,5 @@ def advise(
         seed=seed,
     )
     found = advice.advise_movement(trial, options, output.report_stage)
-    files = advice.make_output(found)
-    if out is not None:
-        files = replace(files, made_from=describe_sources(out, trial))
-        files.write(out)
-    output.print_result(files.document, advice.format_text(found))
+    result, _ = write_result(advice.make_output(found), out, trial)
+    output.print_result(result.document, advice.format_text(found))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,7 +13,7 @@ from mocap_id.arrays import NORMAL_95
 from mocap_id.config.device import load_device
 from mocap_id.errors import ConfigError
 from mocap_id.stages.device import Condition
-from mocap_id.workflows.run_folder import describe_sources
+from mocap_id.workflows.run_folder import write_result
 from mocap_id_assist import pneumatic as workflow
 from mocap_id_cli.console import AsJson, Output, align, make_group
 
@@ -44,14 +43,11 @@ def _curve(
         if not all(0 < pressure < math.inf for pressure in changed.values()):
             raise ConfigError(f"--flexion and --extension: expected pressures above 0 Pa, not {changed}")
         state = Condition(**(state.model_dump() | changed | {"worn": True}))
-    found = workflow.device_curve(config, state, polytropic, angles)
-    if out is not None:
-        found = replace(found, made_from=describe_sources(out, device))
-    files = () if out is None else found.write(out)
-    Output(as_json).print_result(found.document, _describe_curve(found.content, out, files))
+    found, written = write_result(workflow.device_curve(config, state, polytropic, angles), out, device)
+    Output(as_json).print_result(found.document, [*_describe_curve(found.content), *written])
 
 
-def _describe_curve(curve: Mapping[str, Any], out: Path | None, files: Sequence[str]) -> Iterator[str]:
+def _describe_curve(curve: Mapping[str, Any]) -> Iterator[str]:
     count = len(curve["angle_rad"])
     rows = [["angle", "torque", "± 95 %", "stiffness"]]
     for k in range(0, count, max(1, (count - 1) // (_ROWS - 1))):
@@ -61,8 +57,6 @@ def _describe_curve(curve: Mapping[str, Any], out: Path | None, files: Sequence[
     yield from align(rows, numbers=True)
     rest = curve["rest_angle_rad"]
     yield curve["why"] if rest is None else f"rest angle: {math.degrees(rest):.1f}°"
-    if files:
-        yield f"written to {out}: {', '.join(files)}"
 
 
 def _pressures(

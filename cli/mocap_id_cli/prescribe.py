@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Annotated
@@ -11,7 +10,7 @@ import typer
 from typer import Argument, Option
 
 from mocap_id.errors import Refused
-from mocap_id.workflows.run_folder import describe_sources
+from mocap_id.workflows.run_folder import write_result
 from mocap_id_assist.files import load_prescription
 from mocap_id_assist.prescription_output import prescription_lines, prescription_output
 from mocap_id_assist.prescriptions import prescribe_from
@@ -38,11 +37,7 @@ def prescribe(
     The range is that of one joint or of a whole chain.
     """
     found = prescribe_from(load_prescription(config), out, output.report_stage, output.say)
-    result = prescription_output(found)
-    if out is not None:
-        result = replace(result, made_from=describe_sources(out, config))
-    files = () if out is None else result.write(out)
-    written = [f"written to {out}: {', '.join(files)}"] if files else []
+    result, written = write_result(prescription_output(found), out, config)
     output.print_result(result.document, chain(prescription_lines(found), written))
     if found.refused is not None:
         raise typer.Exit(Refused.exit_code)

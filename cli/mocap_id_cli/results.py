@@ -50,8 +50,8 @@ def compare(
     comparison = workflows.compare.compare_runs(a, b, output.report_stage)
     rows = comparison.rows if everything else comparison.changed
     if out is not None:
-        owner, content = workflows.run_folder.find_owner_of_files(a, b), workflows.compare.format_rows(rows)
-        workflows.run_folder.write_owned(out.parent, {out.name: content}, owner, out.name)
+        content = workflows.compare.format_rows(rows)
+        workflows.run_folder.write_owned(out.parent, {out.name: content}, out.name, a, b)
     output.print_result(comparison.as_json(rows), _describe_comparison(comparison, rows))
 
 
@@ -108,11 +108,8 @@ def transfer(
         workflows.run_folder.check_ending(out, ".csv", ".parquet")
     result = workflows.transfer.transfer_model(model, trials, output.report_stage)
     if out is not None:
-        owner, content = (
-            workflows.run_folder.find_owner_of_files(model, *trials),
-            result.format_table(out.suffix.lower()),
-        )
-        workflows.run_folder.write_owned(out.parent, {out.name: content}, owner, out.name)
+        content = result.format_table(out.suffix.lower())
+        workflows.run_folder.write_owned(out.parent, {out.name: content}, out.name, model, *trials)
     output.print_result(result.as_json(), _describe_transfer(result))
 
 

@@ -23,8 +23,7 @@ from mocap_id_cli.console import (
 )
 
 if TYPE_CHECKING:
-    from mocap_id.workflows.sensitivity.runs import PerturbationRun
-    from mocap_id.workflows.sensitivity.study import SensitivityResult
+    from mocap_id.workflows.sensitivity.study import PerturbationRun, SensitivityResult
     from mocap_id.workflows.study.discovery import Discovery
 
 _PLURALS = {"strategy": "strategies", "session": "sessions", "side": "sides"}
@@ -143,13 +142,13 @@ def sensitivity(
     The perturbations are typical laboratory errors (thesis 5.5.2). If TRIAL is a YAML file, missing or outdated
     results are computed first. A given run folder is not changed.
     """
-    from mocap_id.workflows.sensitivity import study  # noqa: PLC0415  no other command has to wait for it
+    from mocap_id.workflows.sensitivity import perturbations, study  # noqa: PLC0415  no other command waits for them
 
     def report(run: PerturbationRun, number: int, count: int) -> None:
         outcome = "" if run.estimates is not None else "  refused" if run.refused else "  failed"
         output.say(f"{number:>4}/{count}  {run.perturbation.name:<36}{run.seconds:6.2f} s{outcome}")
 
-    options = study.SensitivityOptions() if settings is None else study.read_options(settings)
+    options = perturbations.SensitivityOptions() if settings is None else perturbations.read_options(settings)
     options = options.only(only or ())
     start = time.perf_counter()
     result = study.study_sensitivity(trial, options, jobs=jobs, out=out, progress=output.report_stage, tell=report)

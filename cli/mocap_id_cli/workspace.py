@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 from typer import Argument, Option
 
-from mocap_id.workflows.run_folder import describe_sources
+from mocap_id.workflows.run_folder import write_result
 from mocap_id_assist import workspaces as workflow
 from mocap_id_cli.console import Output, common_options
 
@@ -47,10 +46,7 @@ def workspace(
     reaches = [workflow.measure_workspace(subject, samples, seed) for subject in subjects]
     change = workflow.compare_workspaces(*reaches) if compare is not None else None
     later = reaches[1] if compare is not None else None
-    result = workflow.workspace_result(reaches[0], later, change)
-    if out is not None:
-        result = replace(result, made_from=describe_sources(out, *paths))
-    files = () if out is None else result.write(out)
+    result, written = write_result(workflow.workspace_result(reaches[0], later, change), out, *paths)
     lines = [line for reach in reaches for line in _lines(reach)]
     if change is not None:
         unit = "m²" if change.points.shape[1] == 2 else "m³"
@@ -59,9 +55,7 @@ def workspace(
             f"{change.kept:.5f}; both are aligned at the first joint"
         )
         lines += [f"  note: {each}" for each in result.content["change"]["notes"]]
-    if files:
-        lines.append(f"written to {out}: {', '.join(files)}")
-    output.print_result(result.document, lines)
+    output.print_result(result.document, [*lines, *written])
 
 
 def _lines(reach: workflow.ArmWorkspace) -> Iterator[str]:

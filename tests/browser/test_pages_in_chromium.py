@@ -25,7 +25,8 @@ from mocap_id.recording.writer import write_c3d
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Key, Line, Panel, Points, Text
 from mocap_id.reporting.page import embed, make_environment, read_figures
 from mocap_id.runner import run
-from mocap_id.workflows.sensitivity.study import SensitivityOptions, study_sensitivity
+from mocap_id.workflows.sensitivity.perturbations import SensitivityOptions
+from mocap_id.workflows.sensitivity.study import study_sensitivity
 from mocap_id.workflows.study import run_study
 from mocap_id.workflows.study.robots import validate_robot
 from mocap_id_simulation import Options, RobotSet, generate, simulate_robot_set

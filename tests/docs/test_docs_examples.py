@@ -21,7 +21,7 @@ from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGE_HELP
 from mocap_id.workflows import parallel as backends
-from mocap_id.workflows.sensitivity.study import read_options
+from mocap_id.workflows.sensitivity.perturbations import read_options
 from mocap_id_assist.files import load_prescription
 from mocap_id_assist.workspaces import load_chain
 from mocap_id_cli.commands import COMMANDS, build, load_command

@@ -18,9 +18,9 @@ from mocap_id.store import Tree
 from mocap_id.store.schemas import DYNAMICS_TREE
 from mocap_id.store.views import SegmentPoses, SpatialSkeleton
 from mocap_id.workflows.export import FORMATS, IN_SPACE
-from mocap_id.workflows.export.files import ExportFiles
 from mocap_id.workflows.export.opensim_model import ModelJoint, convert_spatial_inertia, model_joints
 from mocap_id.workflows.export.opensim_tables import convert_spatial_wrench
+from mocap_id.workflows.export.tables import ExportFiles
 from mocap_id.workflows.run_folder import RunFolder
 from spatial_trial import ANGLES_OF_ARM, SpatialTrial
 

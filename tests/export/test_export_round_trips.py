@@ -8,8 +8,8 @@ import pytest
 
 from mocap_id import recording
 from mocap_id.recording.sensor_logs import read_angles
-from mocap_id.workflows.export.files import make_legal
 from mocap_id.workflows.export.opensim_tables import convert_planar_wrench, find_known_rows
+from mocap_id.workflows.export.tables import make_legal
 
 
 def grid(frame: pd.DataFrame, *names: str) -> np.ndarray:

@@ -15,8 +15,8 @@ from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.runner import run_to
 from mocap_id.workflows.export import FORMATS, Export, export_run
-from mocap_id.workflows.export.files import ExportFiles
 from mocap_id.workflows.export.opensim_tables import add_motion
+from mocap_id.workflows.export.tables import ExportFiles
 from mocap_id_simulation import Options, PersonOptions, simulate
 
 NAMES = ("foot", "shank", "thigh", "torso")

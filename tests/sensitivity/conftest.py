@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mocap_id.workflows.sensitivity.perturbations import RerunInputs, locate_trial, read_rerun_inputs
-from mocap_id.workflows.sensitivity.runs import Estimates, read_estimates
+from mocap_id.workflows.sensitivity.study import Estimates, read_estimates
 from mocap_id_simulation import Options, simulate
 
 

@@ -13,21 +13,17 @@ import pytest
 from mocap_id.errors import ConfigError
 from mocap_id.recording.imu_log import ImuLog
 from mocap_id.workflows.sensitivity.perturbations import (
+    ALL_KINDS,
     COMPONENTS,
     KINDS,
+    KindSelection,
     Perturbation,
     RerunInputs,
+    SensitivityOptions,
     locate_trial,
     read_rerun_inputs,
 )
-from mocap_id.workflows.sensitivity.runs import perturb
-from mocap_id.workflows.sensitivity.study import (
-    ALL_KINDS,
-    KindSelection,
-    SensitivityOptions,
-    _select_possible,
-    study_sensitivity,
-)
+from mocap_id.workflows.sensitivity.study import _select_possible, perturb, study_sensitivity
 from worn_sensors import worn_sensors
 
 TIME = np.arange(2000) / 100.0

@@ -9,13 +9,7 @@ import pytest
 
 from mocap_id.workflows.sensitivity import perturbations
 from mocap_id.workflows.sensitivity.perturbations import KINDS, Perturbation, RerunInputs
-from mocap_id.workflows.sensitivity.runs import (
-    Estimates,
-    compare_series,
-    perturb,
-    read_estimates,
-    run_perturbation,
-)
+from mocap_id.workflows.sensitivity.study import Estimates, compare_series, perturb, read_estimates, run_perturbation
 
 GRAVITY = 9.81
 JOINT = "joint"

@@ -8,8 +8,17 @@ from dataclasses import replace
 import pytest
 
 from mocap_id.workflows.sensitivity.perturbations import Perturbation
-from mocap_id.workflows.sensitivity.runs import Estimates, Parameter, PerturbationRun, SeriesChanges, tolerance_ratio
-from mocap_id.workflows.sensitivity.study import Tolerance, describe_failures, describe_tolerance, find_tolerances
+from mocap_id.workflows.sensitivity.study import (
+    Estimates,
+    Parameter,
+    PerturbationRun,
+    SeriesChanges,
+    Tolerance,
+    describe_failures,
+    describe_tolerance,
+    find_tolerances,
+    tolerance_ratio,
+)
 
 MASS = Parameter("m1+m2", "kg", value=20.0, sd=0.1, size=20.0, verdict="known")
 WEAK = Parameter("mx1", "kg*m", value=1.0, sd=0.5, size=1.0, verdict="weak")

@@ -7,8 +7,14 @@ from pathlib import Path
 import pytest
 
 from mocap_id.errors import ConfigError
-from mocap_id.workflows.sensitivity.perturbations import KINDS
-from mocap_id.workflows.sensitivity.study import ALL_KINDS, KindSelection, SensitivityOptions, plan, read_options
+from mocap_id.workflows.sensitivity.perturbations import (
+    ALL_KINDS,
+    KINDS,
+    KindSelection,
+    SensitivityOptions,
+    plan,
+    read_options,
+)
 
 LEG = ("ankle", "knee", "hip")
 MISTAKES = [

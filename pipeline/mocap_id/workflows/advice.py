@@ -194,7 +194,6 @@ class AdviceOptions:
                 raise ConfigError(f"advise: {name} is {value!r}; expected {expected}")
 
     def replace_limits(self, limits: MovementLimits, joints: Sequence[str]) -> MovementLimits:
-        """Return ``limits`` with the limits that the options contain in place of the observed ones."""
         low, high, one = limits.low.copy(), limits.high.copy(), np.ones(len(joints))
         for name, ends in self.angles.items():
             if name not in joints:

@@ -217,7 +217,26 @@ def run_batch(
     """
     trials, unreadable = find_trials(named)
     table = table.absolute()
-    _check_table(table, trials)
+    if table.exists():
+        # Only the table of a batch with at least one of the trials is replaced.
+        try:
+            rows = pq.read_table(table, columns=["trial", "file", "folder"]).to_pylist()
+            before = {(table.parent / row[key]).resolve() for row in rows for key in ("file", "folder") if row[key]}
+        except (OSError, ValueError, TypeError, KeyError) as error:
+            raise StoreError(
+                f"{table} exists and is not a table of `mocap-id batch`: choose another file with `--out`"
+            ) from error
+        now = {path.resolve() for trial in trials for path in (trial.file, trial.out)}
+        if trials and before and not before & now:
+            named_files = []
+            for files in ((row["file"] for row in rows), (trial.file for trial in trials)):
+                names = [os.path.relpath(table.parent / file, table.parent) for file in dict.fromkeys(files)]
+                named_files.append(", ".join(names[:3]) + (" …" if names[3:] else ""))
+            others, own = named_files
+            raise StoreError(
+                f"{table} is the table of other trials ({others}), and the table of this batch ({own}) would replace "
+                "it: choose another file with `--out`"
+            )
     with converting_errors(table):
         table.parent.mkdir(parents=True, exist_ok=True)
     if len(trials) == 1 and isinstance(backend, DaskBackend):
@@ -234,30 +253,6 @@ def run_batch(
     rows = [make_row(entry) for entry in entries]
     write_files(table.parent, {table.name: ResultTable.of(BATCH, rows).parquet("batch")})
     return Batch(rows, messages, table)
-
-
-def _check_table(table: Path, trials: Sequence[Trial]) -> None:
-    """Raise StoreError if a file exists that is not a table of a batch with at least one of the trials."""
-    if not table.exists():
-        return
-    try:
-        rows = pq.read_table(table, columns=["trial", "file", "folder"]).to_pylist()
-        before = {(table.parent / row[key]).resolve() for row in rows for key in ("file", "folder") if row[key]}
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise StoreError(
-            f"{table} exists and is not a table of `mocap-id batch`: choose another file with `--out`"
-        ) from error
-    now = {path.resolve() for trial in trials for path in (trial.file, trial.out)}
-    if trials and before and not before & now:
-        named = []
-        for files in ((row["file"] for row in rows), (trial.file for trial in trials)):
-            names = [os.path.relpath(table.parent / file, table.parent) for file in dict.fromkeys(files)]
-            named.append(", ".join(names[:3]) + (" …" if names[3:] else ""))
-        others, own = named
-        raise StoreError(
-            f"{table} is the table of other trials ({others}), and the table of this batch ({own}) would replace it: "
-            "choose another file with `--out`"
-        )
 
 
 def read_trial(trial: Trial, run: TrialRun, folder: Path) -> BatchTrial:

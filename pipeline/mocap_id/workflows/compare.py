@@ -57,7 +57,6 @@ class Difference:
 
     @property
     def differs(self) -> bool:
-        """Whether the two runs differ."""
         return self.difference != 0.0 if self.difference is not None else self.a != self.b
 
 
@@ -72,7 +71,6 @@ class RunComparison:
 
     @property
     def changed(self) -> tuple[Difference, ...]:
-        """The rows that differ."""
         return tuple(row for row in self.rows if row.differs)
 
     def as_json(self, rows: Sequence[Difference]) -> dict[str, Any]:
@@ -111,8 +109,22 @@ def compare_runs(a: Path, b: Path, progress: runner.Progress = lambda step: None
         same_facts = (one.facts, one.reasons) == (other.facts, other.reasons)
         if same_facts and _is_equal(_collect_data(one), _collect_data(other)):
             keys[file] = others[file] = min(keys[file], others[file])
+    # Versions, input files, and settings of the stages that both runs completed.
+    both = set.intersection(*({about.origin.stage for about in run.provenance.values()} for run in (first, second)))
+    found: dict[str, tuple[dict[str, Value], ...]] = {name: ({}, {}) for name in ("versions", "inputs", "settings")}
+    for k, run in enumerate((first, second)):
+        versions, inputs, settings = (found[name][k] for name in found)
+        for file, about in run.provenance.items():
+            origin = about.origin
+            # The hashes that the user's files had when the stages read them.
+            inputs |= {name: content[:_DIGITS] for name, content in origin.inputs.items() if name not in SCHEMAS}
+            if origin.stage in both:
+                versions["mocap-id"] = origin.product
+                versions[f"{origin.stage} (stage)"] = origin.stage_version
+                versions[f"{file} (schema)"] = about.schema_version
+                settings |= dict(flatten(dict(origin.parameters)))
     rows = (
-        *compare_origins(first, second),
+        *(row for section, entries in found.items() for row in compare_entries(section, *entries)),
         *compare_entries("artefacts", keys, others),
         *compare_results(first.summary, second.summary),
         *compare_tables(first, second),
@@ -160,25 +172,6 @@ def flatten(value: object, prefix: str = "") -> Iterator[tuple[str, Value]]:
 
 def _format(item: object) -> str:
     return ", ".join(f"{key}: {value}" for key, value in flatten(item)) if isinstance(item, dict | list) else str(item)
-
-
-def compare_origins(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
-    """Yield the differences in versions, input files, and settings of the stages that both runs completed."""
-    both = set.intersection(*({about.origin.stage for about in run.provenance.values()} for run in (a, b)))
-    found: dict[str, tuple[dict[str, Value], ...]] = {name: ({}, {}) for name in ("versions", "inputs", "settings")}
-    for k, run in enumerate((a, b)):
-        versions, inputs, settings = (found[name][k] for name in found)
-        for file, about in run.provenance.items():
-            origin = about.origin
-            # The hashes that the user's files had when the stages read them.
-            inputs |= {name: content[:_DIGITS] for name, content in origin.inputs.items() if name not in SCHEMAS}
-            if origin.stage in both:
-                versions["mocap-id"] = origin.product
-                versions[f"{origin.stage} (stage)"] = origin.stage_version
-                versions[f"{file} (schema)"] = about.schema_version
-                settings |= dict(flatten(dict(origin.parameters)))
-    for section, entries in found.items():
-        yield from compare_entries(section, *entries)
 
 
 def _collect_data(artefact: Artefact) -> Any:

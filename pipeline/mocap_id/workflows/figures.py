@@ -12,7 +12,7 @@ from mocap_id.reporting.contents import COHORT_PAGE, PAGE_FILE, PdfFonts
 from mocap_id.reporting.figure import Drawings
 from mocap_id.reporting.page import read_figures
 from mocap_id.store.atomic import write_files
-from mocap_id.workflows.run_folder import find_owner_of_files, write_owned
+from mocap_id.workflows.run_folder import write_owned
 
 _PAGES = (PAGE_FILE, COHORT_PAGE, "robot.html", "sensitivity.html")
 """Names of the pages with figures."""
@@ -37,11 +37,11 @@ def write_figures(source: Path, out: Path | None = None, pdf_fonts: PdfFonts = "
     drawings = read_page_figures(page)
     with _explain_unreadable(page):
         files = paper_figures.make_figure_files(drawings, pdf_fonts)
-    folder, owner = page.parent if out is None else out, find_owner_of_files(page.parent)
+    folder = page.parent if out is None else out
     if out is None:
         write_files(folder, files)
     else:
-        write_owned(folder, files, owner, "figures")
+        write_owned(folder, files, "figures", page.parent)
     return tuple(folder / file for file in files)
 
 

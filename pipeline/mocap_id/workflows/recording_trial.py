@@ -77,7 +77,33 @@ def make_trial(recording: Path | Recording, given: Mapping[str, Any], save: Path
             keys["trial"], out = _choose_folder(source, hash_file(written), keys, base, save, arrays=True)
             write_files(out, {file.name: file.read_bytes() for file in Path(scratch).iterdir()})
         recording = out / written.name
-    trial = _complete(recording, keys, out)
+    # The checked trial with guesses for missing keys; a warning lists the guesses.
+    forces, named = keys.pop("forces", None), Path.cwd() / recording.name
+    if forces is None:
+        forces = find_forces(recording, sorted(recording.parent.iterdir()))
+        if forces is not None:
+            _log.warning("%s: the forces are from %s beside it", recording.name, forces.name)
+
+    def build(more: Mapping[str, Any]) -> Trial:
+        # A number of numpy becomes a Python number, and any other value a text.
+        plain = json.dumps(
+            {**keys, **more, "out": str(out)}, default=lambda one: one.item() if hasattr(one, "item") else str(one)
+        )
+        return compose(Source(named, json.loads(plain), {}))
+
+    try:
+        guessed, files = _guess(recording, forces if forces is None else Path(str(forces)), keys)
+    except ConfigError:
+        space = "3d" if keys.keys() & {"static", "landmarks", "calibration", "side", "pointers"} else "plane"
+        build({"space": space, "protocol": "free", "recording": str(recording)})  # a wrong key is reported first
+        raise
+    if "guessed" in guessed:
+        what = ", ".join(f"`{name}: {guessed[name]}`" for name in guessed["guessed"]["keys"])
+        why = guessed["guessed"]["evidence"]
+        _log.warning(
+            "%s: %s was guessed, because %s; if this is wrong, give the correct values", recording.name, what, why
+        )
+    trial = build({**guessed, "recording": files})
     file = out / FILE if save is None else save.absolute()
     text = _format_trial(trial, keys, file, base / "runs" / str(keys["trial"]))
     if not file.is_file() or file.read_text("utf-8", errors="replace") != text:
@@ -169,38 +195,6 @@ def _read_recording(file: Path) -> Path:
     named = json.loads(next(line for line in lines if line.startswith("recording: ")).partition(" ")[2])
     named = named if isinstance(named, str) else named.get("markers") or named["skeleton"]
     return Path(os.path.normpath(file.parent.resolve() / named))
-
-
-def _complete(recording: Path, given: dict[str, Any], out: Path) -> Trial:
-    """Return the checked trial with guesses for missing keys; a warning lists the guesses."""
-    keys = dict(given)
-    beside = sorted(recording.parent.iterdir())
-    forces = keys.pop("forces", None)
-    if forces is None:
-        forces = find_forces(recording, beside)
-        if forces is not None:
-            _log.warning("%s: the forces are from %s beside it", recording.name, forces.name)
-
-    def build(more: Mapping[str, Any]) -> Trial:
-        # A number of numpy becomes a Python number, and any other value a text.
-        plain = json.dumps(
-            {**keys, **more, "out": str(out)}, default=lambda one: one.item() if hasattr(one, "item") else str(one)
-        )
-        return compose(Source(Path.cwd() / recording.name, json.loads(plain), {}))
-
-    try:
-        guessed, files = _guess(recording, forces if forces is None else Path(str(forces)), keys)
-    except ConfigError:
-        space = "3d" if keys.keys() & {"static", "landmarks", "calibration", "side", "pointers"} else "plane"
-        build({"space": space, "protocol": "free", "recording": str(recording)})  # a wrong key is reported first
-        raise
-    if "guessed" in guessed:
-        what = ", ".join(f"`{name}: {guessed[name]}`" for name in guessed["guessed"]["keys"])
-        why = guessed["guessed"]["evidence"]
-        _log.warning(
-            "%s: %s was guessed, because %s; if this is wrong, give the correct values", recording.name, what, why
-        )
-    return build({**guessed, "recording": files})
 
 
 def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:

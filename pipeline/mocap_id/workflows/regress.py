@@ -185,7 +185,6 @@ class Baseline:
 
     @classmethod
     def read(cls, file: Path) -> Baseline:
-        """Read a baseline."""
         try:
             data = json.loads(file.read_text("utf-8"))
             if (data["schema"], data["version"]) != (_SCHEMA, _VERSION):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +19,7 @@ from mocap_id.store.ownership import Owner, check_owner, hash_path, hash_texts, 
 from mocap_id.store.schemas import SCHEMAS
 
 if TYPE_CHECKING:
+    from mocap_id.reporting.results.result import Result
     from mocap_id.store import Artefact
 
 SUMMARY = "summary.json"
@@ -35,7 +36,6 @@ class RunFolder(ArtefactSet):
 
     @cached_property
     def name(self) -> str:
-        """The trial's name."""
         names = (each.origin.parameters.get("trial") for each in self.provenance.values())
         return str(next((name for name in names if name), self.summary.get("trial") or self.path.resolve().name))
 
@@ -195,11 +195,12 @@ def check_ending(file: Path, *endings: str) -> None:
         raise ConfigError(f"--out {file}: expected a file name that ends in {' or '.join(endings)}")
 
 
-def write_owned(folder: Path, files: Mapping[str, bytes], owner: Owner, output: str) -> None:
-    """Write files and store their owner; raise StoreError if they cannot be written, or belong to another owner.
+def write_owned(folder: Path, files: Mapping[str, bytes], output: str, *sources: Path) -> None:
+    """Write files that are made from ``sources``, with their owner; StoreError is raised if they belong to another.
 
     ``output`` identifies the files among the outputs in the folder.
     """
+    owner = find_owner_of_files(*sources)
     check_owner(folder, owner, output)
     write_files(folder, files)
     store_owner(folder, owner, output)
@@ -212,3 +213,11 @@ def describe_sources(out: Path, *sources: Path) -> dict[str, list[str]]:
     """
     owner = find_owner_of_files(*sources)
     return {"names": owner.name.split(", "), "hashes": [*owner.contents, hash_path(owner.file, out)]}
+
+
+def write_result(result: Result, out: Path | None, *sources: Path) -> tuple[Result, list[str]]:
+    """Write a result into a folder, if there is one; return it with its sources, and a line about the files."""
+    if out is None:
+        return result, []
+    result = replace(result, made_from=describe_sources(out, *sources))
+    return result, [f"written to {out}: {', '.join(result.write(out))}"]

@@ -42,7 +42,6 @@ class TrialOutcome:
 
     @property
     def codes(self) -> list[str]:
-        """Codes of the verdict's reasons."""
         return [str(reason["code"]) for reason in self.value("verdict", "reasons") or ()]
 
     def value(self, *keys: str) -> Any:
@@ -71,12 +70,10 @@ class StudyOutcome(TrialOutcome):
 
     @property
     def name(self) -> str:
-        """Name of the trial."""
         return self.trial.name
 
     @property
     def subject(self) -> str:
-        """Id of the person."""
         return self.trial.subject
 
 

@@ -11,18 +11,20 @@ from mocap_id import runner
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.store.atomic import write_files
 from mocap_id.store.ownership import check_owner, store_owner
-from mocap_id.workflows.export.files import ExportFiles
-from mocap_id.workflows.export.free_bodies import export_free_model, export_free_poses, export_free_states
 from mocap_id.workflows.export.opensim_model import export_model, export_spatial_model
 from mocap_id.workflows.export.opensim_tables import (
     export_anatomical_angles,
     export_angles,
     export_forces,
+    export_free_model,
+    export_free_poses,
+    export_free_states,
     export_model_motion,
     export_states,
     export_torques,
 )
 from mocap_id.workflows.export.tables import (
+    ExportFiles,
     export_kinetics_toolkit,
     export_markers,
     export_spatial_tables,

@@ -20,7 +20,7 @@ from mocap_id.dynamics.regressor import LINK_PARAMETERS, PLANAR_PARAMETERS
 from mocap_id.geometry import so3
 from mocap_id.geometry.so3 import hat
 from mocap_id.store.views import JointStates, SegmentPoses, Skeleton, SpatialSkeleton
-from mocap_id.workflows.export.files import (
+from mocap_id.workflows.export.tables import (
     ANGLES,
     BASE,
     LOADS,
@@ -28,11 +28,12 @@ from mocap_id.workflows.export.files import (
     MODEL,
     ExportFiles,
     make_legal,
+    measure_depths,
     name_coordinates,
     opensim_bodies,
     opensim_joints,
+    rename_markers,
 )
-from mocap_id.workflows.export.tables import measure_depths, rename_markers
 from mocap_id.workflows.run_folder import RunFolder
 
 Element: TypeAlias = "ElementTree.Element[Any]"
@@ -499,6 +500,32 @@ def export_spatial_model(run: RunFolder, out: ExportFiles) -> None:
     inertias, source = _read_spatial_inertia(run, len(segments))
     light = BodyInertia(LEAST_MASS, (0.0,) * 3, (0.0,) * 6)
     bodies = [*zip(segments, inertias, strict=True), *((name, light) for name in girdles)]
+    joints = []
+    for joint in model_joints(*parts):
+        parent = joint.parent if joint.parent.startswith("/") else f"/bodyset/{joint.parent}"
+        angles = [euler_angles(each[None])[0].tolist() for each in (joint.parent_rotation, joint.child_rotation)]
+        frames = [
+            offset_frame(f"{joint.name}_on_parent", parent, joint.at.tolist(), angles[0]),
+            offset_frame(f"{joint.name}_on_child", f"/bodyset/{joint.child}", [0.0] * 3, angles[1]),
+        ]
+        # The default of a coordinate is its first known value, and its range contains all values.
+        coordinates = []
+        for name, values in zip(joint.coordinates, joint.values.T, strict=True):
+            known = values[np.isfinite(values)]
+            low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+            span = (min(low - 1.0, -LEAST_RANGE), max(high + 1.0, LEAST_RANGE))
+            coordinates.append(coordinate_element(name, float(known[0]) if len(known) else 0.0, span))
+        content: dict[str, Any] = {
+            "socket_parent_frame": f"{joint.name}_on_parent",
+            "socket_child_frame": f"{joint.name}_on_child",
+            "coordinates": coordinates,
+            "frames": frames,
+        }
+        if joint.element == "CustomJoint":
+            rotations, translations = ((), joint.axes) if joint.slides else (joint.axes, ())
+            rows = [*_axis_rows("rotation", joint, rotations), *_axis_rows("translation", joint, translations)]
+            content["SpatialTransform"] = rows
+        joints.append(element(joint.element, name=joint.name, **content))
     # A marker that moves with a glide is on the girdle's body.
     labels = rename_markers(run)
     markers = [
@@ -514,40 +541,13 @@ def export_spatial_model(run: RunFolder, out: ExportFiles) -> None:
         "the frame of the trial",
         [f"Inertial parameters: {source}."],
         bodies=(body_element(name, body) for name, body in bodies),
-        joints=map(_joint_element, model_joints(*parts)),
+        joints=joints,
         markers=markers,
     )
     out.files[f"{run.name}_ik.xml"] = format_kinematics_setup(run, skeleton.markers)
     out.note(f"osim: inertial parameters: {source}")
     if girdles:
         out.note("osim: the glide of a joint is a separate coordinate, which does not depend on the elevation")
-
-
-def _joint_element(joint: ModelJoint) -> Element:
-    parent = joint.parent if joint.parent.startswith("/") else f"/bodyset/{joint.parent}"
-    angles = [euler_angles(each[None])[0].tolist() for each in (joint.parent_rotation, joint.child_rotation)]
-    frames = [
-        offset_frame(f"{joint.name}_on_parent", parent, joint.at.tolist(), angles[0]),
-        offset_frame(f"{joint.name}_on_child", f"/bodyset/{joint.child}", [0.0] * 3, angles[1]),
-    ]
-    # The default of a coordinate is its first known value, and its range contains all values.
-    coordinates = []
-    for name, values in zip(joint.coordinates, joint.values.T, strict=True):
-        known = values[np.isfinite(values)]
-        low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
-        span = (min(low - 1.0, -LEAST_RANGE), max(high + 1.0, LEAST_RANGE))
-        coordinates.append(coordinate_element(name, float(known[0]) if len(known) else 0.0, span))
-    content: dict[str, Any] = {
-        "socket_parent_frame": f"{joint.name}_on_parent",
-        "socket_child_frame": f"{joint.name}_on_child",
-        "coordinates": coordinates,
-        "frames": frames,
-    }
-    if joint.element == "CustomJoint":
-        rotations, translations = ((), joint.axes) if joint.slides else (joint.axes, ())
-        rows = [*_axis_rows("rotation", joint, rotations), *_axis_rows("translation", joint, translations)]
-        content["SpatialTransform"] = rows
-    return element(joint.element, name=joint.name, **content)
 
 
 def _axis_rows(kind: str, joint: ModelJoint, axes: Sequence[FloatArray]) -> Iterator[Element]:

@@ -1,12 +1,16 @@
-"""Tables of a run: CSV with units in the headers, TRC files of the markers, and the file of Kinetics Toolkit."""
+"""Tables of a run: CSV with units in the headers, TRC files of the markers, and the file of Kinetics Toolkit.
+
+First the files in memory, to which every exporter adds its own, and the names of components that OpenSim accepts.
+"""
 
 from __future__ import annotations
 
 import io
 import json
+import re
 import zipfile
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,8 +23,79 @@ from mocap_id.recording.ktk_file import CLASS, POINTS, SERIES
 from mocap_id.store import LongTable, Table
 from mocap_id.store.parquet import expand_columns
 from mocap_id.store.views import IdentifiedDynamics, Skeleton, SpatialSkeleton
-from mocap_id.workflows.export.files import MEASURED_MARKERS, ExportFiles, make_legal, note_contact
 from mocap_id.workflows.run_folder import RunFolder
+
+MODEL, FREE_MODEL = ".osim", "_free.osim"
+MEASURED_MARKERS, ANGLES, FREE_POSES = ".trc", "_angles.mot", "_free_poses.mot"
+TORQUES, FORCES, LOADS = "_torques.sto", "_grf.mot", "_external_loads.xml"
+
+BASE = "base"  # name of the joint that connects the base segment to the ground
+
+_ILLEGAL = re.compile(r"[^A-Za-z0-9_.\-]+")
+
+
+@dataclass
+class ExportFiles:
+    """The files of an export, to which every exporter adds its own.
+
+    An exporter is a function of a run and of these files. What it cannot make is a note.
+    """
+
+    files: dict[str, bytes] = field(default_factory=dict)  # contents by file name
+    notes: list[str] = field(default_factory=list)  # on missing content and on assumptions, each once
+
+    def note(self, *notes: str) -> None:
+        """Add notes, unless they are known."""
+        self.notes += [one for one in dict.fromkeys(notes) if one not in self.notes]
+
+
+def note_contact(run: RunFolder, out: ExportFiles, file_format: str) -> None:
+    """Note that torques are unknown while an unmeasured support carries the body; nothing without contact."""
+    table = run.table("dynamics.parquet")
+    if table is not None and "contact" in table.names and table["contact"].any():
+        out.note(
+            f"{file_format}: a chair or support that no plate measures carries, or may carry, the body in "
+            f"{100 * table['contact'].mean():.0f} % of the samples (column `contact` of dynamics.parquet). The torques "
+            "of the joints below it are unknown there: do not interpolate them"
+        )
+
+
+def make_legal(names: Iterable[str], taken: Iterable[str] = ()) -> dict[str, str]:
+    """Return for each name a unique name with only letters, digits, ``_``, ``.`` and ``-``, as OpenSim requires.
+
+    The names ``taken`` are not used.
+
+    >>> make_legal(["joint 1", "joint/1", "hip"])
+    {'joint 1': 'joint_1', 'joint/1': 'joint_1_2', 'hip': 'hip'}
+    """
+    legal: dict[str, str] = {}
+    used = set(taken)
+    for name in names:
+        plain = _ILLEGAL.sub("_", name).strip("_") or "unnamed"
+        chosen, number = plain, 2
+        while chosen in used:
+            chosen, number = f"{plain}_{number}", number + 1
+        legal[name] = chosen
+        used.add(chosen)
+    return legal
+
+
+def opensim_bodies(segments: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of the segments in OpenSim, base first."""
+    return tuple(make_legal(segments, taken=("ground",)).values())
+
+
+def opensim_joints(skeleton: Skeleton | SpatialSkeleton) -> tuple[str, ...]:
+    """Return the names of the joints in OpenSim."""
+    return tuple(make_legal(skeleton.joints, taken=(BASE,)).values())
+
+
+def name_coordinates(skeleton: Skeleton) -> tuple[str, ...]:
+    """Return the names of the joint angles in OpenSim, such as ``ankle_angle``."""
+    return tuple(f"{joint}_angle" for joint in opensim_joints(skeleton))
+
+
+# CSV tables.
 
 _SOURCES = {
     "markers": "planar.parquet",
@@ -50,20 +125,41 @@ def export_tables(run: RunFolder, out: ExportFiles) -> None:
 
     A table is omitted if its artefact is missing. Unknown cells are empty.
     """
-    tree = run.tree("chain.h5")
-    chain = None if tree is None else Skeleton.from_tree(tree)
-    dynamics = run.table("dynamics.parquet")
-    torques = {
-        f"{sd}tau_{j}": f"{joint} torque{words}"
-        for j, joint in enumerate(() if chain is None else chain.joints, start=1)
-        for sd, words in (("", ""), ("sd_", " sd"))
-    }
+    tree, states, dynamics = run.tree("chain.h5"), run.table("states.parquet"), run.table("dynamics.parquet")
+    state_table = skeleton_table = None
+    torques: dict[str, str] = {}  # names of the torques with those of the joints
+    if tree is not None:
+        chain = Skeleton.from_tree(tree)
+        for j, joint in enumerate(chain.joints, start=1):
+            torques |= {f"tau_{j}": f"{joint} torque", f"sd_tau_{j}": f"{joint} torque sd"}
+        # A row for each joint; the length is that of the segment that it moves, NaN for the last.
+        lengths, sds = ([*values, float("nan")] for values in (chain.lengths, chain.lengths_sd))
+        skeleton_table = pd.DataFrame(
+            {
+                "joint": chain.joints,
+                "in the frame of": [chain.segments[int(parent)] for parent in chain.parents],
+                "x (m)": chain.centres[:, 0],
+                "y (m)": chain.centres[:, 1],
+                "x sd (m)": chain.centre_sd[:, 0],
+                "y sd (m)": chain.centre_sd[:, 1],
+                "arc (rad)": chain.arc,
+                "moves": chain.segments[1:],
+                "length (m)": lengths,
+                "length sd (m)": sds,
+            }
+        )
+        if states is not None:
+            units, columns = _read_units(states), {"time (s)": states["time"]}
+            for j, joint in enumerate(chain.joints, start=1):
+                for symbol, word in _STATES.items():
+                    columns[_add_unit(f"{joint} {word}", units[f"{symbol}_{j}"])] = states[f"{symbol}_{j}"]
+            state_table = pd.DataFrame(columns)
     tables = {
         "markers": _marker_table(run),
-        "states": _state_table(run, chain),
+        "states": state_table,
         # Without dynamics.parquet, only the measured wrench.
         "dynamics": _artefact_table(run, "wrench.parquet" if dynamics is None else "dynamics.parquet", torques),
-        "skeleton": None if chain is None else _skeleton_table(chain),
+        "skeleton": skeleton_table,
         "parameters": parameter_table(run),
         "events": _artefact_table(run, "events.parquet"),
     }
@@ -82,13 +178,22 @@ def export_spatial_tables(run: RunFolder, out: ExportFiles) -> None:
     A table is omitted if its artefact is missing. Unknown cells are empty.
     """
     tree = run.tree("chain.h5")
-    skeleton = None if tree is None else SpatialSkeleton.from_tree(tree)
+    skeleton_table = landmark_table = None
+    if tree is not None:
+        skeleton = SpatialSkeleton.from_tree(tree)
+        landmarks = {
+            "landmark": skeleton.landmarks,
+            "in the frame of": [skeleton.segments[k] for k in skeleton.landmark_segment],
+            **{f"{axis} (m)": skeleton.landmark_local[:, k] for k, axis in enumerate("xyz")},
+            "sd (m)": skeleton.landmark_sd,
+        }
+        skeleton_table, landmark_table = _spatial_skeleton_table(skeleton), pd.DataFrame(landmarks)
     tables = {
         "markers": _marker_table(run),
         "angles": _artefact_table(run, "angles.parquet"),
         "poses": _artefact_table(run, "poses.parquet"),
-        "skeleton": None if skeleton is None else _spatial_skeleton_table(skeleton),
-        "landmarks": None if skeleton is None else _landmark_table(skeleton),
+        "skeleton": skeleton_table,
+        "landmarks": landmark_table,
         "wrench": _artefact_table(run, "wrench.parquet"),
         "parameters": parameter_table(run),
     }
@@ -144,36 +249,6 @@ def _marker_table(run: RunFolder) -> pd.DataFrame | None:
     return pd.DataFrame(columns)
 
 
-def _state_table(run: RunFolder, chain: Skeleton | None) -> pd.DataFrame | None:
-    table = run.table("states.parquet")
-    if table is None or chain is None:
-        return None
-    units, columns = _read_units(table), {"time (s)": table["time"]}
-    for j, joint in enumerate(chain.joints, start=1):
-        for symbol, word in _STATES.items():
-            columns[_add_unit(f"{joint} {word}", units[f"{symbol}_{j}"])] = table[f"{symbol}_{j}"]
-    return pd.DataFrame(columns)
-
-
-def _skeleton_table(chain: Skeleton) -> pd.DataFrame:
-    """Return a table with a row for each joint; the length is that of the segment that it moves, NaN for the last."""
-    lengths, sds = ([*values, float("nan")] for values in (chain.lengths, chain.lengths_sd))
-    return pd.DataFrame(
-        {
-            "joint": chain.joints,
-            "in the frame of": [chain.segments[int(parent)] for parent in chain.parents],
-            "x (m)": chain.centres[:, 0],
-            "y (m)": chain.centres[:, 1],
-            "x sd (m)": chain.centre_sd[:, 0],
-            "y sd (m)": chain.centre_sd[:, 1],
-            "arc (rad)": chain.arc,
-            "moves": chain.segments[1:],
-            "length (m)": lengths,
-            "length sd (m)": sds,
-        }
-    )
-
-
 def _spatial_skeleton_table(skeleton: SpatialSkeleton) -> pd.DataFrame:
     """Return a table with one row for each joint; the length is that of the segment that the joint moves."""
     joints = skeleton.chain.joints
@@ -200,17 +275,6 @@ def _spatial_skeleton_table(skeleton: SpatialSkeleton) -> pd.DataFrame:
     columns |= {"arc (rad)": skeleton.arc}
     columns |= {"length (m)": [value for value, _ in lengths], "length sd (m)": [each for _, each in lengths]}
     return pd.DataFrame(columns)
-
-
-def _landmark_table(skeleton: SpatialSkeleton) -> pd.DataFrame:
-    return pd.DataFrame(
-        {
-            "landmark": skeleton.landmarks,
-            "in the frame of": [skeleton.segments[k] for k in skeleton.landmark_segment],
-            **{f"{axis} (m)": skeleton.landmark_local[:, k] for k, axis in enumerate("xyz")},
-            "sd (m)": skeleton.landmark_sd,
-        }
-    )
 
 
 # Measured markers and the markers that the chain predicts: TRC files, and the file of Kinetics Toolkit.

@@ -2,23 +2,25 @@
 
 From top to bottom: a kind and a perturbation; the inputs of the stages that are run again, which are artefacts, keys
 and settings of the trial, whose files are not changed; the functions that change them, for signals, for markers and for
-the logs of inertial sensors; the list of all kinds.
+the logs of inertial sensors; the list of all kinds; the perturbations that a user asks for.
 """
 
 from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, cast
 
 import numpy as np
+from pydantic import Field
 
 from mocap_id import runner
 from mocap_id.anatomy.skin_motion import draw_centred_skin_motion
 from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.config.parsing import Source, parse, raise_mistakes, read, suggest_name
 from mocap_id.dynamics.preparation import SampledWrench
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.geometry import so3
@@ -76,7 +78,6 @@ class Perturbation:
 
     @property
     def definition(self) -> Kind:
-        """The definition of the perturbation's kind."""
         return KINDS[self.kind]
 
     @property
@@ -115,29 +116,23 @@ class RerunInputs:
     settings: Mapping[str, Settings]  # settings by stage
 
     def table(self, file: str) -> Table:
-        """Return a Parquet artefact that has a row for each sample or object."""
         return cast(Table, self.artefacts[file])
 
     def long(self, file: str) -> LongTable:
-        """Return a Parquet artefact that has a row for each pair of frame and marker."""
         return cast(LongTable, self.artefacts[file])
 
     def tree(self, file: str) -> Tree:
-        """Return an HDF5 artefact."""
         return cast(Tree, self.artefacts[file])
 
     def with_artefacts(self, *changed: Artefact) -> RerunInputs:
-        """Return the inputs with the ``changed`` artefacts in place of the artefacts with the same file names."""
         return replace(self, artefacts={**self.artefacts, **{one.schema.file: one for one in changed}})
 
     def with_settings(self, stage: str, **values: object) -> RerunInputs:
-        """Return the inputs with new ``values`` for some settings of a stage."""
         changed = self.settings[stage].model_copy(update=values)
         return replace(self, settings={**self.settings, stage: changed})
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints."""
         return self.tree("chain.h5").texts("joints/name")
 
     @property
@@ -151,7 +146,6 @@ class RerunInputs:
 
     @property
     def has_plate(self) -> bool:
-        """Whether any sample of the wrench is known."""
         return bool(np.isfinite(self.table("wrench.parquet")["Fy"]).any())
 
 
@@ -542,3 +536,114 @@ _KINDS = (
 # fmt: on
 KINDS: Mapping[str, Kind] = {kind.name: kind for kind in _KINDS}
 """Each kind by name, in the order of the tables."""
+
+
+# The perturbations to run, from the user's options: each kind with each of its levels on each of its targets.
+
+
+@dataclass(frozen=True)
+class KindSelection:
+    """A kind of perturbation with levels and targets; an empty tuple means the defaults."""
+
+    kind: str
+    levels: tuple[float, ...] = ()
+    targets: tuple[str, ...] = ()
+
+
+ALL_KINDS = tuple(KindSelection(kind) for kind in KINDS)
+"""All kinds with their default levels and targets."""
+
+
+@dataclass(frozen=True)
+class SensitivityOptions:
+    """The options of a sensitivity study."""
+
+    selections: tuple[KindSelection, ...] = ALL_KINDS
+    seed: int = SEED
+    tolerance: float = 0.05  # tolerated change of a base parameter, as a fraction of its size
+
+    def only(self, kinds: Sequence[str]) -> SensitivityOptions:
+        """Return the options with only the selections of ``kinds``; the same options if ``kinds`` is empty."""
+        for name in kinds:
+            if name not in KINDS:
+                raise ConfigError(
+                    f"--only {name}: there is no perturbation of this kind: {suggest_name(name, list(KINDS))}"
+                )
+        selections = tuple(one for one in self.selections if not kinds or one.kind in kinds)
+        if not selections:
+            raise ConfigError(f"--only {', '.join(kinds)}: the settings file does not contain these kinds")
+        return replace(self, selections=selections)
+
+
+class _Entry(Settings):
+    kind: str = Field(description="what is perturbed")
+    levels: tuple[float, ...] = Field((), description="levels to try, in the kind's unit; if not given, its defaults")
+    on: tuple[str | float, ...] = Field((), description="joints, components or marker sd; if not given, the defaults")
+
+
+class _File(Settings):
+    seed: int = Field(SEED, ge=0, description="seed of the random numbers")
+    tolerance: float = Field(5.0, gt=0, description="tolerated change of a base parameter, % of its size")
+    perturbations: tuple[_Entry, ...] = Field((), description="perturbations to try; all kinds if not given")
+
+
+def read_options(file: Path) -> SensitivityOptions:
+    """Read and check a settings file; ConfigError has a line for each mistake."""
+    source = read(file.absolute())
+    if isinstance(source.data, list):
+        moved = {("perturbations", *key): line for key, line in source.lines.items()}
+        source = Source(source.file, {"perturbations": source.data}, {(): 1, **moved})
+    parsed = parse(source, _File, "a list of perturbations, each with a `kind:`")
+    selections = tuple(
+        KindSelection(one.kind, one.levels, tuple(name if isinstance(name, str) else f"{name:g}" for name in one.on))
+        for one in parsed.perturbations
+    )
+    raise_mistakes(line for number, one in enumerate(selections) for line in _find_mistakes(one, number, source))
+    return SensitivityOptions(selections or ALL_KINDS, parsed.seed, parsed.tolerance / 100)
+
+
+def _find_mistakes(entry: KindSelection, number: int, source: Source) -> Iterator[str]:
+    """Yield a message for each mistake in an entry that the types of the settings do not exclude."""
+    key = ("perturbations", number)
+    kind = KINDS.get(entry.kind)
+    if kind is None:
+        where = source.where((*key, "kind"))
+        yield f"{where}: there is no perturbation `{entry.kind}`: {suggest_name(entry.kind, list(KINDS))}"
+        return
+    for k, level in enumerate(entry.levels):
+        if not kind.allowed(level):
+            yield f"{source.where((*key, 'levels', k))}: {kind.name}: the level {level:g} is not {kind.expected}"
+    for k, name in enumerate(entry.targets):
+        where = source.where((*key, "on", k))
+        if kind.free:
+            try:
+                is_positive = float(name) > 0
+            except ValueError:
+                is_positive = False
+            if not is_positive:
+                yield f"{where}: {kind.name}: `on` is {name!r}; expected a marker's standard deviation above 0, m"
+        elif not kind.targets:
+            yield f"{where}: {kind.name} acts on everything: leave out `on`"
+        elif kind.targets != JOINTS and name not in kind.targets:
+            yield f"{where}: {kind.name}: there is no {name!r}: {suggest_name(name, list(kind.targets))}"
+
+
+def plan(selections: Sequence[KindSelection], joints: Sequence[str], seed: int = SEED) -> tuple[Perturbation, ...]:
+    """Return the perturbations of a trial with these joints that the selections describe, without duplicates."""
+    found: list[Perturbation] = []
+    for one in selections:
+        kind = KINDS[one.kind]
+        possible = (*joints, ALL) if kind.targets == JOINTS else kind.targets
+        wrong = [target for target in one.targets if target not in possible and not kind.free]
+        if wrong:
+            ways = f"expected one of {', '.join(possible)}" if possible else "this kind has no target: leave out `on`"
+            raise ConfigError(f"{kind.name}: there is no {wrong[0]!r} to perturb in this trial; {ways}")
+        usual = kind.usual or possible or ("",)
+        if len(joints) == 1 and kind.targets == JOINTS:
+            usual = tuple(joints)  # with a single joint, "all" would be the same target
+        found += [
+            Perturbation(one.kind, target, float(level), seed)
+            for target in one.targets or usual
+            for level in one.levels or kind.levels
+        ]
+    return tuple(dict.fromkeys(found))

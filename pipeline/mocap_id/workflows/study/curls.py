@@ -53,7 +53,6 @@ class CurlResult(StudyOutcome):
 
     @property
     def condition(self) -> str:
-        """Condition of the trial."""
         return self.trial.condition
 
     @property

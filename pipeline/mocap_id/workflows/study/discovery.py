@@ -17,6 +17,7 @@ import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path, PurePosixPath
 
 from mocap_id import recording
@@ -270,7 +271,6 @@ class Discovery:
 
     @property
     def reach(self) -> bool:
-        """Whether the recordings are of reaches."""
         return bool(self.trials[0].side)
 
     @property
@@ -344,7 +344,20 @@ def discover(
         for path, match in matches.items()
         if match is not None
     }
-    ids = _make_ids([label.subject for label in labels.values()], keep_names, known or {})
+    # The id of each person: derived from the name, or the known id, or a new id s01, s02 …
+    people = sorted(dict.fromkeys(label.subject for label in labels.values()), key=_sort_key)
+    if keep_names:
+        ids = {name: re.sub(r"[^\w.+-]+", "-", name).strip("-.+") for name in people}
+        twice = sorted(name for name, count in Counter(ids.values()).items() if count > 1 or not name)
+        if twice:
+            raise ConfigError(
+                f"--keep-names: several folders give the id `{twice[0]}`: rename one of them, or leave out the option"
+            )
+    else:
+        ids = {name: known[name] for name in people if known and name in known}
+        taken = {*(known or {}).values()}
+        free = (number for number in map("s{:02d}".format, count(1)) if number not in taken)
+        ids |= {name: next(free) for name in people if name not in ids}
     # A reach with both arms becomes one trial for each arm.
     trials: list[FoundRecording] = []
     counts: Counter[str] = Counter()
@@ -399,28 +412,6 @@ def find_forces(markers: Path, files: Iterable[Path]) -> Path | None:
 def _fold(name: str) -> str:
     """Return a name without the differences of capital letters and of the encoding of accents."""
     return unicodedata.normalize("NFC", name).casefold()
-
-
-def _make_ids(names: Iterable[str], keep_names: bool, known: Mapping[str, str]) -> dict[str, str]:
-    """Return the id of each person by name: the known ids, and new ids s01, s02 … or derived from the names."""
-    ordered = sorted(dict.fromkeys(names), key=_sort_key)
-    if keep_names:
-        ids = {name: re.sub(r"[^\w.+-]+", "-", name).strip("-.+") for name in ordered}
-        twice = sorted(name for name, count in Counter(ids.values()).items() if count > 1 or not name)
-        if twice:
-            raise ConfigError(
-                f"--keep-names: several folders give the id `{twice[0]}`: rename one of them, or leave out the option"
-            )
-        return ids
-    taken, number = set(known.values()), 0
-    ids = {name: known[name] for name in ordered if name in known}
-    for name in ordered:
-        while name not in ids:
-            number += 1
-            candidate = f"s{number:02d}"
-            if candidate not in taken:
-                ids[name] = candidate
-    return ids
 
 
 def _sort_key(path: Path | str) -> tuple[tuple[int, int | str], ...]:

@@ -44,7 +44,6 @@ class IntervalEstimate:
         return IntervalEstimate(value, value - below, value + above)
 
     def columns(self, name: str) -> dict[str, float]:
-        """Return the columns ``name``, ``name_low`` and ``name_high``."""
         return {name: self.value, f"{name}_low": self.low, f"{name}_high": self.high}
 
 
@@ -59,8 +58,6 @@ def group_by(members: Iterable[T], key: Callable[[T], K]) -> Mapping[K, list[T]]
 def find_mean_sd(values: Iterable[float | None]) -> tuple[float, float]:
     """Return mean and sample standard deviation (n − 1) of the known values; NaN if there are too few values.
 
-    Examples
-    --------
     >>> find_mean_sd([1.0, None, 3.0])
     (2.0, 1.4142135623730951)
     """
@@ -135,8 +132,6 @@ def pool_errors(errors: Sequence[Agreement | None]) -> tuple[float, float]:
 def average_estimates(estimates: Iterable[IntervalEstimate]) -> IntervalEstimate:
     """Return the mean of the known estimates; its interval assumes that all estimates have the same error.
 
-    Examples
-    --------
     >>> average_estimates([IntervalEstimate(0.2, 0.1, 0.3), IntervalEstimate(0.4, 0.3, 0.5), IntervalEstimate()])
     IntervalEstimate(value=0.30000000000000004, low=0.2, high=0.4)
     """
@@ -147,8 +142,6 @@ def average_estimates(estimates: Iterable[IntervalEstimate]) -> IntervalEstimate
 def average_people(values: Sequence[float]) -> IntervalEstimate:
     """Return the mean of the people's values with Student's interval, which is NaN for one person.
 
-    Examples
-    --------
     >>> average_people([1.0, 2.0, 3.0]).value
     2.0
     """
@@ -166,8 +159,6 @@ def sign_flip_p(differences: Sequence[float]) -> float:
 
     All combinations of signs are compared, or 20,000 random combinations for more than 14 people. NaN for one person.
 
-    Examples
-    --------
     >>> sign_flip_p([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])  # 2 of 64
     0.03125
     """
@@ -194,8 +185,6 @@ def correlate_ranks(x: FloatArray, y: FloatArray) -> tuple[IntervalEstimate, flo
     or lower 2.5 % of samples with the ties of ``x``. A bootstrap fails, because each resample of perfectly ordered
     people is ordered too.
 
-    Examples
-    --------
     >>> estimate, p, _ = correlate_ranks(np.array([1.0, 2.0, 3.0, 5.0]), np.array([0.358, 0.270, 0.178, 0.0015]))
     >>> estimate.value, round(p, 3)
     (-1.0, 0.083)
@@ -230,8 +219,6 @@ def correlate_ranks(x: FloatArray, y: FloatArray) -> tuple[IntervalEstimate, flo
 def _rank(values: FloatArray) -> FloatArray:
     """Return the ranks (N,) from 1; tied values share the mean of their ranks.
 
-    Examples
-    --------
     >>> _rank(np.array([3.0, 1.0, 3.0]))
     array([2.5, 1. , 2.5])
     """

@@ -62,7 +62,6 @@ class ReachResult(StudyOutcome):
 
     @property
     def session(self) -> str:
-        """Session of the recording; empty if not given."""
         return self.trial.session
 
     @property
@@ -147,35 +146,29 @@ def correlation_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
         yield {"measure": name, "people": people, "p": p} | estimate.columns("spearman")
 
 
-def _pair_trials(
-    trials: Sequence[ReachResult],
-) -> Iterator[tuple[str, str, str, Sequence[ReachResult], Sequence[ReachResult]]]:
-    """Yield the pairs of groups of trials of one person that differ only in side or in session.
-
-    They are right and left of each session, then successive sessions of each side. Each has the comparison, second
-    minus first, such as ``left - right``; the person; the session in which two sides, or the side in which two sessions
-    are compared; the first and the second group.
-    """
+def difference_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
+    """Yield, for each comparison and measure, the row of the cohort and then the rows of the people."""
+    # The pairs of groups of trials of one person that differ only in side or in session, by comparison, second minus
+    # first: right and left of each session, then successive sessions of each side. The label is the session in which
+    # two sides, or the side in which two sessions are compared.
+    compared: dict[str, list[tuple[str, str, list[ReachResult], list[ReachResult]]]] = {}
     sessions = list(dict.fromkeys(trial.session for trial in trials if trial.session))
     for subject, own in group_by(trials, lambda trial: trial.subject).items():
         groups = group_by(own, lambda trial: (trial.session, trial.side))
         for session in dict.fromkeys(trial.session for trial in own):
             right, left = (groups.get((session, side), []) for side in SIDES)
             if right and left:
-                yield "left - right", subject, session, right, left
+                compared.setdefault("left - right", []).append((subject, session, right, left))
         for side in SIDES:
             recorded = [session for session in sessions if (session, side) in groups]
             for before, after in pairwise(recorded):
-                yield f"{after} - {before}", subject, side, groups[before, side], groups[after, side]
-
-
-def difference_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
-    """Yield, for each comparison and measure, the row of the cohort and then the rows of the people."""
-    for comparison, pairs in group_by(_pair_trials(trials), lambda pair: pair[0]).items():
+                pair = (subject, side, groups[before, side], groups[after, side])
+                compared.setdefault(f"{after} - {before}", []).append(pair)
+    for comparison, pairs in compared.items():
         for name, measure in MEASURES.items():
             known, people = [], dict[str, list[float]]()
-            for _, subject, label, *groups in pairs:
-                first, second = (_average_side(own, own[0].side, measure) for own in groups)
+            for subject, label, *both in pairs:
+                first, second = (_average_side(own, own[0].side, measure) for own in both)
                 difference = second.minus(first)
                 if math.isfinite(difference.value):
                     known.append({"subject": subject, "label": label, "people": 1} | difference.columns("difference"))

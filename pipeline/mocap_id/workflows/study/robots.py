@@ -120,7 +120,6 @@ class Method:
     settings: Mapping[str, str | float]  # settings of `ukf-smooth` that replace the settings of the trial
 
     def apply(self, trial: Trial) -> Trial:
-        """Return the trial with the settings and the run folder of the method."""
         if self is CAMERAS:
             return trial
         settings = trial.settings[_STATES_STAGE].model_copy(update=dict(self.settings))
@@ -193,20 +192,6 @@ class RobotFrame:
     sign: int = 1
     zero: float = 0.0  # rad
 
-    @classmethod
-    def find(cls, folder: Folder, truth: Truth | None) -> RobotFrame:
-        """Return the robot's frame from its encoder, or else from the truth, or else the frame of the plane."""
-        encoder = folder.read("encoder.parquet").facts
-        if encoder.get("sign") is not None:
-            return cls(int(encoder["sign"]), float(encoder["zero_rad"]))
-        if truth is None:
-            return cls()
-        states = folder.table("states.parquet")
-        angle, true = states["theta_1"], truth.at(states["time"])[:, 0]
-        both = np.isfinite(angle) & np.isfinite(true)
-        sign = 1 if np.cov(angle[both], true[both])[0, 1] >= 0 else -1
-        return cls(sign, float(np.mean(angle[both] - sign * true[both])))
-
     @property
     def matrix(self) -> FloatArray:
         """Matrix (5, 5) that transforms base parameters from the plane to the robot's frame."""
@@ -228,7 +213,6 @@ class MethodResult:
 
     @property
     def folder(self) -> Folder:
-        """The run folder."""
         return Folder(self.identified.folder)
 
 
@@ -245,10 +229,20 @@ def compare_with(name: str, difference: FloatArray, reference: FloatArray) -> di
     return {f"{name}_bias": float(np.mean(difference)), f"{name}_sd": float(np.std(difference)), f"{name}_r2": r2}
 
 
-def read_method_result(folder: Folder, truth: Truth | None, *, by_encoder: bool) -> MethodResult:
+def _read_method_result(folder: Folder, truth: Truth | None, *, by_encoder: bool) -> MethodResult:
     """Read a trial's result; states that are ``by_encoder`` are not compared with the encoder."""
-    identified, frame = open_identified_trial(folder.path), RobotFrame.find(folder, truth)
+    identified = open_identified_trial(folder.path)
     facts, encoder = identified.facts, folder.table("encoder.parquet")
+    # The robot's frame from its encoder, or else from the truth, or else the frame of the plane.
+    frame = RobotFrame()
+    if encoder.facts.get("sign") is not None:
+        frame = RobotFrame(int(encoder.facts["sign"]), float(encoder.facts["zero_rad"]))
+    elif truth is not None:
+        table = folder.table("states.parquet")
+        angle, true = table["theta_1"], truth.at(table["time"])[:, 0]
+        both = np.isfinite(angle) & np.isfinite(true)
+        sign = 1 if np.cov(angle[both], true[both])[0, 1] >= 0 else -1
+        frame = RobotFrame(sign, float(np.mean(angle[both] - sign * true[both])))
     time = identified.dynamics["time"].to_numpy(dtype=np.float64)
     states = np.column_stack([identified.q[:, 0], identified.dq[:, 0], identified.ddq[:, 0]])
     row: dict[str, Any] = {
@@ -311,7 +305,6 @@ class RobotTrialResult(TrialOutcome):
 
     @property
     def name(self) -> str:
-        """Name of the trial."""
         return self.trial.trial.name
 
     @property
@@ -333,8 +326,7 @@ class RobotTrialResult(TrialOutcome):
         return self.by_method.get(ENCODER.name, self.by_method.get(CAMERAS.name)) if known else None
 
 
-def read_robot_result(study: RobotStudy, trial: RobotTrial, run: TrialRun) -> RobotTrialResult:
-    """Read the result of a trial from its run folder and the run folders of the methods."""
+def _read_result(study: RobotStudy, trial: RobotTrial, run: TrialRun) -> RobotTrialResult:
     config = trial.trial
     truth = Truth.read(get_recording(config.keys).motion)
     document = {} if truth is None else truth.document
@@ -358,7 +350,7 @@ def read_robot_result(study: RobotStudy, trial: RobotTrial, run: TrialRun) -> Ro
         truth=truth,
         reference=reference,
         by_method={
-            method.name: read_method_result(Folder(method.apply(config).out), truth, by_encoder=method is ENCODER)
+            method.name: _read_method_result(Folder(method.apply(config).out), truth, by_encoder=method is ENCODER)
             for method in (_list_methods(config) if run.exit_code == 0 else ())
         },
     )
@@ -701,25 +693,6 @@ _FRAMES = 60  # number of drawn frames of a marker's path
 _FULL = 0.05  # largest difference of a repetition's extreme angles from the usual ones, divided by the usual range
 
 
-def _collect_recovery(trial: RobotTrialResult) -> Recovery:
-    """Return the data of the figures about skeleton and states of a trial (figures 5.2 and 5.3)."""
-    identified = trial.by_method[CAMERAS.name].identified
-    planar, skeleton = identified.planar, identified.skeleton
-    thinned = slice(None, None, max(1, len(planar.frames) // _FRAMES))
-    own = sorted(set(planar.labels) & set(skeleton.markers))
-    columns = np.array([planar.labels.index(label) for label in own], dtype=np.int64)
-    points = planar.read_positions(columns, thinned, "xy", keep_bursts=True)
-    return Recovery(
-        joint=trial.joint or skeleton.segments[-1],
-        speed=trial.speed,
-        paths={label: points[:, k] for k, label in enumerate(own)},
-        segment=dict(zip(skeleton.markers, skeleton.segment.tolist(), strict=True)),
-        local=dict(zip(skeleton.markers, skeleton.local, strict=True)),
-        centre=skeleton.centres[0],
-        traces=_collect_traces(trial),
-    )
-
-
 def _collect_traces(trial: RobotTrialResult) -> StateTraces:
     """Return the joint states over time from the UKF and from differences, in the robot's coordinate frame."""
     first = trial.by_method[CAMERAS.name]
@@ -803,12 +776,32 @@ def collect_page_data(data: CohortData, trials: Sequence[RobotTrialResult]) -> R
         for cell in (("shoulder", "slow"), ("elbow", "fast"))
     )
     chosen = {cell[0].name for cell in (slow, fast) if cell}
+    recoveries = []  # skeleton and states of a trial (figures 5.2 and 5.3)
+    for trial in trials:
+        if trial.name not in chosen:
+            continue
+        identified = trial.by_method[CAMERAS.name].identified
+        planar, skeleton = identified.planar, identified.skeleton
+        thinned = slice(None, None, max(1, len(planar.frames) // _FRAMES))
+        own = sorted(set(planar.labels) & set(skeleton.markers))
+        columns = np.array([planar.labels.index(label) for label in own], dtype=np.int64)
+        points = planar.read_positions(columns, thinned, "xy", keep_bursts=True)
+        recovery = Recovery(
+            joint=trial.joint or skeleton.segments[-1],
+            speed=trial.speed,
+            paths={label: points[:, k] for k, label in enumerate(own)},
+            segment=dict(zip(skeleton.markers, skeleton.segment.tolist(), strict=True)),
+            local=dict(zip(skeleton.markers, skeleton.local, strict=True)),
+            centre=skeleton.centres[0],
+            traces=_collect_traces(trial),
+        )
+        recoveries.append(recovery)
     return RobotStudyData(
         study=data.study,
         trials=data.trials,
         overview=data.tables["trials"],
         tables={one.title: data.tables[one.name] for one in TABLES},
-        recoveries=tuple(_collect_recovery(trial) for trial in trials if trial.name in chosen),
+        recoveries=tuple(recoveries),
         averaged=average_wrench(fast) if fast else None,
         traces=_collect_traces(fast[0]) if fast else None,
     )
@@ -839,13 +832,12 @@ class RobotStudyResult:
 
     @property
     def page(self) -> Path:
-        """Path of the page."""
         return self.folder / PAGE
 
 
 STUDY = StudyKind(
     labels=("joint", "speed", "orientation"),
-    read=read_robot_result,
+    read=_read_result,
     tables={
         "trials": TRIALS,
         **declare_tables(

@@ -104,7 +104,6 @@ class TrialResult(StudyOutcome):
 
     @property
     def strategy(self) -> str:
-        """Strategy of the movement."""
         return self.trial.strategy
 
     def length(self, segment: str) -> float | None:
@@ -239,51 +238,43 @@ def model_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
     """Return the rows of the table `models`: first the rows of all people, then the rows of the cohort."""
     identified = [trial for trial in trials if trial.identified is not None]
     people = group_by(identified, lambda trial: trial.subject)
-    rows = [row for trial in identified for row in _predict_trial(trial, people[trial.subject])]
+    rows = []
+    for action in identified:
+        assert action.identified is not None
+        not_identified = None if action.parameters else action.identified.facts.get("why")
+        labels: dict[str, Any] = {
+            "subject": action.subject,
+            "action": action.strategy,
+            "action_trial": action.name,
+            "subjects": 1,
+            "pairs": 0,
+            "samples": int(action.identified.dynamics["in_fit"].sum()),
+            "condition_number_mean": action.value("dynamics", "condition_number"),
+            "why": f"no parameters were identified on {action.name}: {not_identified}" if not_identified else "",
+        }
+        for body in action.bodies:
+            own = {"model": body.name, "model_trial": action.name if body.name in _OWN else ""}
+            rows.append(labels | own | _describe_errors(body))
+        for model in people[action.subject]:
+            if model is action:
+                continue
+            assert model.identified is not None
+            row = labels | {"model": model.strategy, "model_trial": model.name}
+            if np.isfinite(model.identified.parameters).all():
+                try:
+                    result = apply_model(model.identified, action.identified)
+                except ConfigError as error:  # the message begins with the trial's folder, which is not published
+                    row["why"] = str(error).removeprefix(f"{action.identified.source}: ")
+                else:
+                    row |= _describe_errors(next(body for body in result.bodies if body.name == TRANSFERRED))
+                    row["registration_residual"] = result.registration_residual
+                    row["supported"] = {True: "yes", False: "no", None: ""}[result.supported]
+                    row["codes"] = ", ".join(reason.code for reason in result.reasons)
+            else:
+                why = model.identified.facts.get("why") or "some of its full parameters are unknown"
+                row["why"] = f"there is no body to transfer from {model.name}: {why}"
+            rows.append(row)
     return [*rows, *_pool_predictions(rows)]
-
-
-def _predict_trial(action: TrialResult, same_person: Sequence[TrialResult]) -> Iterator[dict[str, Any]]:
-    """Yield a row for each model that predicts the trial ``action``."""
-    assert action.identified is not None
-    not_identified = None if action.parameters else action.identified.facts.get("why")
-    labels = {
-        "subject": action.subject,
-        "action": action.strategy,
-        "action_trial": action.name,
-        "subjects": 1,
-        "pairs": 0,
-        "samples": int(action.identified.dynamics["in_fit"].sum()),
-        "condition_number_mean": action.value("dynamics", "condition_number"),
-        "why": f"no parameters were identified on {action.name}: {not_identified}" if not_identified else "",
-    }
-    for body in action.bodies:
-        own = {"model": body.name, "model_trial": action.name if body.name in _OWN else ""}
-        yield labels | own | _describe_errors(body)
-    for model in same_person:
-        if model is action:
-            continue
-        assert model.identified is not None
-        row = labels | {"model": model.strategy, "model_trial": model.name}
-        if not np.isfinite(model.identified.parameters).all():
-            why = model.identified.facts.get("why") or "some of its full parameters are unknown"
-            yield row | {"why": f"there is no body to transfer from {model.name}: {why}"}
-            continue
-        try:
-            result = apply_model(model.identified, action.identified)
-        except ConfigError as error:  # the message begins with the trial's folder, which is not published
-            yield row | {"why": str(error).removeprefix(f"{action.identified.source}: ")}
-            continue
-        body = next(body for body in result.bodies if body.name == TRANSFERRED)
-        yield (
-            row
-            | _describe_errors(body)
-            | {
-                "registration_residual": result.registration_residual,
-                "supported": {True: "yes", False: "no", None: ""}[result.supported],
-                "codes": ", ".join(reason.code for reason in result.reasons),
-            }
-        )
 
 
 def _describe_errors(body: BodyErrors) -> dict[str, Any]:
@@ -336,7 +327,7 @@ def _pool_predictions(people: Sequence[Mapping[str, Any]]) -> Iterator[dict[str,
 
 
 def parameter_rows(trials: Sequence[TrialResult]) -> Iterator[dict[str, Any]]:
-    """Yield the rows of the table `parameters`: one for each base parameter of each trial."""
+    """Yield the rows of the table: one for each base parameter of each trial."""
     for trial in trials:
         labels = {"trial": trial.name, "subject": trial.subject, "strategy": trial.strategy}
         yield from (labels | asdict(one) for one in trial.parameters)

@@ -57,11 +57,9 @@ class StudyKind:
     prepare: Callable[[Sequence[Any]], Sequence[Any]] = list  # completes the results by those of other trials
 
     def read_labels(self, trial: Any) -> dict[str, Any]:
-        """Return the properties of a trial by name."""
         return {name: getattr(trial, name) for name in self.labels}
 
     def make_tables(self, trials: Sequence[Any]) -> dict[str, ResultTable]:
-        """Return the tables by name."""
         own = self.prepare(trials)
         return {name: ResultTable.of(table, self.rows.get(name, list)(own)) for name, table in self.tables.items()}
 
@@ -82,7 +80,6 @@ class StudyResult:
 
     @property
     def page(self) -> Path:
-        """Path of the page of the cohort."""
         return self.study.folder / COHORT_PAGE
 
 
@@ -152,58 +149,52 @@ def run_study(
         store_owner(study.folder, owner, DOCUMENT)
         if is_current:
             return StudyResult(study, runs, before, reused=True)
-        result = _make_result(study, runs, key, counts, remarks)
+        # The modules of the other kinds are not imported.
+        name = "curls" if study.curl else "reach" if study.reach else "sit_to_stand"
+        kind: StudyKind = import_module(f"mocap_id.workflows.study.{name}").STUDY
+        trials = [kind.read(study, one, run) for one, run in zip(study.trials, runs, strict=True)]
+        labels = [kind.read_labels(trial) for trial in trials]
+        remarks += find_remarks(study, trials)
+        tables = kind.make_tables(trials)
+
+        def make_page() -> dict[str, bytes]:
+            from mocap_id.reporting.study.cohort import CohortData  # noqa: PLC0415  only a page needs it
+
+            entries = tuple(
+                one.entry(one.name, ", ".join(filter(None, [one.subject, *own.values()])), f"../{one.name}/report.html")
+                for one, own in zip(trials, labels, strict=True)
+            )
+            return {COHORT_PAGE: kind.page(CohortData(study.name, entries, tables, tuple(remarks)), trials)}
+
+        content = {
+            "study": study.name,
+            "product": __version__,
+            "about": _ABOUT,
+            "page": COHORT_PAGE,
+            "subjects": {
+                subject: [trial.name for trial in trials if trial.subject == subject] for subject in study.subjects
+            },
+            "trials": [
+                {
+                    "trial": trial.name,
+                    "subject": trial.subject,
+                    **own,
+                    "exit_code": trial.run.exit_code,
+                    "verdict": trial.level,
+                    "codes": trial.codes,
+                    "message": trial.run.published,
+                    "report": None if trial.summary is None else f"../{trial.name}/report.html",
+                }
+                for trial, own in zip(trials, labels, strict=True)
+            ],
+            "remarks": remarks,
+            "segments": counts,
+            "tables": {name: table.description for name, table in tables.items()},
+            "key": key,
+        }
+        result = Result("study", DOCUMENT, content, tables, make_page, hashed=True)
         result.write(study.folder)
     return StudyResult(study, runs, result.document, reused=False)
-
-
-def _make_result(
-    study: Study, runs: Sequence[TrialRun], key: str, counts: Mapping[str, Any], notes: Sequence[str]
-) -> Result:
-    # The modules of the other kinds are not imported.
-    name = "curls" if study.curl else "reach" if study.reach else "sit_to_stand"
-    kind: StudyKind = import_module(f"mocap_id.workflows.study.{name}").STUDY
-    trials = [kind.read(study, one, run) for one, run in zip(study.trials, runs, strict=True)]
-    labels = [kind.read_labels(trial) for trial in trials]
-    remarks = (*notes, *find_remarks(study, trials))
-    tables = kind.make_tables(trials)
-
-    def make_page() -> dict[str, bytes]:
-        from mocap_id.reporting.study.cohort import CohortData  # noqa: PLC0415  only a page needs it
-
-        entries = tuple(
-            one.entry(one.name, ", ".join(filter(None, [one.subject, *own.values()])), f"../{one.name}/report.html")
-            for one, own in zip(trials, labels, strict=True)
-        )
-        return {COHORT_PAGE: kind.page(CohortData(study.name, entries, tables, remarks), trials)}
-
-    content = {
-        "study": study.name,
-        "product": __version__,
-        "about": _ABOUT,
-        "page": COHORT_PAGE,
-        "subjects": {
-            subject: [trial.name for trial in trials if trial.subject == subject] for subject in study.subjects
-        },
-        "trials": [
-            {
-                "trial": trial.name,
-                "subject": trial.subject,
-                **own,
-                "exit_code": trial.run.exit_code,
-                "verdict": trial.level,
-                "codes": trial.codes,
-                "message": trial.run.published,
-                "report": None if trial.summary is None else f"../{trial.name}/report.html",
-            }
-            for trial, own in zip(trials, labels, strict=True)
-        ],
-        "remarks": list(remarks),
-        "segments": counts,
-        "tables": {name: table.description for name, table in tables.items()},
-        "key": key,
-    }
-    return Result("study", DOCUMENT, content, tables, make_page, hashed=True)
 
 
 def find_same_recordings(study: Study) -> Iterator[tuple[str, str]]:
