@@ -106,6 +106,10 @@ class EvenClock:
     rate: float  # samples per second
     rounding_note: str  # note that the time stamps are coarsely rounded; empty if they are not
 
+    def times(self, count: int) -> FloatArray:
+        """Return the times of the first ``count`` samples, s."""
+        return np.round(self.start + np.arange(count) / self.rate, 12) + 0.0  # a start of 1e-16 becomes 0, not -0
+
 
 def fit_even_clock(
     path: Path, time: FloatArray, stated: float | None = None, *, name: str = "the time", fastest: float = MARKER_HZ

@@ -369,8 +369,7 @@ def fit_clock(path: Path, declared: str, time: FloatArray, oddities: list[str], 
         )
     if clock.rounding_note:
         oddities.append(f"{path.name}: {clock.rounding_note}")
-    even = np.round(clock.start + np.arange(len(time)) / clock.rate, 12) + 0.0  # a start of 1e-16 becomes 0, not -0
-    return even, clock.rate
+    return clock.times(len(time)), clock.rate
 
 
 def parse_rate(path: Path, declared: str, name: str) -> float | None:
