@@ -30,14 +30,11 @@ DEGREES = 180.0 / np.pi
 _MAX_SHOWN = 120  # characters of the header to show in a message
 _EXPECTED = f"expected {TIME}, {POSITION}, {VELOCITY} and optionally {TORQUE}"
 
-
 FORCE, MOMENT = ("Fx_N", "Fy_N", "Fz_N"), ("Mx_Nm", "My_Nm", "Mz_Nm")
 
 _MAX_ERROR = 0.5  # steps; a larger difference from evenly spaced times means missing samples
 
-
 _TIME = ("time", "time_s")
-
 _TO_RAD = {"_deg": np.pi / 180.0, "_rad": 1.0}
 
 

@@ -28,7 +28,7 @@ from mocap_id.stages.curl_keys import Body
 from mocap_id.stages.device import DeviceFile
 from mocap_id.store import Table
 from mocap_id.store.schemas import EVENTS
-from mocap_id.store.views import MEANINGLESS_AT_POLE, NEAR_GIMBAL, SegmentPoses, SpatialSkeleton
+from mocap_id.store.views import MEANINGLESS_AT_POLE, NEAR_GIMBAL, MeasuredPoses, SpatialSkeleton
 from mocap_id.verdict import Reason
 
 _FLEXION = "elbow_flexion"
@@ -57,7 +57,7 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
         compensation=float(np.radians(keys.compensation_deg)),
         sustained=keys.sustained_s,
     )
-    poses = SegmentPoses.from_table(context.table("poses.parquet"))
+    poses = MeasuredPoses.from_table(context.table("poses.parquet"))
     skeleton = SpatialSkeleton.from_tree(context.tree("chain.h5"))
     measured = poses.find_measured("upper_arm", "forearm")
     curls = find_curls(time, angles[_FLEXION], angles[f"sd_{_FLEXION}"], rules, measured)
@@ -132,7 +132,7 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
     return _make_table(curls, facts, reasons), columns
 
 
-def _find_elbow_axis(poses: SegmentPoses, skeleton: SpatialSkeleton) -> FloatArray:
+def _find_elbow_axis(poses: MeasuredPoses, skeleton: SpatialSkeleton) -> FloatArray:
     """Return the flexion axis of the elbow in the trial's axes (T, 3), towards the right of the arm.
 
     It is the fitted axis of a hinge or two-axis joint, or the z axis of the upper arm if the elbow is a ball joint.
@@ -146,7 +146,7 @@ def _find_elbow_axis(poses: SegmentPoses, skeleton: SpatialSkeleton) -> FloatArr
 
 
 def _collect_angles(
-    context: Context, poses: SegmentPoses, curls: Sequence[Curl]
+    context: Context, poses: MeasuredPoses, curls: Sequence[Curl]
 ) -> dict[str, tuple[FloatArray, FloatArray]]:
     """Return the angles (T,) of shoulder and thorax and the standard deviations of their changes, rad, by name."""
     angles, table = context.table("angles.parquet"), context.table("poses.parquet")
@@ -210,7 +210,7 @@ _ADDED_SD, _TABLE_SD = 0.02, 0.15  # relative standard deviation of a mass: weig
 
 
 def _compute_torques(
-    context: Context, poses: SegmentPoses, skeleton: SpatialSkeleton, axis: FloatArray
+    context: Context, poses: MeasuredPoses, skeleton: SpatialSkeleton, axis: FloatArray
 ) -> dict[str, ElbowTorque] | str:
     """Return the torques about the elbow's axis, or a text that says why they are unknown.
 
@@ -236,7 +236,7 @@ def _compute_torques(
 
 
 def _compute_total_torque(
-    context: Context, poses: SegmentPoses, skeleton: SpatialSkeleton, axis: FloatArray
+    context: Context, poses: MeasuredPoses, skeleton: SpatialSkeleton, axis: FloatArray
 ) -> ElbowTorque | str:
     """Return the total torque about the elbow's axis, or a text that says why it is unknown."""
     keys, subject, table = context.trial.curl, context.trial.subject, context.table("poses.parquet")
