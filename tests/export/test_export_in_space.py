@@ -16,7 +16,7 @@ from mocap_id.geometry import so3
 from mocap_id.recording import read_table
 from mocap_id.store import Tree
 from mocap_id.store.schemas import DYNAMICS_TREE
-from mocap_id.store.views import SegmentPoses, SpatialSkeleton
+from mocap_id.store.views import MeasuredPoses, SpatialSkeleton
 from mocap_id.workflows.export import FORMATS, IN_SPACE
 from mocap_id.workflows.export.opensim_model import ModelJoint, convert_spatial_inertia, model_joints
 from mocap_id.workflows.export.opensim_tables import convert_spatial_wrench
@@ -37,7 +37,7 @@ def exported(trial: SpatialTrial, folder: Path, **changed: Any) -> ExportFiles:
 
 
 def joints_of(trial: SpatialTrial) -> list[ModelJoint]:
-    return model_joints(SpatialSkeleton.from_tree(trial.tree()), SegmentPoses.from_table(trial.poses()))
+    return model_joints(SpatialSkeleton.from_tree(trial.tree()), MeasuredPoses.from_table(trial.poses()))
 
 
 def turned(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:

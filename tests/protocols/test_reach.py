@@ -19,15 +19,15 @@ from mocap_id.protocols.reach.workspace import (
     measure_ranges,
 )
 from mocap_id.store import Table, Tree
-from mocap_id.store.views import SegmentPoses, SpatialAngles, SpatialSkeleton
+from mocap_id.store.views import MeasuredPoses, SpatialAngles, SpatialSkeleton
 from spatial_trial import SpatialTrial
 
 
-def views(trial: SpatialTrial) -> tuple[SpatialAngles, SegmentPoses, SpatialSkeleton]:
+def views(trial: SpatialTrial) -> tuple[SpatialAngles, MeasuredPoses, SpatialSkeleton]:
     artefacts = trial.artefacts()
     angles, poses, chain = (artefacts[name] for name in ("angles.parquet", "poses.parquet", "chain.h5"))
     assert isinstance(angles, Table) and isinstance(poses, Table) and isinstance(chain, Tree)
-    return SpatialAngles.from_table(angles), SegmentPoses.from_table(poses), SpatialSkeleton.from_tree(chain)
+    return SpatialAngles.from_table(angles), MeasuredPoses.from_table(poses), SpatialSkeleton.from_tree(chain)
 
 
 def test_noise_of_a_skeleton_does_not_make_a_range_larger() -> None:

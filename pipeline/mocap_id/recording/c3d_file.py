@@ -33,9 +33,14 @@ Value: TypeAlias = "np.ndarray[Any, Any] | tuple[str, ...]"
 
 
 @dataclass(frozen=True)
-class Header:
-    """Fields of the first block: unsigned words, and two floats converted to IEEE."""
+class C3DFile:
+    """Open C3D file with its header (the fields of the first block) and parameters."""
 
+    path: Path
+    stream: BinaryIO
+    size: int  # bytes
+    processor: int
+    # The header: unsigned words, and two floats converted to IEEE
     points: int
     analog_words: int
     first: int
@@ -44,17 +49,6 @@ class Header:
     data_block: int
     analog_per_frame: int
     rate: float
-
-
-@dataclass(frozen=True)
-class C3DFile:
-    """Open C3D file with its header and parameters."""
-
-    path: Path
-    stream: BinaryIO
-    size: int  # bytes
-    processor: int
-    header: Header
     parameters: Mapping[str, Value]  # value by ``"GROUP:NAME"`` in upper case
     repeated: tuple[str, ...]  # parameters that occur more than once; the first occurrence is used
 
@@ -135,11 +129,11 @@ def open_c3d(path: Path, stream: BinaryIO) -> C3DFile:
     points, analog_words, first, last = struct.unpack(endian(processor) + "HHHH", data[2:10])
     block, per_frame = struct.unpack(endian(processor) + "HH", data[16:20])
     scale, rate = float(convert_floats(data[12:16], processor)[0]), float(convert_floats(data[20:24], processor)[0])
-    header = Header(points, analog_words, first, last, scale, block, per_frame, rate)
-    stop = (header.data_block - 1) * BLOCK if header.data_block else start + data[start + 2] * BLOCK
+    header = (points, analog_words, first, last, scale, block, per_frame, rate)
+    stop = (block - 1) * BLOCK if block else start + data[start + 2] * BLOCK
     data = data[:stop] + stream.read(max(0, stop - len(data)))
     parameters, repeated = _read_parameters(path, data, start + 4, processor)
-    return C3DFile(path, stream, size, processor, header, parameters, repeated)
+    return C3DFile(path, stream, size, processor, *header, parameters, repeated)
 
 
 def convert_floats(raw: bytes, processor: int) -> FloatArray:
@@ -264,9 +258,9 @@ def find_layout(file: C3DFile) -> Layout:
 
     Raises RecordingError if the file is truncated, declares no frames, rate or points, or contradicts itself.
     """
-    header, oddities = file.header, list[str]()
-    scale = _read_scalar(file, "POINT:SCALE", header.scale, oddities)
-    rate = _read_scalar(file, "POINT:RATE", header.rate, oddities)
+    oddities = list[str]()
+    scale = _read_scalar(file, "POINT:SCALE", file.scale, oddities)
+    rate = _read_scalar(file, "POINT:RATE", file.rate, oddities)
     if not (np.isfinite(scale) and scale != 0.0):
         raise RecordingError(
             f"{file.path}: POINT:SCALE is {scale}, expected a non-zero number; the file is corrupt, export it again"
@@ -274,9 +268,9 @@ def find_layout(file: C3DFile) -> Layout:
     check_rate(file.path, rate, "the frame rate")
     # position of the data, from the header, or else from POINT:DATA_START
     declared = (file.words("POINT:DATA_START") or [0])[0]
-    if declared and header.data_block and declared != header.data_block:
-        oddities.append(f"POINT:DATA_START is {declared}, the header says {header.data_block}: the header was used")
-    start = ((header.data_block or declared) - 1) * BLOCK
+    if declared and file.data_block and declared != file.data_block:
+        oddities.append(f"POINT:DATA_START is {declared}, the header says {file.data_block}: the header was used")
+    start = ((file.data_block or declared) - 1) * BLOCK
     if not 0 < start < file.size:
         raise RecordingError(
             f"{file.path}: the data should start at byte {start} of a file of {file.size} bytes; "
@@ -304,7 +298,7 @@ def find_layout(file: C3DFile) -> Layout:
         oddities.append(f"data for {more} more frames follow the {frames} declared frames and were not read")
     channels = per_frame = 0
     if words:
-        channels, per_frame = (file.words("ANALOG:USED") or [0])[0], header.analog_per_frame
+        channels, per_frame = (file.words("ANALOG:USED") or [0])[0], file.analog_per_frame
         if channels and words % channels == 0:
             per_frame = words // channels
         elif per_frame and words % per_frame == 0:
@@ -321,13 +315,13 @@ def find_layout(file: C3DFile) -> Layout:
                 f"ANALOG:RATE is {float(analog_rate.ravel()[0]):g} Hz, but {per_frame} samples per frame at {rate:g} "
                 f"Hz make {per_frame * rate:g} Hz: ANALOG:RATE was not used"
             )
-    first, trial = header.first, read_frame_number(file, "TRIAL:ACTUAL_START_FIELD")
+    first, trial = file.first, read_frame_number(file, "TRIAL:ACTUAL_START_FIELD")
     if trial is not None and trial != first:
         last = read_frame_number(file, "TRIAL:ACTUAL_END_FIELD")
-        first = trial if last is not None and last - trial + 1 == frames else header.first
-        if header.first != _LARGEST_COUNT and trial % 65536 != header.first:
+        first = trial if last is not None and last - trial + 1 == frames else file.first
+        if file.first != _LARGEST_COUNT and trial % 65536 != file.first:
             oddities.append(
-                f"the header starts at frame {header.first}, TRIAL:ACTUAL_START_FIELD at {trial}: {first} was used"
+                f"the header starts at frame {file.first}, TRIAL:ACTUAL_START_FIELD at {trial}: {first} was used"
             )
     if file.repeated:
         names = ", ".join(file.repeated[:2]) + (" …" if len(file.repeated) > 2 else "")
@@ -378,10 +372,10 @@ def _find_counts(file: C3DFile, word: int, available: int, oddities: list[str]) 
     The file declares each number in several fields, and all combinations are tried. ``word`` is the size of a stored
     number and ``available`` the size of all frames, bytes.
     """
-    header, channels = file.header, (file.words("ANALOG:USED") or [])[:1]
-    points = [*(file.words("POINT:USED") or [])[:1], header.points]
-    words = [header.analog_words, *(count * header.analog_per_frame for count in channels)]
-    frames = [header.last - header.first + 1]
+    channels = (file.words("ANALOG:USED") or [])[:1]
+    points = [*(file.words("POINT:USED") or [])[:1], file.points]
+    words = [file.analog_words, *(count * file.analog_per_frame for count in channels)]
+    frames = [file.last - file.first + 1]
     first, last = (read_frame_number(file, f"TRIAL:ACTUAL_{end}_FIELD") for end in ("START", "END"))
     if first is not None and last is not None:
         frames.append(last - first + 1)

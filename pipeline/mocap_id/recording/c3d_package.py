@@ -10,8 +10,7 @@ from typing import Any
 import c3d
 import numpy as np
 
-from mocap_id.arrays import FloatArray
-from mocap_id.recording.c3d_file import C3DFile, Layout, find_layout, open_c3d, read_channel_scales, read_frames
+from mocap_id.recording.c3d_file import find_layout, open_c3d, read_channel_scales, read_frames
 from mocap_id.recording.text_tables import open_recording
 
 _FRAMES = 100  # number of frames to compare; this is enough, because a wrong position or stride affects every frame
@@ -44,33 +43,25 @@ def compare_with_package(path: Path) -> list[str]:
             for what, theirs, own in zip(("points", "analog channels", "frames"), counted, ours, strict=True)
             if theirs != own
         ]
-        return differences or _compare_values(file, layout, frames)
-
-
-def _compare_values(file: C3DFile, layout: Layout, frames: list[tuple[int, FloatArray, FloatArray]]) -> list[str]:
-    """Return a sentence about each difference in the values.
-
-    ``frames`` are the frames read by the package: number, points (P, 5), and analog samples (channels, samples per
-    frame).
-    """
-    if not frames:
-        return ["the c3d package reads no frames of this file"]
-    differences = []
-    points, counts = read_frames(file, layout, slice(0, len(frames)))
-    theirs = np.array([each for _, each, _ in frames])
-    visible, visible_by_package = points[..., 3] >= 0, theirs[..., 3] >= 0
-    both = visible & visible_by_package & np.isfinite(points).all(axis=2)
-    if missing := int((visible & ~visible_by_package).sum()):
-        differences.append(
-            f"the c3d package treats {missing} measured samples of the first {len(frames)} frames as missing"
-        )
-    if not np.allclose(theirs[both, :3], points[both, :3], rtol=1e-4, atol=1e-3):
-        differences.append("the c3d package reads different positions")
-    if layout.channels:
-        offset, scale = read_channel_scales(file, layout)
-        ours = (counts.reshape(-1, layout.channels) - offset) * scale
-        analog = np.concatenate([each.T for _, _, each in frames])
-        near = 1e-4 * float(np.abs(ours[np.isfinite(ours)]).max(initial=0))
-        if analog.shape != ours.shape or not np.allclose(analog, ours, rtol=1e-4, atol=near, equal_nan=True):
-            differences.append("the c3d package reads different analog values")
-    return differences
+        if differences:
+            return differences
+        if not frames:
+            return ["the c3d package reads no frames of this file"]
+        points, counts = read_frames(file, layout, slice(0, len(frames)))
+        theirs = np.array([each for _, each, _ in frames])
+        visible, visible_by_package = points[..., 3] >= 0, theirs[..., 3] >= 0
+        both = visible & visible_by_package & np.isfinite(points).all(axis=2)
+        if missing := int((visible & ~visible_by_package).sum()):
+            differences.append(
+                f"the c3d package treats {missing} measured samples of the first {len(frames)} frames as missing"
+            )
+        if not np.allclose(theirs[both, :3], points[both, :3], rtol=1e-4, atol=1e-3):
+            differences.append("the c3d package reads different positions")
+        if layout.channels:
+            offset, scale = read_channel_scales(file, layout)
+            own = (counts.reshape(-1, layout.channels) - offset) * scale
+            analog = np.concatenate([each.T for _, _, each in frames])
+            near = 1e-4 * float(np.abs(own[np.isfinite(own)]).max(initial=0))
+            if analog.shape != own.shape or not np.allclose(analog, own, rtol=1e-4, atol=near, equal_nan=True):
+                differences.append("the c3d package reads different analog values")
+        return differences

@@ -44,22 +44,9 @@ def check_times(
     """Raise RecordingError if times (T,) do not increase, or are not the seconds of a recording of a moving person.
 
     The usual step between two different times must be that of a rate from ``SLOWEST_HZ`` to ``fastest``, Hz. Times in
-    milliseconds, frame numbers or whole seconds are thus refused.
-
-    Parameters
-    ----------
-    source : object
-        File, for the message.
-    time : (T,) array
-        Times, s.
-    name : str
-        Name of the times in the file, such as ``"`time_s`"``.
-    fastest : float
-        Highest rate of such a signal, Hz.
-    repeated : bool
-        Whether the same time may occur in several rows.
-    pauses : bool
-        Whether the clock may jump forwards by more than ten seconds.
+    milliseconds, frame numbers or whole seconds are thus refused. ``source`` is the file and ``name`` says what the
+    times are in it, such as ``"`time_s`"``. With ``repeated``, the same time may occur in several rows; with
+    ``pauses``, the clock may jump forwards by more than ten seconds.
     """
     if len(time) < 2:
         values = f"{len(time)} value{'s' if len(time) != 1 else ''}"
@@ -117,18 +104,11 @@ class EvenClock:
 
     start: float  # time of the first sample, s
     rate: float  # samples per second
-    largest_error: float  # largest error of a time stamp, in samples
+    rounding_note: str  # note that the time stamps are coarsely rounded; empty if they are not
 
     def times(self, count: int) -> FloatArray:
         """Return the times of the first ``count`` samples, s."""
         return np.round(self.start + np.arange(count) / self.rate, 12) + 0.0  # a start of 1e-16 becomes 0, not -0
-
-    @property
-    def rounding_note(self) -> str:
-        """Note that the time stamps are coarsely rounded; empty if they are not."""
-        if self.largest_error <= _MAX_ERROR:
-            return ""
-        return f"its times are rounded by up to {self.largest_error:.2f} of a sample: evenly spaced times were used"
 
 
 def fit_even_clock(
@@ -164,7 +144,9 @@ def fit_even_clock(
     if stated is not None and stated > 0 and abs(1 / stated - period) <= limit:
         period = 1 / stated
     rate = 1 / period if stated is None or period != 1 / stated else stated
-    return EvenClock(middle + float(number[0]) * period, rate, float(errors.max()) / period)
+    largest = float(errors.max()) / period  # in samples
+    note = f"its times are rounded by up to {largest:.2f} of a sample: evenly spaced times were used"
+    return EvenClock(middle + float(number[0]) * period, rate, "" if largest <= _MAX_ERROR else note)
 
 
 def _estimate_rounding(time: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.recording.marker_tables import MarkerTable
-from mocap_id.recording.model import Recording, choose_vertical, to_z_up
+from mocap_id.recording.model import Recording, nearest_axis, to_z_up
 from mocap_id.recording.units import LENGTHS, ReadingOptions, check_length_unit, find_length_scale, strip_padding
 
 _OUTPUT = re.compile(r"(angles?|forces?|moments?|powers?|grf|cent(re|er)_?of_?mass\w*)$", re.IGNORECASE)
@@ -434,7 +434,17 @@ def assemble_recording(
     clean_positions(path, positions, unit, oddities)
     naming, positions = leave_out_objects(naming, positions)
     oddities += naming.oddities
-    up = choose_vertical(force, options.vertical, table.up, oddities)
+    # The axis that points up: the user's setting, or along the ground force, or as is usual for the format
+    axis = None if force is None or not np.any(force) else nearest_axis(force, 0.9)
+    along = None if axis is None else axis.lstrip("-")
+    up = options.vertical or along or table.up
+    if options.vertical is not None and along not in (None, up.lstrip("-")):
+        oddities.append(f"the ground force acts along {along}, the configuration says {up} is up: {up} was used")
+    elif options.vertical is None and along is None:
+        oddities.append(
+            f"the file does not say which axis is up: {up} was assumed, as is usual for its format (if it is another, "
+            "set `vertical:`)"
+        )
     rotate_z_up(positions, up)
     recording = Recording(
         files=(path,),

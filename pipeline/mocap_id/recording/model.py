@@ -42,29 +42,6 @@ def check_axis(vertical: str) -> str:
     return axis
 
 
-def choose_vertical(force: FloatArray | None, configured: str | None, assumed: str, oddities: list[str]) -> str:
-    """Return the upward axis of a file that declares none: ``configured``, or along the ground force, or ``assumed``.
-
-    ``configured`` is the user's setting and has priority. ``force`` (3,) is the mean ground force in the axes of the
-    file; it is None if there are no plates. A note is added to ``oddities`` if the axis is assumed or contradicts the
-    force.
-    """
-    axis = None if force is None or not np.any(force) else nearest_axis(force, 0.9)
-    along = None if axis is None else axis.lstrip("-")
-    if configured is not None:
-        if along not in (None, configured.lstrip("-")):
-            oddities.append(
-                f"the ground force acts along {along}, the configuration says {configured} is up: {configured} was used"
-            )
-        return configured
-    if along is None:
-        oddities.append(
-            f"the file does not say which axis is up: {assumed} was assumed, as is usual for its format (if it is "
-            "another, set `vertical:`)"
-        )
-    return along or assumed
-
-
 def axis_vector(axis: str) -> FloatArray:
     """Return the unit vector (3,) of an axis name such as ``"-Y"``, in the axes of the file."""
     vector = np.zeros(3)
@@ -417,8 +394,20 @@ class Recording:
         plates = []
         for name in ordered.data_vars:
             kind, _, number = str(name).partition("_")
-            if kind == "force":
-                plates.append(_read_plate(ordered, number, units))
+            if kind != "force":
+                continue
+            missing = [one for one in (f"moment_{number}", f"time_{number}") if one not in ordered]
+            if missing:
+                raise RecordingError(
+                    f"dataset: plate {number} has no `{missing[0]}`; expected the variables that Recording.to_xarray "
+                    "writes"
+                )
+            hertz, begin = _measure_clock("dataset", ordered[f"time_{number}"].to_numpy())
+            force, moment = (ordered[f"{what}_{number}"].to_numpy() for what in ("force", "moment"))
+            corners = ordered[f"corners_{number}"].to_numpy() if f"corners_{number}" in ordered else None
+            plate = Plate.from_arrays(force, hertz, moment=moment, corners=corners, units=units, start=begin)
+            ok = ordered[f"ok_{number}"].to_numpy().astype(bool) if f"ok_{number}" in ordered else plate.ok
+            plates.append(replace(plate, ok=plate.ok & ok))
         labels = [str(label) for label in ordered["marker"].to_numpy()]
         positions = ordered["position"].to_numpy()
         return cls.from_arrays(labels, positions, rate, plates, units=units, vertical=vertical, start=start)
@@ -450,21 +439,6 @@ def rotate_plate(plate: Plate, rotation: FloatArray) -> Plate:
     dead = tuple((name, rotation @ direction) for name, direction in plate.dead)
     force, moment = plate.force @ rotation.T, plate.moment @ rotation.T
     return replace(plate, corners=corners, force=force, moment=moment, dead=dead)
-
-
-def _read_plate(dataset: xr.Dataset, number: str, units: str) -> Plate:
-    """Return the plate of a dataset whose variables end with ``number``; RecordingError if a variable is missing."""
-    missing = [name for name in (f"moment_{number}", f"time_{number}") if name not in dataset]
-    if missing:
-        raise RecordingError(
-            f"dataset: plate {number} has no `{missing[0]}`; expected the variables that Recording.to_xarray writes"
-        )
-    rate, start = _measure_clock("dataset", dataset[f"time_{number}"].to_numpy())
-    force, moment = (dataset[f"{kind}_{number}"].to_numpy() for kind in ("force", "moment"))
-    corners = dataset[f"corners_{number}"].to_numpy() if f"corners_{number}" in dataset else None
-    plate = Plate.from_arrays(force, rate, moment=moment, corners=corners, units=units, start=start)
-    ok = dataset[f"ok_{number}"].to_numpy().astype(bool) if f"ok_{number}" in dataset else plate.ok
-    return replace(plate, ok=plate.ok & ok)
 
 
 def _list_pairs(columns: Iterable[Any]) -> list[tuple[Any, ...]]:

@@ -91,7 +91,19 @@ def read(
     axis = None if vertical is None else check_axis(vertical)
     options = ReadingOptions(units, axis, force_unit, moment_unit, unit_required)
     markers, forces = Path(markers), None if forces is None else Path(forces)
-    _check_kinds(markers, forces)
+    # The endings of the file names show whether a file is under the wrong key.
+    if markers.suffix.lower() in _TABLES:
+        if forces is not None and forces.suffix.lower() not in _TABLES:
+            raise ConfigError(
+                f"{markers} is under `markers` and {forces.name} under `forces`: exchange them, "
+                f"`recording: {{markers: {forces.name}, forces: {markers.name}}}`"
+            )
+        raise ConfigError(
+            f"{markers}: a MOT or STO file contains no markers: give the C3D or TRC file, "
+            f"`recording: {{markers: trial.trc, forces: {markers.name}}}`"
+        )
+    if forces is not None and markers.suffix.lower() == ".trc" and forces.suffix.lower() in (".trc", ".c3d"):
+        raise ConfigError(f"{forces}: `forces` must be a MOT file; give a C3D file alone, `recording: trial.c3d`")
     with open_recording(markers) as stream:
         start = stream.read(_HEAD_BYTES)
         if start.startswith((b"\xff\xfe", b"\xfe\xff")):  # no binary format starts so
@@ -159,22 +171,6 @@ def is_marker_text(path: Path) -> bool:
     """Return whether a text file contains markers in a supported format; RecordingError if it cannot be read."""
     with open_recording(path) as stream:
         return _find_parser(stream.read(_HEAD_BYTES)) is not None
-
-
-def _check_kinds(markers: Path, forces: Path | None) -> None:
-    """Raise ConfigError if a file is under the wrong key, judged by the endings of the file names."""
-    if markers.suffix.lower() in _TABLES:
-        if forces is not None and forces.suffix.lower() not in _TABLES:
-            raise ConfigError(
-                f"{markers} is under `markers` and {forces.name} under `forces`: exchange them, "
-                f"`recording: {{markers: {forces.name}, forces: {markers.name}}}`"
-            )
-        raise ConfigError(
-            f"{markers}: a MOT or STO file contains no markers: give the C3D or TRC file, "
-            f"`recording: {{markers: trial.trc, forces: {markers.name}}}`"
-        )
-    if forces is not None and markers.suffix.lower() == ".trc" and forces.suffix.lower() in (".trc", ".c3d"):
-        raise ConfigError(f"{forces}: `forces` must be a MOT file; give a C3D file alone, `recording: trial.c3d`")
 
 
 def _find_parser(head: bytes) -> Parser | None:

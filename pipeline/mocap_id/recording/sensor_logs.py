@@ -30,14 +30,11 @@ DEGREES = 180.0 / np.pi
 _MAX_SHOWN = 120  # characters of the header to show in a message
 _EXPECTED = f"expected {TIME}, {POSITION}, {VELOCITY} and optionally {TORQUE}"
 
-
 FORCE, MOMENT = ("Fx_N", "Fy_N", "Fz_N"), ("Mx_Nm", "My_Nm", "Mz_Nm")
 
 _MAX_ERROR = 0.5  # steps; a larger difference from evenly spaced times means missing samples
 
-
 _TIME = ("time", "time_s")
-
 _TO_RAD = {"_deg": np.pi / 180.0, "_rad": 1.0}
 
 
@@ -84,7 +81,24 @@ def read_encoder(path: Path) -> EncoderLog:
                 "lines; the times need not be evenly spaced"
             )
     check_times(path, time, f"`{TIME}`", SENSOR_HZ)
-    _check_derivative(path, time, position, velocity)
+    # The velocity must be the derivative of the position; it is not with a wrong unit or direction.
+    apart = max(1, round(_SPAN / float(np.median(np.diff(time)))))
+    summed = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time))])
+    by_velocity, by_position = (each[apart:] - each[:-apart] for each in (summed, position))
+    size = float(by_velocity @ by_velocity)
+    slope = float(by_velocity @ by_position) / size if size > 0.0 else 0.0
+    if np.ptp(position) >= _MIN_MOVEMENT and not _ACCEPTED_RATIO[0] <= slope <= _ACCEPTED_RATIO[1]:
+        ratio = abs(slope)
+        hint = "of another joint or direction"
+        for what, factor in (("position", DEGREES), ("velocity", 1.0 / DEGREES)):
+            if _ACCEPTED_RATIO[0] <= ratio / factor <= _ACCEPTED_RATIO[1]:
+                hint = f"in other units, the {what} in degrees"
+        if _ACCEPTED_RATIO[0] <= ratio * 1000.0 <= _ACCEPTED_RATIO[1]:
+            hint = f"in other units, or `{TIME}` is in milliseconds and must be in seconds"
+        raise RecordingError(
+            f"{path}: `{POSITION}` changes by {slope:.3g} times the integral of `{VELOCITY}`: one of them is {hint}; "
+            "both must be in radians and of the same joint"
+        )
     # An encoder repeats its angle while the joint rests; it repeats it wrongly if the velocity there is not zero.
     same = np.all(np.diff(np.column_stack([position, velocity]), axis=0) == 0.0, axis=1)
     rows = np.zeros(len(time), dtype=np.bool_)
@@ -94,28 +108,6 @@ def read_encoder(path: Path) -> EncoderLog:
     held = list_held(f"the encoder ({path.name})", time, rows, np.zeros_like(rows))
     torque = columns.get(TORQUE)
     return EncoderLog(time[~rows], position[~rows], velocity[~rows], None if torque is None else torque[~rows], held)
-
-
-def _check_derivative(path: Path, time: FloatArray, position: FloatArray, velocity: FloatArray) -> None:
-    """Raise RecordingError if the velocity is not the derivative of the position, as with a wrong unit or direction."""
-    apart = max(1, round(_SPAN / float(np.median(np.diff(time)))))
-    summed = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time))])
-    by_velocity, by_position = (each[apart:] - each[:-apart] for each in (summed, position))
-    size = float(by_velocity @ by_velocity)
-    slope = float(by_velocity @ by_position) / size if size > 0.0 else 0.0
-    if np.ptp(position) < _MIN_MOVEMENT or _ACCEPTED_RATIO[0] <= slope <= _ACCEPTED_RATIO[1]:
-        return
-    ratio = abs(slope)
-    hint = "of another joint or direction"
-    for what, factor in (("position", DEGREES), ("velocity", 1.0 / DEGREES)):
-        if _ACCEPTED_RATIO[0] <= ratio / factor <= _ACCEPTED_RATIO[1]:
-            hint = f"in other units, the {what} in degrees"
-    if _ACCEPTED_RATIO[0] <= ratio * 1000.0 <= _ACCEPTED_RATIO[1]:
-        hint = f"in other units, or `{TIME}` is in milliseconds and must be in seconds"
-    raise RecordingError(
-        f"{path}: `{POSITION}` changes by {slope:.3g} times the integral of `{VELOCITY}`: one of them is {hint}; both "
-        "must be in radians and of the same joint"
-    )
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,17 @@ def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None 
     """
     axis = "Y" if vertical is None else check_axis(vertical)
     oddities: list[str] = []
-    rows = _read_rows(path, oddities)
+    text = read_text(path)
+    first = text[:20000].lstrip("\ufeff \t\r\n").split("\n", 1)[0]
+    if text[:400].lower().startswith("pathfiletype"):
+        table = parse_trc(path, text, oddities)
+        check_unique(path, table.labels)
+        none = np.zeros(table.positions.shape[:2], dtype=np.bool_)
+        rows = _Rows("skeleton (TRC)", tuple(table.labels), table.time, table.positions, none, table.units)
+    elif first[:1] and first[:1] in "-+.0123456789":
+        rows = _read_kinect_rows(path, text, oddities)
+    else:
+        rows = _read_csv_rows(path)
     unit, metres = resolve_length_unit(path, rows.units, units, oddities, required=True)
     rows.positions[:] *= metres
     clean_positions(path, rows.positions, unit, oddities)
@@ -110,19 +120,6 @@ def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None 
         oddities=tuple(oddities),
     )
     return SkeletonRecording(recording, inferred, reasons)
-
-
-def _read_rows(path: Path, oddities: list[str]) -> _Rows:
-    text = read_text(path)
-    if text[:400].lower().startswith("pathfiletype"):
-        table = parse_trc(path, text, oddities)
-        check_unique(path, table.labels)
-        inferred = np.zeros(table.positions.shape[:2], dtype=np.bool_)
-        return _Rows("skeleton (TRC)", tuple(table.labels), table.time, table.positions, inferred, table.units)
-    first = text[:20000].lstrip("\ufeff \t\r\n").split("\n", 1)[0]
-    if first[:1] and first[:1] in "-+.0123456789":
-        return _read_kinect_rows(path, text, oddities)
-    return _read_csv_rows(path)
 
 
 def _read_kinect_rows(path: Path, text: str, oddities: list[str]) -> _Rows:

@@ -14,16 +14,13 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import RecordingError
 from mocap_id.recording.lab_plates import PlateSignals, compute_plate_axes
-from mocap_id.recording.model import Plate, Recording, to_z_up
+from mocap_id.recording.model import Recording, to_z_up
 
 _CHANNEL_NAMES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 _SAME_FRAME = 0.01
 """Largest accepted difference between the time of the first frame and the time of its number, in frames."""
 
 _LAST_TIME = 1e5  # largest time in a text file, s; its nine digits are too coarse for later times
-
-
-_MILLIMETRES = 1e3
 
 
 def write_c3d(
@@ -66,7 +63,30 @@ def write_c3d(
         content.add_parameter("TRIAL", name, [low - 65536 if low > 32767 else low, high])
         content["parameters"]["TRIAL"][name]["type"] = 2  # 16-bit words; without this, ezc3d writes floats
     if plates:
-        _put_plates(content, plates, rate, frames)
+        per_frame = round(plates[0].rate / rate)
+        for plate in plates:
+            if plate.kind != 2 or plate.rate != plates[0].rate or len(plate.channels) != frames * per_frame:
+                raise ValueError("plates must be of type 2, share one rate and cover every frame")
+        if abs(per_frame * rate - plates[0].rate) > 1e-6 * plates[0].rate:
+            raise ValueError(
+                f"the analog rate {plates[0].rate} Hz is not an integer multiple of the frame rate {rate} Hz"
+            )
+        numbers = range(1, len(plates) + 1)
+        analog = content["parameters"]["ANALOG"]
+        analog["RATE"]["value"] = [float(plates[0].rate)]
+        analog["LABELS"]["value"] = tuple(f"{name}{n}" for n in numbers for name in _CHANNEL_NAMES)
+        analog["UNITS"]["value"] = ("N", "N", "N", "Nmm", "Nmm", "Nmm") * len(plates)
+        analog["SCALE"]["value"] = [1.0] * 6 * len(plates)
+        analog["OFFSET"]["value"] = [0] * 6 * len(plates)
+        to_file = np.array([1, 1, 1, 1e3, 1e3, 1e3])
+        content["data"]["analogs"] = np.concatenate([plate.channels * to_file for plate in plates], axis=1).T[None]
+        force = content["parameters"]["FORCE_PLATFORM"]
+        force["USED"]["value"] = [len(plates)]
+        force["TYPE"]["value"] = [2] * len(plates)
+        force["ZERO"]["value"] = [0, 0]
+        force["CHANNEL"]["value"] = np.arange(1, 6 * len(plates) + 1).reshape(len(plates), 6).T
+        force["CORNERS"]["value"] = np.stack([plate.corners.T * 1e3 for plate in plates], axis=2)
+        force["ORIGIN"]["value"] = np.stack([plate.origin * 1e3 for plate in plates], axis=1)
     _write_atomically(path, lambda partial: content.write(str(partial)))
 
 
@@ -85,7 +105,20 @@ def write_recording(path: Path, recording: Recording) -> None:
             f"of 1/{recording.rate:g} s: subtract a constant from all times, also from those of the plates"
         )
     first = round(at) + 1
-    plates = [_compute_channels(plate, recording) for plate in recording.plates if plate.usable]
+    plates = []  # channels with which plates of type 2 measure the wrenches; NaN for invalid samples
+    for plate in (plate for plate in recording.plates if plate.usable):
+        if plate.corners is None:
+            raise RecordingError(f"plate {plate.index} has no corners; expected (4, 3), in m")
+        if abs(plate.start - recording.time[0]) > 0.5 / plate.rate:
+            raise RecordingError(
+                f"plate {plate.index} starts at {plate.start} s; expected {recording.time[0]} s, the time of the first "
+                "frame: resample the plate"
+            )
+        axes = compute_plate_axes(plate.corners)
+        about_centre = plate.moment - np.cross(plate.corners.mean(axis=0), plate.force)
+        channels = np.concatenate([plate.force @ axes, about_centre @ axes], axis=1)
+        channels[~plate.ok] = np.nan
+        plates.append(PlateSignals(2, channels, np.zeros(3), plate.corners, plate.rate))
     try:
         write_c3d(path, recording.labels, recording.positions, recording.rate, first_frame=first, plates=plates)
     except ValueError as error:
@@ -133,22 +166,6 @@ def _check_even(recording: Recording) -> None:
         raise RecordingError("the frames are not evenly spaced in time; expected one frame every 1/rate")
 
 
-def _compute_channels(plate: Plate, recording: Recording) -> PlateSignals:
-    """Return the channels with which a plate of type 2 measures the wrench of ``plate``; NaN for invalid samples."""
-    if plate.corners is None:
-        raise RecordingError(f"plate {plate.index} has no corners; expected (4, 3), in m")
-    if abs(plate.start - recording.time[0]) > 0.5 / plate.rate:
-        raise RecordingError(
-            f"plate {plate.index} starts at {plate.start} s; expected {recording.time[0]} s, the time of the first "
-            "frame: resample the plate"
-        )
-    axes = compute_plate_axes(plate.corners)
-    about_centre = plate.moment - np.cross(plate.corners.mean(axis=0), plate.force)
-    channels = np.concatenate([plate.force @ axes, about_centre @ axes], axis=1)
-    channels[~plate.ok] = np.nan
-    return PlateSignals(2, channels, np.zeros(3), plate.corners, plate.rate)
-
-
 def write_trc(
     path: Path,
     labels: Sequence[str],
@@ -179,31 +196,6 @@ def _write_atomically(path: Path, write: Callable[[Path], object]) -> None:
         partial.unlink(missing_ok=True)
 
 
-def _put_plates(content: Any, plates: Sequence[PlateSignals], rate: float, frames: int) -> None:
-    per_frame = round(plates[0].rate / rate)
-    for plate in plates:
-        if plate.kind != 2 or plate.rate != plates[0].rate or len(plate.channels) != frames * per_frame:
-            raise ValueError("plates must be of type 2, share one rate and cover every frame")
-    if abs(per_frame * rate - plates[0].rate) > 1e-6 * plates[0].rate:
-        raise ValueError(f"the analog rate {plates[0].rate} Hz is not an integer multiple of the frame rate {rate} Hz")
-    numbers = range(1, len(plates) + 1)
-    analog = content["parameters"]["ANALOG"]
-    analog["RATE"]["value"] = [float(plates[0].rate)]
-    analog["LABELS"]["value"] = tuple(f"{name}{n}" for n in numbers for name in _CHANNEL_NAMES)
-    analog["UNITS"]["value"] = ("N", "N", "N", "Nmm", "Nmm", "Nmm") * len(plates)
-    analog["SCALE"]["value"] = [1.0] * 6 * len(plates)
-    analog["OFFSET"]["value"] = [0] * 6 * len(plates)
-    to_file = np.array([1, 1, 1, 1e3, 1e3, 1e3])
-    content["data"]["analogs"] = np.concatenate([plate.channels * to_file for plate in plates], axis=1).T[None]
-    force = content["parameters"]["FORCE_PLATFORM"]
-    force["USED"]["value"] = [len(plates)]
-    force["TYPE"]["value"] = [2] * len(plates)
-    force["ZERO"]["value"] = [0, 0]
-    force["CHANNEL"]["value"] = np.arange(1, 6 * len(plates) + 1).reshape(len(plates), 6).T
-    force["CORNERS"]["value"] = np.stack([plate.corners.T * 1e3 for plate in plates], axis=2)
-    force["ORIGIN"]["value"] = np.stack([plate.origin * 1e3 for plate in plates], axis=1)
-
-
 def format_trc(
     name: str, labels: Sequence[str], positions: FloatArray, *, time: FloatArray, frames: IntArray, rate: float
 ) -> str:
@@ -228,7 +220,7 @@ def format_trc(
         "\t\t" + "\t".join(f"X{i}\tY{i}\tZ{i}" for i in range(1, markers + 1)),
         "",
     ]
-    numbers = zip(frames.tolist(), time.tolist(), (positions.reshape(count, -1) * _MILLIMETRES).tolist(), strict=True)
+    numbers = zip(frames.tolist(), time.tolist(), (positions.reshape(count, -1) * 1e3).tolist(), strict=True)
     rows = []
     for frame, at, row in numbers:
         cells = "\t".join("" if isnan(value) else f"{value:.5f}" for value in row)

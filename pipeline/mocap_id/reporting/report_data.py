@@ -15,7 +15,7 @@ from mocap_id.store import Artefact, ArtefactSet, LongTable
 from mocap_id.store.views import (
     IdentifiedDynamics,
     JointStates,
-    SegmentPoses,
+    MeasuredPoses,
     Skeleton,
     SpatialAngles,
     SpatialSkeleton,
@@ -92,10 +92,10 @@ class ReportData(ArtefactSet):
         return SpatialSkeleton.from_tree(tree) if tree is not None and self.in_space else None
 
     @cached_property
-    def segment_poses(self) -> SegmentPoses | None:
+    def segment_poses(self) -> MeasuredPoses | None:
         """Poses of the segments in space; None if they were not estimated or the trial is in the plane."""
         table = self.table("poses.parquet")
-        return SegmentPoses.from_table(table) if table is not None and self.in_space else None
+        return MeasuredPoses.from_table(table) if table is not None and self.in_space else None
 
     @cached_property
     def angles(self) -> SpatialAngles | None:

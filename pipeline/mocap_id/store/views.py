@@ -338,7 +338,7 @@ class SpatialSkeleton:
 
 
 @dataclass(frozen=True)
-class SegmentPoses:
+class MeasuredPoses:
     """The poses of S segments in ``poses.parquet`` of a trial in space, T samples, in the frame of the trial."""
 
     time: FloatArray  # (T,)
@@ -349,7 +349,7 @@ class SegmentPoses:
     rejected: Rejected = ()
 
     @classmethod
-    def from_table(cls, table: Table) -> SegmentPoses:
+    def from_table(cls, table: Table) -> MeasuredPoses:
         """Return the poses of ``poses.parquet``."""
         ending = "_qw"
         names = tuple(name.removesuffix(ending) for name in table.names if name.endswith(ending))

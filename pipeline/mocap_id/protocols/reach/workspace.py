@@ -14,7 +14,7 @@ import numpy as np
 from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray
 from mocap_id.geometry.so3 import shift_to_shortest_arc
 from mocap_id.protocols.reach.reachable_set import CellGrid, PlaneRange, ReachArm, VisitedRegion, compute_reachable_set
-from mocap_id.store.views import MEANINGLESS_AT_POLE, SegmentPoses, SpatialAngles, SpatialSkeleton
+from mocap_id.store.views import MEANINGLESS_AT_POLE, MeasuredPoses, SpatialAngles, SpatialSkeleton
 
 SEGMENTS = ("thorax", "upper_arm", "forearm")
 ANGLES = ("shoulder_plane", "shoulder_elevation", "shoulder_axial", "elbow_flexion")
@@ -54,7 +54,7 @@ class RecordedArm:
 
 
 def measure_arm(
-    angles: SpatialAngles, poses: SegmentPoses, skeleton: SpatialSkeleton, stature: float | None = None
+    angles: SpatialAngles, poses: MeasuredPoses, skeleton: SpatialSkeleton, stature: float | None = None
 ) -> RecordedArm:
     """Compute the dimensions of an arm and the path of its hand from a recording.
 
@@ -155,12 +155,12 @@ def _find_median(points: FloatArray, segments: str) -> FloatArray:
     return np.asarray(np.median(points[known], axis=0))
 
 
-def _express_in_segment(poses: SegmentPoses, segment: int, points: FloatArray) -> FloatArray:
+def _express_in_segment(poses: MeasuredPoses, segment: int, points: FloatArray) -> FloatArray:
     """Return points (T, 3), given in the trial's axes, in the axes of a segment."""
     return np.asarray(np.einsum("tji,tj->ti", poses.rotation[:, segment], points - poses.origin[:, segment]))
 
 
-def _locate_wrist(poses: SegmentPoses, skeleton: SpatialSkeleton) -> tuple[float, float]:
+def _locate_wrist(poses: MeasuredPoses, skeleton: SpatialSkeleton) -> tuple[float, float]:
     """Return the distance from elbow to wrist along the forearm, m, and its standard deviation."""
     lower, sd = skeleton.segments.index("forearm"), _length_sd(skeleton, "forearm")
     marks = [skeleton.landmarks.index(name) for name in ("RS", "US") if name in skeleton.landmarks]
@@ -217,7 +217,7 @@ class AngleRange:
         return self.low_sd + self.high_sd
 
 
-def find_usable_samples(angles: SpatialAngles, poses: SegmentPoses, name: str) -> BoolArray:
+def find_usable_samples(angles: SpatialAngles, poses: MeasuredPoses, name: str) -> BoolArray:
     """Return True (T,) for the samples in which the angle ``name`` is defined, known, and measured by markers."""
     usable = angles.find_usable(name)
     pair = BETWEEN.get(name.split("_", maxsplit=1)[0], ())
@@ -233,7 +233,7 @@ def get_angle(angles: SpatialAngles, name: str, usable: BoolArray) -> FloatArray
     return shift_to_shortest_arc(values) if name in MEANINGLESS_AT_POLE and len(values) else values
 
 
-def measure_ranges(angles: SpatialAngles, poses: SegmentPoses, *, skeleton: bool = False) -> dict[str, AngleRange]:
+def measure_ranges(angles: SpatialAngles, poses: MeasuredPoses, *, skeleton: bool = False) -> dict[str, AngleRange]:
     """Return the range of every angle that is usable for long enough, by name.
 
     ``skeleton`` is True if the angles come from the skeleton of a camera. Its noise is slow and makes every range too

@@ -27,7 +27,7 @@ from mocap_id.stages.curl_keys import Body
 from mocap_id.stages.device import DeviceFile
 from mocap_id.stages.identify_dim.events import make_arm_events
 from mocap_id.store import Table
-from mocap_id.store.views import MEANINGLESS_AT_POLE, NEAR_GIMBAL, SegmentPoses, SpatialSkeleton
+from mocap_id.store.views import MEANINGLESS_AT_POLE, NEAR_GIMBAL, MeasuredPoses, SpatialSkeleton
 from mocap_id.verdict import Reason
 
 _FLEXION = "elbow_flexion"
@@ -56,7 +56,7 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
         compensation=float(np.radians(keys.compensation_deg)),
         sustained=keys.sustained_s,
     )
-    poses = SegmentPoses.from_table(context.table("poses.parquet"))
+    poses = MeasuredPoses.from_table(context.table("poses.parquet"))
     skeleton = SpatialSkeleton.from_tree(context.tree("chain.h5"))
     measured = poses.find_measured("upper_arm", "forearm")
     curls = find_curls(time, angles[_FLEXION], angles[f"sd_{_FLEXION}"], rules, measured)
@@ -173,7 +173,7 @@ _ADDED_SD, _TABLE_SD = 0.02, 0.15  # relative standard deviation of a mass: weig
 
 
 def _compute_torques(
-    context: Context, poses: SegmentPoses, skeleton: SpatialSkeleton, axis: FloatArray
+    context: Context, poses: MeasuredPoses, skeleton: SpatialSkeleton, axis: FloatArray
 ) -> dict[str, ElbowTorque] | str:
     """Return the torques about the elbow's axis, or a text that says why they are unknown.
 

@@ -27,7 +27,7 @@ from mocap_id.protocols.reach.workspace import (
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim.events import make_arm_events
 from mocap_id.store import Table
-from mocap_id.store.views import SegmentPoses, SpatialAngles, SpatialSkeleton
+from mocap_id.store.views import MeasuredPoses, SpatialAngles, SpatialSkeleton
 from mocap_id.verdict import Reason
 
 _LEAST_RANGE = np.radians(2.0)  # smallest range of an angle that moves
@@ -39,7 +39,7 @@ _NO_REGION = "the visited postures have no volume in joint space: an angle hardl
 def find_reach_events(context: Context) -> Table:
     """Return events.parquet of a trial with `protocol: reach`."""
     angles = SpatialAngles.from_table(context.table("angles.parquet"))
-    poses = SegmentPoses.from_table(context.table("poses.parquet"))
+    poses = MeasuredPoses.from_table(context.table("poses.parquet"))
     chain = context.tree("chain.h5")
     skeleton = SpatialSkeleton.from_tree(chain)
     ranges = measure_ranges(angles, poses, skeleton=chain.facts.get("frames") == "skeleton")
@@ -124,7 +124,7 @@ def _measure_heights(time: FloatArray, arm: RecordedArm) -> dict[str, Any]:
 
 
 def _compute_volumes(
-    angles: SpatialAngles, poses: SegmentPoses, arm: RecordedArm, ranges: Mapping[str, AngleRange]
+    angles: SpatialAngles, poses: MeasuredPoses, arm: RecordedArm, ranges: Mapping[str, AngleRange]
 ) -> dict[str, Any]:
     """Return facts on the reachable volume and surface, within the box of the ranges and within the visited region.
 

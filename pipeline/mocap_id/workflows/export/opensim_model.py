@@ -19,7 +19,7 @@ from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.regressor import LINK_PARAMETERS, PLANAR_PARAMETERS
 from mocap_id.geometry import so3
 from mocap_id.geometry.so3 import hat
-from mocap_id.store.views import JointStates, SegmentPoses, Skeleton, SpatialSkeleton
+from mocap_id.store.views import JointStates, MeasuredPoses, Skeleton, SpatialSkeleton
 from mocap_id.workflows.export.tables import (
     ANGLES,
     BASE,
@@ -393,7 +393,7 @@ def name_girdles(skeleton: SpatialSkeleton) -> tuple[str, ...]:
     return tuple(f"{name}_girdle" if has else "" for name, has in zip(opensim_joints(skeleton), glides, strict=True))
 
 
-def model_joints(skeleton: SpatialSkeleton, poses: SegmentPoses) -> list[ModelJoint]:
+def model_joints(skeleton: SpatialSkeleton, poses: MeasuredPoses) -> list[ModelJoint]:
     """Return the joints of the model, parents first."""
     segments, girdles, still = opensim_bodies(skeleton.segments), name_girdles(skeleton), np.eye(3)
     mean = _mean_rotation(poses.rotation[:, 0])
@@ -477,7 +477,7 @@ def _unwrap(angles: FloatArray) -> FloatArray:
     return out
 
 
-def read_model_parts(run: RunFolder) -> tuple[SpatialSkeleton, SegmentPoses] | str:
+def read_model_parts(run: RunFolder) -> tuple[SpatialSkeleton, MeasuredPoses] | str:
     """Return the chain and the poses of its segments, or a text with the reason why there can be no model."""
     tree, table = run.tree("chain.h5"), run.table("poses.parquet")
     if tree is None or table is None:
@@ -486,7 +486,7 @@ def read_model_parts(run: RunFolder) -> tuple[SpatialSkeleton, SegmentPoses] | s
     unknown = [name for name, joint in zip(skeleton.joints, skeleton.chain.joints, strict=True) if not joint.known]
     if unknown:
         return f"the motion does not determine the centre of: {', '.join(unknown)}"
-    return skeleton, SegmentPoses.from_table(table)
+    return skeleton, MeasuredPoses.from_table(table)
 
 
 def export_spatial_model(run: RunFolder, out: ExportFiles) -> None:
