@@ -60,15 +60,6 @@ class Inertial(NamedTuple):
     gravity: float  # m/s², along -y of the plane
 
 
-class FilterOutput(NamedTuple):
-    """Arrays that the filter fills; the caller sets all flags to false before."""
-
-    mean: FloatArray  # (F, 4n)
-    covariance: FloatArray  # (F, 4n, 4n)
-    used: BoolArray  # (F, M)
-    restarted: BoolArray  # (F, n)
-
-
 @compiled
 def _copy(source: FloatArray, target: FloatArray) -> None:
     """Copy a matrix element by element, because numba takes seconds to compile array assignment."""
@@ -410,17 +401,6 @@ def _loses_segment(z: FloatArray, used: BoolArray, segment: IntArray, measured: 
 
 
 @compiled
-def _one_minus_gain_transition(gain: FloatArray, step: FloatArray, keep: FloatArray) -> None:
-    """Set ``keep`` to I − K F, where K is ``gain`` and F is the transition matrix."""
-    n = len(gain) // len(step)
-    for r in range(len(gain)):
-        for c in range(len(gain)):
-            keep[r, c] = 1.0 if r == c else 0.0
-            for e in range(c // n + 1):
-                keep[r, c] -= gain[r, c - e * n] * step[e]
-
-
-@compiled
 def _force_rows(inertial: Inertial, s: int, x: FloatArray, centres: FloatArray, rows: FloatArray) -> None:
     """Fill ``rows`` (2, 4n + 1) with the derivatives of the specific force at sensor s, and with the force, m/s².
 
@@ -495,13 +475,20 @@ def _sense(  # noqa: PLR0917
 
 
 @compiled
-def run_filter(
-    model: FilterModel, measured: Measurements, inertial: Inertial, filtered: FilterOutput
+def run_filter(  # noqa: PLR0917
+    model: FilterModel,
+    measured: Measurements,
+    inertial: Inertial,
+    mean: FloatArray,
+    covariance: FloatArray,
+    used: BoolArray,
+    restarted: BoolArray,
 ) -> tuple[int, float]:
-    """Run the filter and fill ``filtered``; return the frame that failed (−1 if none) and the log-likelihood.
+    """Run the filter and fill the last four arrays; return the frame that failed (−1 if none) and the log-likelihood.
 
-    A frame fails if a matrix is not positive definite. The loop carries over the state, its covariance, each joint's
-    angle when last observed, and the number of successive frames in which over half of its segment's markers failed.
+    They are states (F, 4n), covariances (F, 4n, 4n), and flags (F, M) and (F, n), which must be false before. A frame
+    fails if a matrix is not positive definite. The loop carries over the state, its covariance, each joint's angle when
+    last observed, and the number of successive frames in which over half of its segment's markers failed.
     """
     n, log_likelihood = len(model.density), 0.0
     x, p = np.zeros(4 * n), np.zeros((4 * n, 4 * n))
@@ -509,7 +496,7 @@ def run_filter(
     last_angle, failing = np.empty(n), np.empty(n, dtype=np.int64)
     for j in range(n):
         last_angle[j], failing[j] = measured.angles[0, j], model.patience + 1  # every joint starts at once
-    for k in range(len(filtered.mean)):
+    for k in range(len(mean)):
         z = measured.markers[k]
         _times_transition(p, model.step)
         _finish_prediction(x, p, model.step, model.shape, model.density)
@@ -518,7 +505,7 @@ def run_filter(
             diverged = diverged or failing[j] > model.patience
         for j in range(n):
             if p[j, j] > model.start[0] or (diverged and failing[j] > 0):
-                filtered.restarted[k, j] = True
+                restarted[k, j] = True
                 failing[j] = 0
                 _restart(x, p, j, last_angle[j], model.start)
         fine, any_angle = True, False
@@ -528,31 +515,31 @@ def run_filter(
             for r in range(len(x)):
                 prior[r] = x[r]
             _copy(p, kept)
-            fine, gained = _update(x, p, z, filtered.used[k], model)
-            if fine and _loses_segment(z, filtered.used[k], model.segment, measured, k):
+            fine, gained = _update(x, p, z, used[k], model)
+            if fine and _loses_segment(z, used[k], model.segment, measured, k):
                 for r in range(len(x)):
                     x[r] = prior[r]
                 _copy(kept, p)
                 gained = 0.0
                 fine, _ = _anchor(x, p, measured.angles[k], measured.angle_noise[k], math.inf)
                 for m in range(len(model.segment)):
-                    filtered.used[k, m] = measured.angle_used[k, m]
+                    used[k, m] = measured.angle_used[k, m]
             log_likelihood += gained
         elif any_angle:
             fine, taken = _anchor(x, p, measured.angles[k], measured.angle_noise[k], model.gate)
             for m in range(len(model.segment)):
-                filtered.used[k, m] = taken and measured.angle_used[k, m]
+                used[k, m] = taken and measured.angle_used[k, m]
         if not fine:
             return k, log_likelihood
         if len(inertial.segment) > 0:
             _sense(x, p, inertial, k, model.centres, model.gate)
-        _count_failing(z, filtered.used[k], model.segment, failing)
+        _count_failing(z, used[k], model.segment, failing)
         for j in range(n):
             if measured.angle_observed[k, j] and failing[j] == 0:
                 last_angle[j] = x[j]
         for r in range(len(x)):
-            filtered.mean[k, r] = x[r]
-        _copy(p, filtered.covariance[k])
+            mean[k, r] = x[r]
+        _copy(p, covariance[k])
     return -1, log_likelihood
 
 
@@ -583,7 +570,11 @@ def run_smoother(model: FilterModel, restarted: BoolArray, mean: FloatArray, cov
                 mean[k, r] += gain[r, c] * (mean[k + 1, c] - xp[c])
         _copy(covariance[k + 1], beyond)
         _add_noise(beyond, model.shape, model.density)
-        _one_minus_gain_transition(gain, model.step, keep)
+        for r in range(size):  # I − K F
+            for c in range(size):
+                keep[r, c] = 1.0 if r == c else 0.0
+                for e in range(c // n + 1):
+                    keep[r, c] -= gain[r, c - e * n] * model.step[e]
         _copy(covariance[k], pp)
         _sandwich(keep, pp, gain, beyond, covariance[k])
     return -1
@@ -604,26 +595,10 @@ def refine(  # noqa: PLR0917
 ) -> None:
     """Run Gauss–Newton for the angles of single frames, in place, until no angle changes by more than ``converged``.
 
-    With ``iterations`` = 0 only ``normal`` is computed: one function for both tasks saves time of compilation.
-
-    Parameters
-    ----------
-    markers : (F, M, 2) array
-        Positions, m.
-    used : (F, M) bool array
-        Markers that are used.
-    angles : (F, n) array
-        Angles at the start, rad; replaced by the result.
-    centres, segment, local
-        As in :class:`mocap_id.estimation.inverse_kinematics.MarkerChain`.
-    damping : float
-        Value added to the diagonal of Jᵀ J, m^2/rad^2.
-    converged : float
-        Largest change of an angle at convergence, rad.
-    iterations : int
-        Largest number of iterations.
-    normal : (F, n, n) array
-        Output: Jᵀ J at the last linearisation, m^2/rad^2.
+    ``markers`` (F, M, 2), m, are used where ``used`` (F, M). ``angles`` (F, n), rad, are the start and the result, and
+    ``normal`` (F, n, n) becomes Jᵀ J at the last linearisation, m^2/rad^2. ``damping`` is added to its diagonal. The
+    chain is as in :class:`mocap_id.estimation.inverse_kinematics.MarkerChain`. With ``iterations`` = 0 only ``normal``
+    is computed: one function for both tasks saves time of compilation.
     """
     n = angles.shape[1]
     damped, gradient = np.empty((n, n)), np.empty((1, n))
@@ -631,7 +606,22 @@ def refine(  # noqa: PLR0917
     for f in range(len(angles)):
         for iteration in range(iterations + 1):
             _poses(angles[f], centres, poses)
-            _linearise(markers[f], used[f], segment, local, poses, lever, damped, gradient)
+            for j in range(n):
+                gradient[0, j] = 0.0
+                for k in range(j + 1):
+                    damped[j, k] = 0.0
+            for m in range(len(segment)):
+                if not used[f, m]:
+                    continue
+                own = segment[m]
+                c, s = poses[own, 0], poses[own, 1]
+                x = poses[own, 2] + c * local[m, 0] - s * local[m, 1]
+                y = poses[own, 3] + s * local[m, 0] + c * local[m, 1]
+                for j in range(own):  # a column of J is z × (marker − joint), with z normal to the plane
+                    lever[j, 0], lever[j, 1] = poses[j + 1, 3] - y, x - poses[j + 1, 2]
+                    gradient[0, j] += lever[j, 0] * (markers[f, m, 0] - x) + lever[j, 1] * (markers[f, m, 1] - y)
+                    for k in range(j + 1):
+                        damped[j, k] += lever[j, 0] * lever[k, 0] + lever[j, 1] * lever[k, 1]
             for j in range(n):
                 for k in range(j + 1):
                     normal[f, j, k] = normal[f, k, j] = damped[j, k]
@@ -646,36 +636,3 @@ def refine(  # noqa: PLR0917
                 largest = max(largest, abs(gradient[0, j]))
             if largest <= converged:
                 break
-
-
-@compiled
-def _linearise(  # noqa: PLR0917
-    markers: FloatArray,
-    used: BoolArray,
-    segment: IntArray,
-    local: FloatArray,
-    poses: FloatArray,
-    lever: FloatArray,
-    normal: FloatArray,
-    gradient: FloatArray,
-) -> None:
-    """Set the lower triangle of ``normal`` to Jᵀ J, and ``gradient`` (1, n) to Jᵀ times the residuals, for one frame.
-
-    A column of the Jacobian J is z × (marker − joint), with z normal to the plane. ``lever`` (n, 2) is working memory.
-    """
-    for j in range(len(lever)):
-        gradient[0, j] = 0.0
-        for k in range(j + 1):
-            normal[j, k] = 0.0
-    for m in range(len(segment)):
-        if not used[m]:
-            continue
-        own = segment[m]
-        c, s = poses[own, 0], poses[own, 1]
-        x = poses[own, 2] + c * local[m, 0] - s * local[m, 1]
-        y = poses[own, 3] + s * local[m, 0] + c * local[m, 1]
-        for j in range(own):
-            lever[j, 0], lever[j, 1] = poses[j + 1, 3] - y, x - poses[j + 1, 2]
-            gradient[0, j] += lever[j, 0] * (markers[m, 0] - x) + lever[j, 1] * (markers[m, 1] - y)
-            for k in range(j + 1):
-                normal[j, k] += lever[j, 0] * lever[k, 0] + lever[j, 1] * lever[k, 1]

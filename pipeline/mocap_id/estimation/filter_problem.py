@@ -12,7 +12,6 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.errors import ConfigError, NumericalError
 from mocap_id.estimation.filter_kernels import (
     FilterModel,
-    FilterOutput,
     Inertial,
     Measurements,
     run_filter,
@@ -208,7 +207,7 @@ def filter_forwards(problem: FilterProblem) -> Track:
     """
     frames, markers = problem.observed.shape[:2]
     n = problem.joints
-    filtered = FilterOutput(
+    outputs = (
         np.empty((frames, 4 * n)),
         np.empty((frames, 4 * n, 4 * n)),
         np.zeros((frames, markers), dtype=np.bool_),
@@ -222,10 +221,10 @@ def filter_forwards(problem: FilterProblem) -> Track:
         np.ascontiguousarray(anchors.observed),
         np.ascontiguousarray(anchors.used),
     )
-    failed, log_likelihood = run_filter(_make_model(problem), measured, problem.inertial or _NO_SENSORS, filtered)
+    failed, log_likelihood = run_filter(_make_model(problem), measured, problem.inertial or _NO_SENSORS, *outputs)
     if failed >= 0:
         raise NumericalError(f"the filter's covariance is not positive definite at sample {failed} of {frames}")
-    return Track(*filtered, log_likelihood)
+    return Track(*outputs, log_likelihood)
 
 
 def smooth_backwards(problem: FilterProblem, track: Track) -> Track:

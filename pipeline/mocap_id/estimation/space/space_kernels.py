@@ -445,19 +445,6 @@ def _add_marker(
 
 
 @compiled
-def _add_displacement(
-    g: FloatArray, turn: FloatArray, slip: FloatArray, rows: FloatArray, columns: IntArray, count: int, weight: float
-) -> None:
-    """Add Jᵀ R s to g, times ``weight``, for a displacement s (``slip``) in the frame of a segment with rotation R."""
-    if slip[0] == 0.0 and slip[1] == 0.0 and slip[2] == 0.0:
-        return
-    for i in range(3):
-        push = weight * (turn[i, 0] * slip[0] + turn[i, 1] * slip[1] + turn[i, 2] * slip[2])
-        for c in range(count):
-            g[columns[c]] += push * rows[c, i]
-
-
-@compiled
 def _passes(
     p: FloatArray, rows: FloatArray, columns: IntArray, count: int, y: FloatArray, variance: float, limit: float
 ) -> bool:
@@ -608,27 +595,6 @@ def _restart(model: ChainModel, pose: Pose, k: int, last: Pose, first: int, end:
 
 
 @compiled
-def _factor_pose(p: FloatArray, u: FloatArray, t: FloatArray) -> bool:
-    """Set ``u`` to U, where P_pose = Uᵀ U, and ``t`` (d, 4 d) to U⁻ᵀ P_(pose, all); return false if this fails."""
-    d, size = t.shape
-    for r in range(d):
-        for c in range(r, d):
-            u[r, c] = p[r, c]
-        for c in range(size):
-            t[r, c] = p[r, c]
-    if not _factor(u):
-        return False
-    for k in range(d):
-        for c in range(size):
-            t[k, c] /= u[k, k]
-        for i in range(k + 1, d):
-            factor = u[k, i]
-            for c in range(size):
-                t[i, c] -= factor * t[k, c]
-    return True
-
-
-@compiled
 def _correct(model: ChainModel, pose: Pose, p: FloatArray, a: FloatArray, h: FloatArray, change: FloatArray) -> bool:
     """Update P, in place, with the information matrix A and information vector h of the pose; return false if it fails.
 
@@ -637,8 +603,20 @@ def _correct(model: ChainModel, pose: Pose, p: FloatArray, a: FloatArray, h: Flo
     """
     d, size = len(h), len(p)
     u, t = np.zeros((d, d)), np.empty((d, size))
-    if not _factor_pose(p, u, t):
+    for r in range(d):
+        for c in range(r, d):
+            u[r, c] = p[r, c]
+        for c in range(size):
+            t[r, c] = p[r, c]
+    if not _factor(u):
         return False
+    for k in range(d):  # U⁻ᵀ P_(pose, all)
+        for c in range(size):
+            t[k, c] /= u[k, k]
+        for i in range(k + 1, d):
+            factor = u[k, i]
+            for c in range(size):
+                t[i, c] -= factor * t[k, c]
     ua, b, inverse = np.zeros((d, d)), np.zeros((d, d)), np.zeros((d, d))
     for r in range(d):
         inverse[r, r] = 1.0
@@ -1245,7 +1223,8 @@ def find_poses(
     n, d, order = len(model.ball), len(search.prior), search.order
     placed, pose, before = _new_placed(n, d), _new_pose(model), _new_pose(model)
     a, g, step, change = np.zeros((d, d)), np.zeros(d), np.zeros((d, 1)), np.zeros(d)
-    inverse = np.zeros((d, d))
+    inverse, y = np.zeros((d, d)), np.empty(3)
+    rows, columns, x = np.empty((d, 3)), np.empty(d, dtype=np.int64), np.empty(3)
     _copy_pose(_view_frame(start, order[0]), pose)
     for index in range(len(order)):
         k = order[index]
@@ -1264,7 +1243,33 @@ def find_poses(
                 _restart(model, pose, j, _view_frame(start, k), 0, 0)
         for turn in range(_MOST):
             _place(model, pose, placed)
-            robust = _build_normal_equations(model, search, placed, z[k], slip[k], found.used[k], turn > 0, a, g)
+            # upper triangle of A, and g, for a step A⁻¹ g; distant markers have a reduced weight after the first step
+            for r in range(d):
+                g[r] = 0.0
+                for c in range(d):
+                    a[r, c] = 0.0
+                a[r, r] = search.prior[r]
+            robust = False
+            for m in range(len(model.segment)):
+                found.used[k, m] = False
+                count = _locate(model, placed, m, x, rows, columns)
+                weight = search.weight[m]
+                if math.isnan(z[k, m, 0] + z[k, m, 1] + z[k, m, 2]):
+                    own, away = placed.turn[model.segment[m]], slip[k, m]
+                    if away[0] != 0.0 or away[1] != 0.0 or away[2] != 0.0:
+                        for i in range(3):
+                            push = weight * (own[i, 0] * away[0] + own[i, 1] * away[1] + own[i, 2] * away[2])
+                            for c in range(count):
+                                g[columns[c]] += push * rows[c, i]
+                    continue
+                for i in range(3):
+                    y[i] = z[k, m, i] - x[i]
+                ratio = (y[0] ** 2 + y[1] ** 2 + y[2] ** 2) / search.limit[m] ** 2
+                found.used[k, m] = ratio < 1.0
+                if turn > 0 and ratio > 0.5:
+                    robust = True
+                    weight /= (1.0 + ratio) ** 4
+                _add_marker(a, g, rows, columns, count, y, weight)
             for r in range(d):
                 step[r, 0] = g[r]
             if not _factor(a):
@@ -1284,64 +1289,16 @@ def find_poses(
         for c in range(d):
             found.variance[k, c] = inverse[c, c]
         _place(model, pose, placed)
-        _compute_leverages(model, search, placed, inverse, found.used[k], found.leverage[k])
+        for m in range(len(model.segment)):
+            found.leverage[k, m] = 0.0
+            if not found.used[k, m]:
+                continue
+            count = _locate(model, placed, m, x, rows, columns)
+            for i in range(count):
+                for j in range(count):
+                    value = inverse[columns[i], columns[j]] * search.weight[m] / 3.0
+                    inner = rows[i, 0] * rows[j, 0] + rows[i, 1] * rows[j, 1] + rows[i, 2] * rows[j, 2]
+                    found.leverage[k, m] += value * inner
         if index == 0:
             _copy_pose(pose, before)
         _copy_pose(pose, _view_frame(found.track, k))
-
-
-@compiled
-def _build_normal_equations(
-    model: ChainModel,
-    search: Search,
-    placed: Placed,
-    z: FloatArray,
-    slip: FloatArray,
-    used: BoolArray,
-    robust: bool,
-    a: FloatArray,
-    g: FloatArray,
-) -> bool:
-    """Set A (upper triangle), g and ``used`` for a step A⁻¹ g; return whether a distant marker has a reduced weight."""
-    d = len(g)
-    rows, columns, x, y = np.empty((d, 3)), np.empty(d, dtype=np.int64), np.empty(3), np.empty(3)
-    for r in range(d):
-        g[r] = 0.0
-        for c in range(d):
-            a[r, c] = 0.0
-        a[r, r] = search.prior[r]
-    far = False
-    for m in range(len(model.segment)):
-        used[m] = False
-        count = _locate(model, placed, m, x, rows, columns)
-        weight = search.weight[m]
-        if math.isnan(z[m, 0] + z[m, 1] + z[m, 2]):
-            _add_displacement(g, placed.turn[model.segment[m]], slip[m], rows, columns, count, weight)
-            continue
-        for i in range(3):
-            y[i] = z[m, i] - x[i]
-        ratio = (y[0] ** 2 + y[1] ** 2 + y[2] ** 2) / search.limit[m] ** 2
-        used[m] = ratio < 1.0
-        if robust and ratio > 0.5:
-            far = True
-            weight /= (1.0 + ratio) ** 4
-        _add_marker(a, g, rows, columns, count, y, weight)
-    return far
-
-
-@compiled
-def _compute_leverages(
-    model: ChainModel, search: Search, placed: Placed, inverse: FloatArray, used: BoolArray, leverage: FloatArray
-) -> None:
-    """Fill ``leverage`` (M,), the fraction of each marker's error that the fitted pose follows; 0 if it is not used."""
-    d = len(inverse)
-    rows, columns, x = np.empty((d, 3)), np.empty(d, dtype=np.int64), np.empty(3)
-    for m in range(len(model.segment)):
-        leverage[m] = 0.0
-        if not used[m]:
-            continue
-        count = _locate(model, placed, m, x, rows, columns)
-        for i in range(count):
-            for j in range(count):
-                value = inverse[columns[i], columns[j]] * search.weight[m] / 3.0
-                leverage[m] += value * (rows[i, 0] * rows[j, 0] + rows[i, 1] * rows[j, 1] + rows[i, 2] * rows[j, 2])
