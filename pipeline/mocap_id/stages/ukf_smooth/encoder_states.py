@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,13 +12,13 @@ from mocap_id import recording
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.estimation import States
-from mocap_id.estimation.encoder_clock import EncoderMatch, match_encoder
+from mocap_id.estimation.encoder_clock import match_encoder
 from mocap_id.estimation.encoder_smoothing import estimate_encoder_noise, smooth_encoder
 from mocap_id.recording.held_samples import describe_held
 from mocap_id.recording.sensor_logs import DEGREES
+from mocap_id.stages.base import Findings
 from mocap_id.store import Table
 from mocap_id.store.schemas import ENCODER
-from mocap_id.verdict import Reason
 
 if TYPE_CHECKING:
     from mocap_id.stages.ukf_smooth import UkfSmoothSettings
@@ -35,17 +35,21 @@ def read_encoder_states(file: Path | None, states: States, time: FloatArray, set
 
     The table has no rows if ``file`` is None, if the chain has several joints, or if the cameras give no angle.
 
-    Raises
-    ------
-    RecordingError
-        The file is invalid, is in degrees, or covers less than half of the recording.
-    ConfigError
-        `method: encoder` is set, but the table has no rows.
+    RecordingError is raised if the file is invalid, is in degrees, or covers less than half of the recording,
+    ConfigError if `method: encoder` is set but the table has no rows.
     """
+
+    def skip(why: str) -> Table:
+        if settings.method == "encoder":
+            raise ConfigError(
+                f"ukf-smooth: `method: encoder` cannot be used: {why}; give a suitable `encoder:`, or another `method:`"
+            )
+        return empty_encoder_table(why)
+
     if file is None:
-        return _skip_encoder("the configuration names no encoder", settings)
+        return skip("the configuration names no encoder")
     if states.mean.shape[1] != 1:
-        return _skip_encoder(f"an encoder measures one joint, but the chain has {states.mean.shape[1]}", settings)
+        return skip(f"an encoder measures one joint, but the chain has {states.mean.shape[1]}")
     angle, limit = states.mean[:, 0, 0], settings.encoder_offset_limit_s
     log = recording.read_encoder(file)
     noise = estimate_encoder_noise(
@@ -56,7 +60,7 @@ def read_encoder_states(file: Path | None, states: States, time: FloatArray, set
         velocity_sd=settings.encoder_velocity_sd,
     )
     if not np.isfinite(angle).any():
-        return _skip_encoder("the cameras give no angle of the joint", settings)
+        return skip("the cameras give no angle of the joint")
     match = match_encoder(time, angle, smooth_encoder(log.time, log.position, log.velocity, noise), limit)
     if match is None:
         raise RecordingError(
@@ -83,11 +87,10 @@ def read_encoder_states(file: Path | None, states: States, time: FloatArray, set
         both = np.isfinite(states.mean[:, 0, d]) & np.isfinite(mean[:, d])
         off = (states.mean[:, 0, d] - mean[:, d])[both]
         spread = float(np.var(mean[both, d])) if both.any() else 0.0
-        if len(off) < 2 or not spread > 0.0:
-            camera[name] = {"bias": None, "sd": None, "r2": None}
-            continue
-        r2 = 1.0 - float(np.mean(off**2)) / spread
-        camera[name] = {"bias": float(np.mean(off)), "sd": float(np.std(off)), "r2": r2}
+        camera[name] = {"bias": None, "sd": None, "r2": None}
+        if len(off) >= 2 and spread > 0.0:
+            r2 = 1.0 - float(np.mean(off**2)) / spread
+            camera[name] = {"bias": float(np.mean(off)), "sd": float(np.std(off)), "r2": r2}
     facts = {
         "why": None,
         "sign": match.sign,
@@ -101,58 +104,45 @@ def read_encoder_states(file: Path | None, states: States, time: FloatArray, set
         "torque": log.torque is not None,
         "camera": camera,
     }
-    return Table(ENCODER, columns, facts, (*describe_held(log.held), *_check_match(file, match, limit)))
-
-
-def use_encoder(states: States, encoder: Table) -> States:
-    """Return the states with the encoder's angle, velocity, acceleration and standard deviations; the jerk is NaN."""
-    mean, sd = np.full(states.mean.shape, np.nan), np.full(states.sd.shape, np.nan)
-    for d, name in enumerate(_NAMES):
-        mean[:, 0, d] = encoder[name]
-        sd[:, 0, d] = encoder[f"sd_{name}"]
-    return replace(states, mean=mean, sd=sd, observed=np.isfinite(mean[..., 0]))
-
-
-def _skip_encoder(why: str, settings: UkfSmoothSettings) -> Table:
-    if settings.method == "encoder":
-        raise ConfigError(
-            f"ukf-smooth: `method: encoder` cannot be used: {why}; give a suitable `encoder:`, or another `method:`"
+    out = Findings(describe_held(log.held))
+    if not match.r2 >= _LEAST_R2:
+        out.say(
+            "encoder-disagrees",
+            f"{file.name} and the cameras measured different movements: r² of the angle is {match.r2:.4f}, the "
+            f"difference is {np.degrees(match.rms):.2f}° rms, and the encoder's angle times {match.gain:.3f} would fit "
+            "best. The file is from another joint or trial, the drive between encoder and link is elastic, or the "
+            "chain estimated from the cameras is wrong.",
+            match.r2,
+            _LEAST_R2,
         )
-    return empty_encoder_table(why)
+    elif match.at_edge:
+        out.say(
+            "encoder-weak",
+            f"the clocks of encoder and cameras differ by {limit:g} s, the largest offset that is tried, or by more: "
+            "raise `ukf-smooth: {encoder_offset_limit_s: …}`",
+            abs(match.offset),
+            limit,
+        )
+    elif match.opposite_rms < _LEAST_RATIO * match.rms:
+        out.say(
+            "encoder-weak",
+            "the movement does not determine the encoder's direction of rotation: the opposite direction with another "
+            f"clock offset fits nearly as well ({np.degrees(match.opposite_rms):.2f}° rms; the chosen direction: "
+            f"{np.degrees(match.rms):.2f}°). Let the joint rest before and after it moves.",
+            match.opposite_rms / max(match.rms, 1e-12),
+            _LEAST_RATIO,
+        )
+    elif match.offset_sd > _LARGEST_OFFSET_SD:
+        out.say(
+            "encoder-weak",
+            f"the clock offset of the encoder has a standard deviation of {1e3 * match.offset_sd:.1f} ms: the movement "
+            "is too small or too slow for the difference between encoder and cameras.",
+            match.offset_sd,
+            _LARGEST_OFFSET_SD,
+        )
+    return Table(ENCODER, columns, facts, tuple(out.reasons))
 
 
 def empty_encoder_table(why: str) -> Table:
     """Return encoder.parquet without rows; ``why`` is the reason, which becomes a fact of the table."""
     return Table(ENCODER, {column.name: np.empty(0) for column in ENCODER.columns}, {"why": why})
-
-
-def _check_match(file: Path, match: EncoderMatch, limit: float) -> tuple[Reason, ...]:
-    """Return a caution if the match between encoder and cameras is poor or uncertain."""
-    if not match.r2 >= _LEAST_R2:
-        message = (
-            f"{file.name} and the cameras measured different movements: r² of the angle is {match.r2:.4f}, the "
-            f"difference is {np.degrees(match.rms):.2f}° rms, and the encoder's angle times {match.gain:.3f} would fit "
-            "best. The file is from another joint or trial, the drive between encoder and link is elastic, or the "
-            "chain estimated from the cameras is wrong."
-        )
-        return (Reason("encoder-disagrees", message, match.r2, _LEAST_R2),)
-    if match.at_edge:
-        message = (
-            f"the clocks of encoder and cameras differ by {limit:g} s, the largest offset that is tried, or by more: "
-            "raise `ukf-smooth: {encoder_offset_limit_s: …}`"
-        )
-        return (Reason("encoder-weak", message, abs(match.offset), limit),)
-    if match.opposite_rms < _LEAST_RATIO * match.rms:
-        message = (
-            "the movement does not determine the encoder's direction of rotation: the opposite direction with another "
-            f"clock offset fits nearly as well ({np.degrees(match.opposite_rms):.2f}° rms; the chosen direction: "
-            f"{np.degrees(match.rms):.2f}°). Let the joint rest before and after it moves."
-        )
-        return (Reason("encoder-weak", message, match.opposite_rms / max(match.rms, 1e-12), _LEAST_RATIO),)
-    if match.offset_sd > _LARGEST_OFFSET_SD:
-        message = (
-            f"the clock offset of the encoder has a standard deviation of {1e3 * match.offset_sd:.1f} ms: the movement "
-            "is too small or too slow for the difference between encoder and cameras."
-        )
-        return (Reason("encoder-weak", message, match.offset_sd, _LARGEST_OFFSET_SD),)
-    return ()

@@ -48,16 +48,10 @@ def check_method(method: str, engine: str) -> None:
 def read_sensors(
     names: Sequence[str], sensors: Mapping[str, InertialSensor], mirrored: bool = False
 ) -> dict[int, SensorSignals]:
-    """Read the log of each sensor; return the signals by the index of the segment in ``names``.
+    """Read the log of each sensor by segment; return the signals by the index of the segment in ``names``.
 
-    ``sensors`` are the logs by segment, and ``mirrored`` is as for :func:`read_sensor`.
-
-    Raises
-    ------
-    ConfigError
-        A sensor is on a segment that does not exist.
-    RecordingError
-        A log cannot be read.
+    ``mirrored`` is as for :func:`read_sensor`. ConfigError is raised for a sensor on a segment that does not exist,
+    RecordingError if a log cannot be read.
     """
     for name in sensors:
         if name not in names:
@@ -76,8 +70,8 @@ def describe_sensors(
 ) -> Findings:
     """Return the facts of all sensors for the summary, by segment, and the reasons for the verdict.
 
-    ``names`` are the segments, ``sensors`` the logs by segment, ``signals`` and ``results`` the signals and results of
-    the sensors by index of the segment.
+    ``names`` are the segments and ``sensors`` the logs by segment; ``signals`` and ``results`` are those of the sensors
+    by index of the segment.
     """
     out = Findings(reason for each in signals.values() for reason in each.reasons)
     for s, result in results.items():
@@ -174,14 +168,8 @@ _LARGEST_HEADING = np.radians(15.0)  # rotation about the vertical, in addition 
 def states_of_sensors(context: Context) -> Outputs:
     """Return the artefacts of the stage for a trial without markers.
 
-    Raises
-    ------
-    ConfigError
-        The method or engine is not the default.
-    RecordingError
-        A log cannot be read or has a long gap, or the sensors of the calibration do not agree with its markers.
-    Refused
-        Accelerometers and gyroscopes contradict each other.
+    Refused is raised if accelerometers and gyroscopes contradict each other, RecordingError if a log cannot be read or
+    has a long gap, or if the sensors of the calibration do not agree with its markers.
     """
     settings: UkfSmoothSettings = context.settings
     check_method(settings.method, settings.engine)
@@ -321,8 +309,8 @@ def _calibrate_chain(context: Context, skeleton: Skeleton) -> tuple[CalibratedCh
     snap = np.array(table.facts["sigma_v"])
     mean = np.concatenate([joints.mean, np.zeros_like(joints.mean[..., :1])], axis=2)
     chain = MarkerChain(skeleton.centres.copy(), skeleton.marker_segment, skeleton.local)
-    noise = FilterNoise(np.nan, snap)
-    states = States(mean, joints.sd, joints.observed, np.zeros((0, 0), np.bool_), noise, np.nan, chain)
+    unused = np.zeros((0, 0), np.bool_)
+    states = States(mean, joints.sd, joints.observed, unused, FilterNoise(np.nan, snap), np.nan, chain)
     worn = list_sensors(calibration.imus)
     sensors = {s: read_sensor(worn[name]) for s, name in enumerate(skeleton.segments[1:], start=1)}
     try:

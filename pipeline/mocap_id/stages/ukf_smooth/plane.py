@@ -49,7 +49,7 @@ from mocap_id.stages.ukf_smooth.checks import (
     report_repeated_frames,
     report_residuals,
 )
-from mocap_id.stages.ukf_smooth.encoder_states import read_encoder_states, use_encoder
+from mocap_id.stages.ukf_smooth.encoder_states import read_encoder_states
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import ANGLES, MARKERS, POSES, STATES
 from mocap_id.store.views import Skeleton, Trajectories
@@ -146,22 +146,34 @@ def ukf_smooth(context: Context) -> Outputs:
     states = replace(states, observed=bridge_repeated(states.observed & ~rejected, repeated, view.rate))
     encoder = read_encoder_states(context.trial.encoder, states, view.time, settings)
     if settings.method == "encoder":
-        states, sd_holds = use_encoder(states, encoder), _ENCODER_NOISE
-    markers = marker_columns(states, view, columns, chain)
-    markers["residual"][repeated] = np.nan
-    used, seen, squares = 0, 0, 0.0  # only the residuals of the markers of moving segments count
+        mean, sd = np.full(states.mean.shape, np.nan), np.full(states.sd.shape, np.nan)  # the jerk stays unknown
+        for d, name in enumerate(("theta", "dtheta", "ddtheta")):
+            mean[:, 0, d], sd[:, 0, d] = encoder[name], encoder[f"sd_{name}"]
+        states = replace(states, mean=mean, sd=sd, observed=np.isfinite(mean[..., 0]))
+        sd_holds = _ENCODER_NOISE
+
+    # the markers that the states predict (eq. 3.18), NaN where an angle is missing, with their distance to the measured
+    # marker, NaN where the marker is not visible; only the residuals of the markers of moving segments count
+    shape = (len(view.time), len(columns))
+    x, y, residual, used = np.empty(shape), np.empty(shape), np.empty(shape), np.zeros(shape, dtype=np.bool_)
+    used[:, moves] = states.used
+    counted, seen, squares = 0, 0, 0.0
     for part in chunks(len(view.time)):
-        off = markers["residual"][part, moves]
+        predicted = marker_positions(states.mean[part, :, 0], chain.centres, chain.segment, chain.local)
+        x[part], y[part] = predicted[..., 0], predicted[..., 1]
+        residual[part] = np.abs(as_complex(view.read_positions(columns, part, "xy", keep_bursts=True) - predicted))
+        residual[part][repeated[part]] = np.nan
+        off = residual[part, moves]
         there = np.isfinite(off)
-        counted = off[states.used[part] & there]
-        used, seen = used + counted.size, seen + int(np.count_nonzero(there))
-        squares += float(counted @ counted)
+        own = off[states.used[part] & there]
+        counted, seen = counted + own.size, seen + int(np.count_nonzero(there))
+        squares += float(own @ own)
     out = Findings()
     out.fact(
         marker_sd_m=states.noise.marker_sd,
         sigma_v=states.noise.sigma_v.tolist(),
-        reprojection_rms_m=math.sqrt(squares / used) if used else None,
-        outlier_fraction=(seen - used) / seen if seen else None,
+        reprojection_rms_m=math.sqrt(squares / counted) if counted else None,
+        outlier_fraction=(seen - counted) / seen if seen else None,
         bridged_fraction=np.mean(~states.observed, axis=0).tolist(),
         method=settings.method,
         engine=settings.engine,
@@ -197,6 +209,7 @@ def ukf_smooth(context: Context) -> Outputs:
             BENDS_M,
         )
     out.reasons += sensors.reasons
+    markers: dict[str, FloatArray | BoolArray] = {"x": x, "y": y, "residual": residual, "used": used}
     values = state_columns(view.time, states.mean, states.sd, states.observed)
     return (
         Table(STATES, values, out.facts, tuple(out.reasons)),
@@ -222,27 +235,6 @@ def state_columns(time: FloatArray, mean: FloatArray, sd: FloatArray, observed: 
             columns[f"sd_{name}_{j + 1}"] = sd[:, j, d]
         columns[f"observed_{j + 1}"] = observed[:, j]
     return columns
-
-
-def marker_columns(
-    states: States, view: Trajectories, columns: IntArray, chain: MarkerChain
-) -> dict[str, FloatArray | BoolArray]:
-    """Return the marker positions ``x`` and ``y`` that the states predict (eq. 3.18), with ``residual`` and ``used``.
-
-    ``chain`` includes the M markers of base and moving segments, and ``columns`` (M,) are the columns of these markers
-    in the view. The results are (F, M). Positions, m, are NaN where an angle is missing. The residual, m, is the
-    distance to the measured marker, and NaN where the marker is not visible. ``used`` marks the markers that the states
-    use.
-    """
-    shape = (len(view.time), len(columns))
-    used: BoolArray = np.zeros(shape, dtype=np.bool_)
-    used[:, chain.segment > 0] = states.used
-    x, y, residual = np.empty(shape), np.empty(shape), np.empty(shape)
-    for part in chunks(len(view.time)):
-        predicted = marker_positions(states.mean[part, :, 0], chain.centres, chain.segment, chain.local)
-        x[part], y[part] = predicted[..., 0], predicted[..., 1]
-        residual[part] = np.abs(as_complex(view.read_positions(columns, part, "xy", keep_bursts=True) - predicted))
-    return {"x": x, "y": y, "residual": residual, "used": used}
 
 
 _BENT = (0.6, 2.2, 0.5)  # errors of shank, thigh and trunk, relative to the turn of a thigh that follows the hip
