@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -44,7 +45,7 @@ def _curve(
             raise ConfigError(f"--flexion and --extension: expected pressures above 0 Pa, not {changed}")
         state = Condition(**(state.model_dump() | changed | {"worn": True}))
     found, written = write_result(workflow.device_curve(config, state, polytropic, angles), out, device)
-    Output(as_json).print_result(found.document, [*_describe_curve(found.content), *written])
+    Output(as_json).print_result(found.document, chain(_describe_curve(found.content), written))
 
 
 def _describe_curve(curve: Mapping[str, Any]) -> Iterator[str]:
