@@ -13,7 +13,7 @@ from typer import Argument, Option
 
 from mocap_id import runner, workflows
 from mocap_id.config import Trial
-from mocap_id.config.parsing import read
+from mocap_id.config.parsing import read_source
 from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGE_HELP
 from mocap_id.store import Folder
@@ -86,7 +86,7 @@ def _choose_backend(jobs: int, scheduler: str | None, cluster: Path | None) -> B
     if len(chosen) > 1:
         raise ConfigError(f"{' and '.join(chosen)}: choose only one of these options")
     if cluster is not None:
-        data = read(cluster.absolute()).data
+        data = read_source(cluster.absolute()).data
         if not isinstance(data, dict):
             raise ConfigError(f"{cluster}: expected keys such as `kind:` and `workers:`")
         return DaskBackend(cluster=data)

@@ -53,7 +53,7 @@ def open_file(path: Path, *, links: bool = True) -> Iterator[BinaryIO]:
             raise _changed_error(path)
 
 
-def read(path: Path, *, links: bool = True, largest: int = LARGEST) -> bytes:
+def read_bytes(path: Path, *, links: bool = True, largest: int = LARGEST) -> bytes:
     """Return all bytes of a regular file.
 
     Raises the errors of :func:`open_file`, and OSError if the file has more than ``largest`` bytes.

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from mocap_id.config.parsing import Location, Source, parse, raise_mistakes, read
+from mocap_id.config.parsing import Location, Source, parse, raise_mistakes, read_source
 from mocap_id.config.trial import make_absolute
 from mocap_id.stages.base import Settings
 
@@ -158,7 +158,7 @@ def load_prescription(file: Path) -> PrescriptionConfig:
 
     Raises ConfigError with one line for every mistake: file, line, key, what was found, what was expected.
     """
-    source = read(file.absolute())
+    source = read_source(file.absolute())
     parsed = parse(source, PrescriptionFile, "keys such as `prescription:`, `arm:` and `joints:`", _fill_empty_sections)
     raise_mistakes(_find_mistakes(parsed, source))
     return PrescriptionConfig(make_absolute(parsed, source.file.parent), source)

@@ -19,7 +19,7 @@ from mocap_id.recording.text_tables import read_csv
 from mocap_id.reporting import paper_figures, style
 from mocap_id.reporting.paper_figures import render
 from mocap_id.reporting.results.columns import to_finite
-from mocap_id.reporting.results.result import Result
+from mocap_id.reporting.results.result import CommandResult
 from mocap_id.stages.device import Condition
 from mocap_id.store import Table
 from mocap_id.workflows.run_folder import open_run
@@ -41,7 +41,7 @@ _NO_TORQUE = "the device gives no torque in this condition"
 
 def device_curve(
     config: DeviceConfig, condition: Condition, exponent: float | None = None, angles: int = 181
-) -> Result:
+) -> CommandResult:
     """Return torque and stiffness of a device at equally spaced angles of its stroke.
 
     ``angles`` is their number. ``exponent`` replaces the polytropic exponent of the device.
@@ -86,7 +86,7 @@ def device_curve(
         "why": "" if rest is not None else _NO_ZERO if torque.any() else _NO_TORQUE,
     }
     title = f"torque of the device: {keys.device}"
-    return Result(
+    return CommandResult(
         "pneumatic-curve",
         "curve.json",
         content,

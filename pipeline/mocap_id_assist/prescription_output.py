@@ -12,7 +12,7 @@ from mocap_id import __version__
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.reporting.paper_figures import render
 from mocap_id.reporting.results.columns import to_finite
-from mocap_id.reporting.results.result import Result, make_text_file
+from mocap_id.reporting.results.result import CommandResult, make_text_file
 from mocap_id_assist.assisted_body import PrescriptionResult, SpringMap, Timed
 from mocap_id_assist.controllers import Controlled, NodeChange
 from mocap_id_assist.pneumatic import spring_document
@@ -28,7 +28,7 @@ from mocap_id_assist.several_joints import Graph, find_held_postures
 from mocap_id_assist.workspaces import workspace_result
 
 
-def prescription_output(found: PrescriptionResult) -> Result:
+def prescription_output(found: PrescriptionResult) -> CommandResult:
     """Return ``prescription.json``, and the tables and figures of all computed parts.
 
     In the document, `springs` is null if no springs could be prescribed; `why` is then the reason.
@@ -88,7 +88,7 @@ def prescription_output(found: PrescriptionResult) -> Result:
         content["devices"] = _describe_devices(found)
     if found.controlled is not None:
         content["controller"] = _describe_controller(found.controlled)
-    return Result("prescription", "prescription.json", content, other_files=lambda: _make_files(found), end="")
+    return CommandResult("prescription", "prescription.json", content, other_files=lambda: _make_files(found), end="")
 
 
 def _describe_level_set(timed: Timed) -> dict[str, Any]:

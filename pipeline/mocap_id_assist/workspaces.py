@@ -16,12 +16,12 @@ from pydantic import Field
 
 from mocap_id import __version__, runner
 from mocap_id.arrays import FloatArray
-from mocap_id.config.parsing import parse, raise_mistakes, read, suggest_name
+from mocap_id.config.parsing import parse, raise_mistakes, read_source, suggest_name
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry import Chain, Revolute, se3
 from mocap_id.reporting import paper_figures, style
 from mocap_id.reporting.paper_figures import render
-from mocap_id.reporting.results.result import Result, make_text_file
+from mocap_id.reporting.results.result import CommandResult, make_text_file
 from mocap_id.stages.base import Settings
 from mocap_id.store import Folder, Table, Tree
 from mocap_id.store.views import Skeleton, joint_columns
@@ -148,7 +148,7 @@ def read_folder(folder: Folder, name: str, source: Path, tip: str | None, quanti
 
 def is_chain(file: Path) -> bool:
     """Return whether a YAML file describes a chain, not a trial; ConfigError if it is missing or not YAML."""
-    data = read(file.absolute()).data
+    data = read_source(file.absolute()).data
     return isinstance(data, dict) and "chain" in data and "recording" not in data
 
 
@@ -158,7 +158,7 @@ def load_chain(file: Path) -> SubjectArm:
     The workspace is an area if all joints rotate about z. Raises ConfigError with one line for every mistake: file,
     line, key, what was found, what was expected.
     """
-    source = read(file.absolute())
+    source = read_source(file.absolute())
     parsed = parse(source, _ChainFile, "keys such as `chain:`, `joints:` and `tip:`")
     mistakes = []
     for index, joint in enumerate(parsed.joints):
@@ -283,7 +283,9 @@ def _measure_lengths(arm: PlanarArm) -> tuple[FloatArray, FloatArray]:
     return length, np.einsum("ki,kij,kj->k", along, covariance, along)
 
 
-def workspace_result(reach: ArmWorkspace, later: ArmWorkspace | None = None, change: Overlay | None = None) -> Result:
+def workspace_result(
+    reach: ArmWorkspace, later: ArmWorkspace | None = None, change: Overlay | None = None
+) -> CommandResult:
     """Return ``workspace.json``, the edge as CSV, and figures: of one workspace, or of two and their difference."""
     content: dict[str, Any] = {"product": __version__, **_document(reach)}
     if later is not None and change is not None:
@@ -296,7 +298,9 @@ def workspace_result(reach: ArmWorkspace, later: ArmWorkspace | None = None, cha
             "aligned_at": "first joint",
             "notes": list(find_other_lengths(reach.subject, later.subject)),
         }
-    return Result("workspace", "workspace.json", content, other_files=lambda: _make_files(reach, later, change), end="")
+    return CommandResult(
+        "workspace", "workspace.json", content, other_files=lambda: _make_files(reach, later, change), end=""
+    )
 
 
 def _make_files(reach: ArmWorkspace, later: ArmWorkspace | None, change: Overlay | None) -> dict[str, bytes]:

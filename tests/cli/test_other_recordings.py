@@ -17,7 +17,7 @@ import pytest
 import mocap_id
 from mocap_id.plain_files import suggest
 from mocap_id.recording.writer import write_trc
-from mocap_id.reporting.results.result import Result
+from mocap_id.reporting.results.result import CommandResult
 from mocap_id.workflows.recording_trial import make_trial
 from mocap_id.workflows.run_folder import describe_sources
 from swinging_link import LABELS, RATE, pendulum
@@ -137,7 +137,7 @@ def test_outputs_of_another_trial_are_refused(lab: Path, cli: Callable[..., Any]
 def test_the_document_of_another_trial_is_refused(lab: Path) -> None:
     def write(source: str) -> None:
         sources = describe_sources(lab / "out", Path(source))
-        Result("workspace", "workspace.json", {}, made_from=sources).write(lab / "out")
+        CommandResult("workspace", "workspace.json", {}, made_from=sources).write(lab / "out")
 
     for _ in range(2):
         write("runs/sts")

@@ -11,7 +11,7 @@ import pytest
 
 from mocap_id.config import build_trial_model, load
 from mocap_id.config import study as study_module
-from mocap_id.config.parsing import Source, read
+from mocap_id.config.parsing import Source, read_source
 from mocap_id.config.study import build_study_schema, load_study
 from mocap_id.errors import ConfigError
 
@@ -171,7 +171,7 @@ def test_all_lines_are_read_once_for_any_number_of_trials(
     text = GOOD + "".join(f"{entry.replace('normal-1', f'normal-{k + 2}')}\n" for k in range(count))
 
     def counted(file: Path) -> Source:
-        source = read(file)
+        source = read_source(file)
         return replace(source, lines=_Counted(source.lines))
 
     monkeypatch.setattr(study_module, "read", counted)

@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mocap_id.config import load
-from mocap_id.config.parsing import read
+from mocap_id.config.parsing import read_source
 from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.recording.text_tables import parse_table
@@ -156,7 +156,7 @@ def test_any_characters_are_yaml_or_told_to_be_none(tmp_path: Path, text: str) -
     path = tmp_path / "trial.yaml"
     path.write_text(text, "utf-8")
     try:
-        source = read(path)
+        source = read_source(path)
     except ConfigError as error:
         assert "trial.yaml" in str(error)
     else:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from mocap_id.config.parsing import Source, parse, raise_mistakes, read, suggest_name
+from mocap_id.config.parsing import Source, parse, raise_mistakes, read_source, suggest_name
 from mocap_id.errors import ConfigError
 from mocap_id.stages.device import Condition, DeviceFile
 
@@ -33,7 +33,7 @@ def load_device(file: Path) -> DeviceConfig:
 
     Raises ConfigError with one line for every mistake: file, line, key, what was found, what was expected.
     """
-    source = read(file.absolute())
+    source = read_source(file.absolute())
     parsed = parse(source, DeviceFile, "keys such as `device:`, `pulley_radius_m:` and `stroke_m:`")
     raise_mistakes(_pressure_mistakes(parsed, source))
     return DeviceConfig(parsed, source)

@@ -57,13 +57,13 @@ class Source:
         return f"{self.file}, line {self.lines[location]}"
 
 
-def read(file: Path) -> Source:
+def read_source(file: Path) -> Source:
     """Read a YAML file.
 
     Raises ConfigError if the file is missing, not YAML, or has aliases, tags or duplicate keys.
     """
     try:
-        text = plain_files.read(file, largest=_MAX_BYTES).decode("utf-8")
+        text = plain_files.read_bytes(file, largest=_MAX_BYTES).decode("utf-8")
     except FileNotFoundError as error:
         hint = plain_files.suggest(file)
         raise ConfigError(f"{file}: no such file; expected a YAML file such as trial.yaml{hint}") from error

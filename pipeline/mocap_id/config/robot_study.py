@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pydantic import Field
 
-from mocap_id.config.parsing import parse, read
+from mocap_id.config.parsing import parse, read_source
 from mocap_id.config.trial import Trial, load, make_absolute
 from mocap_id.errors import ConfigError
 from mocap_id.stages.base import Settings
@@ -62,7 +62,7 @@ def load_robot_study(files: tuple[Path, ...]) -> RobotStudy:
 
     Raises ConfigError if a file has mistakes or two trials have the same name.
     """
-    source = read(files[0].absolute()) if len(files) == 1 else None
+    source = read_source(files[0].absolute()) if len(files) == 1 else None
     if source is not None and isinstance(source.data, dict) and "trials" in source.data:
         parsed, folder = parse(source, _File, "keys such as `study:` and `trials:`"), source.file.parent
         trials = [

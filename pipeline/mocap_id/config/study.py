@@ -10,7 +10,15 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from mocap_id.config.parsing import Location, Source, build_json_schema, parse, raise_mistakes, read, suggest_name
+from mocap_id.config.parsing import (
+    Location,
+    Source,
+    build_json_schema,
+    parse,
+    raise_mistakes,
+    read_source,
+    suggest_name,
+)
 from mocap_id.config.trial import Trial, build_trial_model, compose, make_absolute
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.contents import COHORT
@@ -134,7 +142,7 @@ def load_study(file: Path) -> Study:
 
     Raises ConfigError with one line for every mistake: file, line, key, what was found, what was expected.
     """
-    source = read(file.absolute())
+    source = read_source(file.absolute())
     keys = source.data.keys() if isinstance(source.data, dict) else set()
     if {"trial", "recording"} <= keys and "trials" not in keys:
         raise ConfigError(f"{source.file} is a trial, not a study: `mocap-id run {source.file}` runs it")

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, Discriminator, Field, Tag, WithJsonSchema, create_model
 
 from mocap_id import plain_files
-from mocap_id.config.parsing import Location, Source, build_json_schema, parse, raise_mistakes, read
+from mocap_id.config.parsing import Location, Source, build_json_schema, parse, raise_mistakes, read_source
 from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Settings
@@ -95,7 +95,7 @@ def load(file: Path, stages: Sequence[Stage] = STAGES) -> Trial:
 
     Raises ConfigError with one line for every mistake: file, line, key, what was found, what was expected.
     """
-    return compose(read(file.absolute()), stages)
+    return compose(read_source(file.absolute()), stages)
 
 
 def compose(
@@ -186,7 +186,7 @@ def _find_calibration(source: Source, given: str, stages: Sequence[Stage], *, al
     """
     where = source.where(("calibration",))
     file = _find_file(source, ("calibration",), given, "a trial")
-    other = read(file)
+    other = read_source(file)
     if isinstance(other.data, dict) and other.data.get("calibration") is not None:
         raise ConfigError(f"{where}: calibration: {file} itself has a `calibration:`; name that trial here")
     trial = compose(other, stages)
@@ -218,7 +218,7 @@ def _find_static_trial(source: Source, given: dict[str, Any] | str, stages: Sequ
     file = _find_file(source, ("static", "trial"), given["trial"], "a trial")
     if file == source.file:
         raise ConfigError(f"{where}: static: {file} is this trial; give the times of its still pose, [0.0, 2.0]")
-    other = read(file)
+    other = read_source(file)
     if isinstance(other.data, dict) and isinstance(other.data.get("static"), dict):
         raise ConfigError(f"{where}: static: {file} itself has a static trial; name that trial here")
     trial = compose(other, stages)

@@ -396,7 +396,7 @@ class BackgroundWriter:
 def read_refusal(folder: Path, stage: str, key: str) -> Refused | None:
     """Return the stored refusal of the computation with the cache key ``key``; None if it was not refused."""
     try:
-        found: dict[str, Any] = json.loads(plain_files.read(folder / _REFUSAL_FILE, links=False))
+        found: dict[str, Any] = json.loads(plain_files.read_bytes(folder / _REFUSAL_FILE, links=False))
         refused = Refused(**found["refused"]) if (found["stage"], found["key"]) == (stage, key) else None
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None

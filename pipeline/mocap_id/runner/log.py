@@ -55,7 +55,7 @@ def keep_log(folder: Path, trial: str, files: Mapping[str, Path]) -> Iterator[lo
 def summarise_verdict(folder: Path) -> str:
     """Return the verdict in a run folder and the codes of its reasons, as a line of the log."""
     try:
-        verdict = json.loads(plain_files.read(folder / "summary.json"))["verdict"]
+        verdict = json.loads(plain_files.read_bytes(folder / "summary.json"))["verdict"]
     except (OSError, ValueError, KeyError, TypeError):
         return _NO_VERDICT
     codes = [reason["code"] for reason in verdict["reasons"] if reason.get("level") != "ok"]
@@ -65,7 +65,7 @@ def summarise_verdict(folder: Path) -> str:
 def read_last_failure(folder: Path) -> str | None:
     """Return the message of the last line in the log if the last run failed, or else None."""
     try:
-        lines = plain_files.read(folder / RUN_LOG, links=False).decode("utf-8", "replace").splitlines()
+        lines = plain_files.read_bytes(folder / RUN_LOG, links=False).decode("utf-8", "replace").splitlines()
     except OSError:
         return None
     message = lines[-1].partition(" ")[2] if lines else "verdict"

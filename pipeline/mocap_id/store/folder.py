@@ -327,7 +327,7 @@ class Folder:
 
     def _read_record(self, stage: str) -> Record | None:
         try:
-            record = Record.decode(plain_files.read(resolve_path(self.path, record_file(stage)), links=False))
+            record = Record.decode(plain_files.read_bytes(resolve_path(self.path, record_file(stage)), links=False))
             sound = all(self._may_be_document(file) for file in record.documents)
         except (StoreError, *INVALID_RECORD):
             return None  # without a record, the documents count as not written

@@ -52,7 +52,7 @@ def read_owner(folder: Path, output: str = "") -> StoredOwner | None:
     """Return the recorded owner of a folder, or of the output of this name in it; None if there is no valid record."""
     try:
         path = resolve_path(folder, _find_record(output))
-        found: dict[str, Any] = json.loads(plain_files.read(path, links=False, largest=_LARGEST))
+        found: dict[str, Any] = json.loads(plain_files.read_bytes(path, links=False, largest=_LARGEST))
         names = [found[key] for key in ("name", "file", "recording", "place")]
         if not all(isinstance(text, str) for text in (*names, *found["contents"])):
             return None

@@ -38,7 +38,7 @@ from mocap_id.reporting.advised_movement import draw
 from mocap_id.reporting.numbers import show
 from mocap_id.reporting.paper_figures import render
 from mocap_id.reporting.results.columns import to_finite
-from mocap_id.reporting.results.result import Result
+from mocap_id.reporting.results.result import CommandResult
 from mocap_id.stages import STAGES, skin_motion
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
@@ -312,7 +312,7 @@ def _describe_benefit(advised: Advice, proposal: Proposal) -> str:
     return ", ".join([*(named or ["no smaller sd"]), condition])
 
 
-def make_output(advised: Advice) -> Result:
+def make_output(advised: Advice) -> CommandResult:
     """Return the files to write: ``advice.json``, and the best new movement as CSV and as a figure."""
     design, limits = advised.design, advised.limits
 
@@ -364,7 +364,7 @@ def make_output(advised: Advice) -> Result:
         figure = render("movement", title, lambda: draw(path, advised.joints, advised.limits, movement.words))
         return {"movement.csv": stream.getvalue().encode(), **figure}
 
-    return Result("advice", "advice.json", content, other_files=draw_movement, indent=2)
+    return CommandResult("advice", "advice.json", content, other_files=draw_movement, indent=2)
 
 
 def _describe_prediction(advised: Advice, predicted: PredictedUncertainty) -> dict[str, Any]:

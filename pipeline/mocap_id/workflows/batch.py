@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 
 from mocap_id import plain_files
 from mocap_id.config import Trial, load
-from mocap_id.config.parsing import Source, read
+from mocap_id.config.parsing import Source, read_source
 from mocap_id.config.study import load_study
 from mocap_id.config.trial import build_trial_model, compose
 from mocap_id.errors import ConfigError, StoreError
@@ -55,7 +55,7 @@ def find_trials(named: Sequence[str], *, runs: bool = False) -> tuple[list[Trial
     model = build_trial_model()  # once, because making it takes as long as reading a file
     for file, source in dict(one for name in named for one in _find_files(name, runs)).items():
         try:
-            content = read(file) if source is None else source
+            content = read_source(file) if source is None else source
             if not isinstance(content.data, dict):
                 found = [load(file)]  # raises ConfigError with a message about the content
             elif "study" in content.data:
@@ -97,7 +97,7 @@ def _find_files(name: str, runs: bool) -> Iterator[tuple[Path, Source | None]]:
         for file in sorted(file for pattern in _TRIAL_FILES for file in path.absolute().rglob(pattern)):
             # The files that describe trials, and unreadable files that are named ``trial``.
             try:
-                source = read(file)
+                source = read_source(file)
             except ConfigError:
                 if file.stem == "trial":
                     files[file] = None

@@ -48,7 +48,7 @@ def write_figures(source: Path, out: Path | None = None, pdf_fonts: PdfFonts = "
 def read_page_figures(page: Path) -> Drawings:
     """Return the figures of a page as data; StoreError is raised if it has none."""
     with _explain_unreadable(page):
-        return read_figures(plain_files.read(page).decode("utf-8", "replace"))
+        return read_figures(plain_files.read_bytes(page).decode("utf-8", "replace"))
 
 
 @contextmanager

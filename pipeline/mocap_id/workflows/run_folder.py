@@ -19,7 +19,7 @@ from mocap_id.store.ownership import Owner, check_owner, hash_path, hash_texts, 
 from mocap_id.store.schemas import SCHEMAS
 
 if TYPE_CHECKING:
-    from mocap_id.reporting.results.result import Result
+    from mocap_id.reporting.results.result import CommandResult
     from mocap_id.store import Artefact
 
 SUMMARY = "summary.json"
@@ -215,7 +215,7 @@ def describe_sources(out: Path, *sources: Path) -> dict[str, list[str]]:
     return {"names": owner.name.split(", "), "hashes": [*owner.contents, hash_path(owner.file, out)]}
 
 
-def write_result(result: Result, out: Path | None, *sources: Path) -> tuple[Result, list[str]]:
+def write_result(result: CommandResult, out: Path | None, *sources: Path) -> tuple[CommandResult, list[str]]:
     """Write a result into a folder, if there is one; return it with its sources, and a line about the files."""
     if out is None:
         return result, []

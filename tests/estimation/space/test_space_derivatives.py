@@ -9,7 +9,7 @@ from spatial_cases import mixed_chain, positions
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation.space.frame_poses import degrees_of_freedom, group_columns, make_chain_model, make_track
 from mocap_id.estimation.space.space_kernels import ChainModel, Pose, locate_markers
-from mocap_id.estimation.space.space_smoothing import compute_rate_jacobians, compute_rates
+from mocap_id.estimation.space.space_smoothing import compute_chain_rates, compute_rate_jacobians
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 
@@ -68,7 +68,7 @@ def test_rates_are_derivatives_along_a_movement() -> None:
     u = 1 + np.arange(7) * dt
     track.rate[:, 0], track.rate[:, 1] = u[:, None] * speed, speed  # constant axes: the rates are parallel
     turns = chain.place(track.origin, track.turn[:, 0], track.turn[:, 1:])[1]
-    rates = compute_rates(chain, model, track, turns)
+    rates = compute_chain_rates(chain, model, track, turns)
     steps = so3.log(turns[1:] @ np.swapaxes(turns[:-1], -1, -2)) / dt
     np.testing.assert_allclose(rates.omega[2], (steps[1] + steps[2]) / 2, atol=1e-4)
     np.testing.assert_allclose(rates.alpha[2], (steps[2] - steps[1]) / dt, atol=5e-3)
@@ -85,11 +85,11 @@ def test_jacobians_of_the_rates() -> None:
         new.rate[0, 0] += by[d : 2 * d]
         new.rate[0, 1] += by[2 * d :]
         turns = chain.place(new.origin, new.turn[:, 0], new.turn[:, 1:])[1]
-        found = compute_rates(chain, model, new, turns)
+        found = compute_chain_rates(chain, model, new, turns)
         return turns[0], found.omega[0], found.alpha[0]
 
     middle = at(np.zeros(3 * d))
-    rates = compute_rates(chain, model, pose, middle[0][None])
+    rates = compute_chain_rates(chain, model, pose, middle[0][None])
     spin, omega, alpha = (each[0] for each in compute_rate_jacobians(chain, model, middle[0][None], rates))
     for c in range(3 * d):
         by = STEP * np.eye(3 * d)[c]

@@ -22,7 +22,7 @@ from mocap_id.estimation.space.space_smoothing import (
     SpatialSettings,
     SpatialStates,
     collect_states,
-    compute_rates,
+    compute_chain_rates,
     filter_and_smooth,
     find_uncertain_segments,
     scale_to_movement,
@@ -221,7 +221,7 @@ def _estimate_lasting_errors(
     gain = np.einsum("fkl,fmil,m->fmki", np.linalg.inv(normal), jacobian, noise.sd**-2)
     covariance = np.zeros((len(postures), 2 * segments, d, d))
     covariance[:, 0] = np.einsum("fmki,fmli,m->fkl", gain, gain, noise.lasting**2)
-    rates = compute_rates(chain, model, pose, chain.place(pose.origin, pose.turn[:, 0], pose.turn[:, 1:])[1])
+    rates = compute_chain_rates(chain, model, pose, chain.place(pose.origin, pose.turn[:, 0], pose.turn[:, 1:])[1])
     motion = np.zeros((3, len(pose.origin), 2 * segments))
     motion[0, :, 0] = 1.0
     motion[1, :, 0] = np.sum(rates.velocity[:, :2] ** 2, axis=(1, 2))

@@ -268,7 +268,7 @@ def collect_states(  # noqa: PLR0917
     """
     pose = track.pose
     origins, rotations = chain.place(pose.origin, pose.turn[:, 0], pose.turn[:, 1:])
-    rates = compute_rates(chain, model, pose, rotations)
+    rates = compute_chain_rates(chain, model, pose, rotations)
     skin, known = lasting, np.flatnonzero(~lost.any(axis=1))
     if skin is None:
         # a segment's marker cluster slides on its bone by half of the variances of the slides of the joints beside it
@@ -416,7 +416,7 @@ class Rates:
         return Rates(velocity, acceleration, jerk, maps, self.omega[frames], self.alpha[frames])
 
 
-def compute_rates(chain: SpatialChain, model: ChainModel, pose: Pose, turns: FloatArray) -> Rates:
+def compute_chain_rates(chain: SpatialChain, model: ChainModel, pose: Pose, turns: FloatArray) -> Rates:
     """Return the rates of all joints and segments; ``turns`` (F, n + 1, 3, 3) are the rotations of the segments."""
     frames, n = len(pose.origin), len(chain.joints)
     joint_rates, maps = np.zeros((3, frames, n, 3)), []

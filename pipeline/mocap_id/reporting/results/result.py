@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Result:
+class CommandResult:
     """The output of a command: a JSON document (``file``), tables and other files."""
 
     kind: str  # kind of the result, such as ``study``; the schema of the document is ``mocap-id/<kind>``

@@ -20,7 +20,7 @@ from pydantic import Field
 from mocap_id import runner
 from mocap_id.anatomy.skin_motion import draw_centred_skin_motion
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.config.parsing import Source, parse, raise_mistakes, read, suggest_name
+from mocap_id.config.parsing import Source, parse, raise_mistakes, read_source, suggest_name
 from mocap_id.dynamics.preparation import SampledWrench
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.geometry import so3
@@ -589,7 +589,7 @@ class _File(Settings):
 
 def read_options(file: Path) -> SensitivityOptions:
     """Read and check a settings file; ConfigError has a line for each mistake."""
-    source = read(file.absolute())
+    source = read_source(file.absolute())
     if isinstance(source.data, list):
         moved = {("perturbations", *key): line for key, line in source.lines.items()}
         source = Source(source.file, {"perturbations": source.data}, {(): 1, **moved})

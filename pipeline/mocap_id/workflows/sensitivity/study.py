@@ -31,7 +31,7 @@ from mocap_id.geometry.planar import rotate
 from mocap_id.reporting.numbers import show
 from mocap_id.reporting.results.columns import ResultColumn as Column
 from mocap_id.reporting.results.columns import ResultTable, declare_tables, number, text, to_finite, whole
-from mocap_id.reporting.results.result import Result
+from mocap_id.reporting.results.result import CommandResult
 from mocap_id.reporting.sensitivity import Parameter, SensitivityData, render_sensitivity_page
 from mocap_id.stages.base import Context
 from mocap_id.stages.calibration_trial import has_no_markers
@@ -719,7 +719,7 @@ def study_sensitivity(
             "perturbations": tables["perturbations"].records,
             "tables": {name: table.columns for name, table in tables.items()},
         }
-        output = Result("sensitivity", DOCUMENT, content, tables, make_page, hashed=True)
+        output = CommandResult("sensitivity", DOCUMENT, content, tables, make_page, hashed=True)
         output.write(folder)
         store_owner(folder, owner, DOCUMENT)
     return replace(result, document=output.document)

@@ -40,7 +40,7 @@ from mocap_id.reporting.results.columns import (
     text,
     whole,
 )
-from mocap_id.reporting.results.result import Result
+from mocap_id.reporting.results.result import CommandResult
 from mocap_id.reporting.study.cohort import CohortData
 from mocap_id.reporting.study.robots import (
     AveragedWrench,
@@ -916,7 +916,7 @@ def validate_robot(
             markdown = f"# {data.study}\n\n{render_markdown(data, {})}"
             return {PAGE: render_robot_page(data), MARKDOWN: markdown.encode()}
 
-        result = Result("robot-study", DOCUMENT, content, tables, make_pages)
+        result = CommandResult("robot-study", DOCUMENT, content, tables, make_pages)
         result.write(out)
         store_owner(out, owner, DOCUMENT)
     if page is not None:

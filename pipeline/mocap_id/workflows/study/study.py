@@ -22,7 +22,7 @@ from mocap_id.config.study import Study, StudyTrial, load_study
 from mocap_id.errors import StoreError
 from mocap_id.reporting.contents import COHORT_PAGE, SUMMARY_FILE
 from mocap_id.reporting.results.columns import ResultTable
-from mocap_id.reporting.results.result import Result
+from mocap_id.reporting.results.result import CommandResult
 from mocap_id.stages import STAGES
 from mocap_id.stages.trial_keys import list_sensors
 from mocap_id.store import Folder, TableSchema, dumps, hash_bytes, hash_file
@@ -192,7 +192,7 @@ def run_study(
             "tables": {name: table.description for name, table in tables.items()},
             "key": key,
         }
-        result = Result("study", DOCUMENT, content, tables, make_page, hashed=True)
+        result = CommandResult("study", DOCUMENT, content, tables, make_page, hashed=True)
         result.write(study.folder)
     return StudyResult(study, runs, result.document, reused=False)
 
