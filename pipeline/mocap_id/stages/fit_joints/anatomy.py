@@ -123,7 +123,7 @@ def _find_contradictions(
         off = float(np.linalg.svd(landmarks - landmarks.mean(axis=0), compute_uv=False)[-1]) / np.sqrt(len(landmarks))
         if off > _OUT_OF_PLANE:
             doubts.append(f"{', '.join(THORAX.up)} are {1e3 * off:.0f} mm out of one plane (rms)")
-        shoulder = fit.chain.joints[where["upper_arm"] - 1] if "upper_arm" in where else None
+        shoulder = joints.get("upper_arm")
         if shoulder is not None and shoulder.known and shoulder.parent == own:
             side = float((shoulder.centre - thorax.origin) @ thorax.rotation[:, 2])
             if side < 0:
@@ -345,7 +345,7 @@ def _fit_frames(
         child: pair
         for child, pair in _PAIRS.items()
         if not any(joint.slide_sd for joint in joints)
-        and child in where
+        and where.get(child)  # the base has no joint
         and all(name in local for name in pair)
         and np.isfinite(joints[where[child] - 1].covariance).all()
     }
@@ -353,8 +353,8 @@ def _fit_frames(
         shift = joints[where[child] - 1].centre - (local[pair[0]] + local[pair[1]]) / 2
         local |= {name: local[name] + shift for name in pair}
     covariances: dict[str, FloatArray | float] = {name: position.sd for name, position in positions.items()}
-    if "upper_arm" in where and joints[where["upper_arm"] - 1].known:
-        number = where["upper_arm"]
+    number = where.get("upper_arm", 0)
+    if number and joints[number - 1].known:  # an upper arm that is the base has no shoulder
         covariance = fit.centre_among_markers(number, number)
         covariances["GH"] = covariance if np.isfinite(covariance).all() else PALPATION**2 * np.eye(3)
         local["GH"], where = np.zeros(3), {**where, "GH": number}
