@@ -15,7 +15,7 @@ from mocap_id.config import load
 from mocap_id.dynamics.measured_motion import close_gaps
 from mocap_id.dynamics.prediction import centre_of_pressure
 from mocap_id.geometry import planar
-from mocap_id.protocols.reference_body import make_empty_reference
+from mocap_id.protocols.body_names import make_empty_reference
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
 from mocap_id.stages.identify_dim.dynamics_artefacts import validate

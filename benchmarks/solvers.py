@@ -34,10 +34,9 @@ from scipy import sparse
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.dynamics import consistency, identification
-from mocap_id.dynamics.base_parameters import structural_base
+from mocap_id.dynamics.base_parameters import CompressedProblem, structural_base
 from mocap_id.dynamics.cone_solver import ConeBodies, SolverAnswer, check_optimality, solve_links
 from mocap_id.dynamics.consistency import GridBodies, PointGrid, build_grid, run_osqp, solve_nnls, solve_osqp
-from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.runner import run
 from mocap_id_simulation import Options, simulate
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mocap_id.geometry.planar import PlaneFrame, marker_positions
-from mocap_id.kinematics.static_pose import fit_static_pose
+from mocap_id.kinematics.chain_fit import fit_static_pose
 
 CENTRES = np.array([[0.02, 0.08], [0.0, 0.41], [0.0, 0.42]])
 SEGMENT = np.repeat([0, 1, 2, 3], 4)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from protocol_cases import CENTRES, HIGH, sit_to_stand
 
-from mocap_id.protocols.reference_body import build_reference_body
+from mocap_id.protocols.body_names import build_reference_body
 from mocap_id.protocols.repetitions import compute_posture, measure_standing_angles
 
 KNOWN = {"height": 1.75, "mass": 70.0, "sex": "female", "plate_mass": 71.0}

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from mocap_id.arrays import find_runs
-from mocap_id.reporting.downsampling import find_shaded_spans, thin_band, thin_curve
+from mocap_id.reporting.figure import find_shaded_spans, thin_band, thin_curve
 
 BINS = 10
 curves = arrays(

@@ -30,8 +30,8 @@ from mocap_id.design.proposal import (
     compute_objective,
     list_changes,
 )
+from mocap_id.dynamics.base_parameters import variance
 from mocap_id.dynamics.cautions import measure_sizes
-from mocap_id.dynamics.least_squares import variance
 
 _FREQUENCIES = (0.2, 0.35, 0.5, 0.7, 1.0)  # Hz
 _SYMMETRIC = 0.4  # ratio of the ranges below and above rest from which a joint swings symmetrically about rest

@@ -16,10 +16,10 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.dynamics.base_parameters import unit_covariance
 from mocap_id.dynamics.fit import compute_conditions
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.instrument_errors import KinematicError, propagate_to_parameters
-from mocap_id.dynamics.least_squares import unit_covariance
 from mocap_id.dynamics.preparation import LowPass, PreparedTrial, TrialData, choose_cutoff, erode
 from mocap_id.dynamics.regressor import planar_regressor
 

@@ -15,11 +15,10 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
-from mocap_id.dynamics.base_parameters import regroup_columns
+from mocap_id.dynamics.base_parameters import CompressedProblem, estimate_covariance, number_blocks, regroup_columns
 from mocap_id.dynamics.consistency import Consistency, PointGrid, fit_consistent
 from mocap_id.dynamics.fit import select_samples
 from mocap_id.dynamics.identification import Identification
-from mocap_id.dynamics.least_squares import CompressedProblem, estimate_covariance, number_blocks
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, ExternalWrench, planar_regressor
 from mocap_id.geometry.planar import marker_positions

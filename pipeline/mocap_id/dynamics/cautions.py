@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.base_parameters import base_names
+from mocap_id.dynamics.base_parameters import base_names, unit_covariance
 from mocap_id.dynamics.cone_solver import PROVEN
 from mocap_id.dynamics.consistency import ConsistentSolution
 from mocap_id.dynamics.fit import DEPENDENT, Fit, estimate_drift
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.instrument_errors import PlanarCalibration
-from mocap_id.dynamics.least_squares import unit_covariance
 from mocap_id.dynamics.preparation import AnyTrial, PreparedTrial
 from mocap_id.verdict import Reason
 

@@ -10,7 +10,7 @@ from scipy import sparse
 from scipy.linalg import null_space
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.least_squares import CompressedProblem
+from mocap_id.dynamics.base_parameters import CompressedProblem
 
 if TYPE_CHECKING:
     from mocap_id.dynamics.space.consistency import SemidefiniteBodies

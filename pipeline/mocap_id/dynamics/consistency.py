@@ -15,6 +15,7 @@ from scipy import sparse
 from scipy.optimize import nnls
 
 from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.dynamics.base_parameters import CompressedProblem
 from mocap_id.dynamics.cone_solver import (
     BodyCone,
     ConeBodies,
@@ -24,7 +25,6 @@ from mocap_id.dynamics.cone_solver import (
     find_closest_links,
     solve_links,
 )
-from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.priors import compute_reference_sd
 from mocap_id.dynamics.regressor import PLANAR_PARAMETERS
 from mocap_id.errors import NumericalError

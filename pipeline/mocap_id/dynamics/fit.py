@@ -9,8 +9,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.base_parameters import triangularise
-from mocap_id.dynamics.least_squares import CompressedProblem, estimate_covariance, number_blocks
+from mocap_id.dynamics.base_parameters import CompressedProblem, estimate_covariance, number_blocks, triangularise
 from mocap_id.dynamics.preparation import AnyTrial, erode, profile_offset
 
 LEAST_SECONDS = 1.0  # least duration of the samples of a fit

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
-from mocap_id.dynamics.base_parameters import determines_rows
+from mocap_id.dynamics.base_parameters import determines_rows, variance
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.instrument_errors import (
     ModelError,
@@ -15,7 +15,6 @@ from mocap_id.dynamics.instrument_errors import (
     estimate_model_error,
     propagate_to_torques,
 )
-from mocap_id.dynamics.least_squares import variance
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import (
     PLANAR_PARAMETERS,

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import block_diag, solve_triangular
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.least_squares import CompressedProblem
+from mocap_id.dynamics.base_parameters import CompressedProblem
 
 TableName = Literal["winter", "de-leva"]
 Sex = Literal["female", "male"]

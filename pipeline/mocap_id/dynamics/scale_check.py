@@ -18,11 +18,10 @@ from typing import TypeAlias
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
-from mocap_id.dynamics.base_parameters import BaseSet, triangularise
+from mocap_id.dynamics.base_parameters import BaseSet, estimate_covariance, number_blocks, triangularise
 from mocap_id.dynamics.fit import DEPENDENT, Fit, skip_long_rests
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.instrument_errors import PlanarCalibration, ScaleCause, ScaleCheck, propagate_to_wrench
-from mocap_id.dynamics.least_squares import estimate_covariance, number_blocks
 from mocap_id.dynamics.preparation import LowPass, PreparedTrial, erode
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, wrench_regressor
 

@@ -1,11 +1,10 @@
 """Chains from marker trajectories, in the plane and (``space``) in space: bodies, segments, joints (3.2.3 to 3.2.5)."""
 
 from mocap_id.kinematics.base_motion import propose_window
-from mocap_id.kinematics.bundle import LinkMethod, fit_chain, fit_links
+from mocap_id.kinematics.bundle import LinkMethod, fit_chain, fit_links, frames_along_motion, frames_over_time
 from mocap_id.kinematics.chain_fit import ChainFit, ChainState, joint_angles, orient_frames
 from mocap_id.kinematics.chain_search import Hypothesis, SegmentationRules
 from mocap_id.kinematics.clusters import Constraints
-from mocap_id.kinematics.frame_sampling import frames_along_motion, frames_over_time
 from mocap_id.kinematics.joint import measure_asymmetry
 from mocap_id.kinematics.plane import PlaneFit, fit_plane
 from mocap_id.kinematics.segmentation import Segmentation, segment_markers

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray, chunks
-from mocap_id.kinematics.frame_sampling import frames_along_motion
+from mocap_id.kinematics.bundle import frames_along_motion
 from mocap_id.kinematics.joint import fit_body, marker_residuals, planar_poses
 
 LEAST_MARKERS = 2

@@ -15,9 +15,8 @@ from typing import Literal
 import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray, find_runs
-from mocap_id.kinematics.bundle import chain_angles, rigid_body_links
+from mocap_id.kinematics.bundle import chain_angles, frames_along_motion, rigid_body_links
 from mocap_id.kinematics.chain_fit import ChainProblem, angle_jacobian, joint_positions
-from mocap_id.kinematics.frame_sampling import frames_along_motion
 from mocap_id.kinematics.segmentation import Segmentation
 from mocap_id.kinematics.swaps import find_jumps
 

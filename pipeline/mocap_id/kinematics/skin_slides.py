@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray, as_complex, as_xy
+from mocap_id.kinematics.bundle import frames_along_motion
 from mocap_id.kinematics.chain_fit import (
     ChainProblem,
     ChainState,
@@ -26,7 +27,6 @@ from mocap_id.kinematics.chain_fit import (
     share_variance,
     slide_responses,
 )
-from mocap_id.kinematics.frame_sampling import frames_along_motion
 
 FRAMES = 400
 """Number of frames in which the response of the joint fit is computed."""

@@ -17,7 +17,7 @@ import pyarrow.parquet
 
 from mocap_id import runner
 from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray
-from mocap_id.dynamics.least_squares import variance
+from mocap_id.dynamics.base_parameters import variance
 from mocap_id.dynamics.parameter_transfer import (
     LEAST_MARKERS,
     LEAST_SPREAD,

@@ -16,6 +16,7 @@ from scipy.linalg import null_space
 from scipy.optimize import brentq
 
 from mocap_id.arrays import FloatArray
+from mocap_id.dynamics.base_parameters import CompressedProblem
 from mocap_id.dynamics.cone_solver import (
     LENGTH,
     PROVEN,
@@ -26,7 +27,6 @@ from mocap_id.dynamics.cone_solver import (
     find_closest_step,
     solve_cones,
 )
-from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.errors import NumericalError
 
 _ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # matrix entries of Ixx, Iyy, Izz, Ixy, Ixz, Iyz

@@ -18,7 +18,7 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.errors import NumericalError
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import JointKind, SpatialChain, SpatialJoint
-from mocap_id.kinematics.frame_sampling import frames_along_motion
+from mocap_id.kinematics.bundle import frames_along_motion
 from mocap_id.kinematics.space.bundle import (
     CENTRE_SD,
     MARKED_SD,

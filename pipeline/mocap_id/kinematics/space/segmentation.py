@@ -15,9 +15,9 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.errors import Refused
 from mocap_id.geometry import so3
+from mocap_id.kinematics.bundle import frames_along_motion
 from mocap_id.kinematics.chain_search import SegmentationRules
 from mocap_id.kinematics.clusters import Constraints
-from mocap_id.kinematics.frame_sampling import frames_along_motion
 from mocap_id.kinematics.segmentation import Confidence, log_shortfall, weigh_evidence
 from mocap_id.kinematics.space.bodies import (
     LEAST,

@@ -19,8 +19,13 @@ from mocap_id.reporting.figures.motion import (
     draw_repetitions,
     draw_states,
 )
-from mocap_id.reporting.figures.reach import draw_reach
-from mocap_id.reporting.figures.skeleton import draw_recovery, draw_residuals, draw_skeleton, draw_spatial_skeleton
+from mocap_id.reporting.figures.skeleton import (
+    draw_reach,
+    draw_recovery,
+    draw_residuals,
+    draw_skeleton,
+    draw_spatial_skeleton,
+)
 from mocap_id.reporting.report_data import ReportData
 
 

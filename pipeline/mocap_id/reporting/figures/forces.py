@@ -6,8 +6,21 @@ import numpy as np
 
 from mocap_id.arrays import NORMAL_95
 from mocap_id.reporting import style
-from mocap_id.reporting.downsampling import thin_band, thin_curve
-from mocap_id.reporting.figure import Band, Dash, Figure, Heat, Item, Line, Panel, Points, Rule, Scale, arrange_in_lines
+from mocap_id.reporting.figure import (
+    Band,
+    Dash,
+    Figure,
+    Heat,
+    Item,
+    Line,
+    Panel,
+    Points,
+    Rule,
+    Scale,
+    arrange_in_lines,
+    thin_band,
+    thin_curve,
+)
 from mocap_id.reporting.figures.motion import draw_shades
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store import Table

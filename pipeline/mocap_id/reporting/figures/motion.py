@@ -9,8 +9,22 @@ import numpy as np
 from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray
 from mocap_id.geometry.so3 import shift_to_shortest_arc
 from mocap_id.reporting import style
-from mocap_id.reporting.downsampling import find_shaded_spans, thin_band, thin_curve
-from mocap_id.reporting.figure import Band, Bars, Dash, Figure, Item, Line, Panel, Rule, Spans, Text, arrange_in_lines
+from mocap_id.reporting.figure import (
+    Band,
+    Bars,
+    Dash,
+    Figure,
+    Item,
+    Line,
+    Panel,
+    Rule,
+    Spans,
+    Text,
+    arrange_in_lines,
+    find_shaded_spans,
+    thin_band,
+    thin_curve,
+)
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store import Table
 from mocap_id.store.views import MEANINGLESS_AT_POLE, JointStates

@@ -10,7 +10,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Item, Line, Panel, Points, arrange_in_lines
-from mocap_id.reporting.figures.reach import make_turnable_panel
+from mocap_id.reporting.figures.skeleton import make_turnable_panel
 from mocap_id.reporting.grids import show_estimate
 from mocap_id.reporting.numbers import UNKNOWN, show, to_number
 from mocap_id.reporting.page import KeyNumber, Section

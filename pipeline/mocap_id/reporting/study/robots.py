@@ -13,8 +13,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
-from mocap_id.reporting.downsampling import thin_curve
-from mocap_id.reporting.figure import Band, Dash, Drawing, Drawings, Figure, Item, Line, Panel, Points, Text
+from mocap_id.reporting.figure import Band, Dash, Drawing, Drawings, Figure, Item, Line, Panel, Points, Text, thin_curve
 from mocap_id.reporting.grids import Grid, GridColumn, numbers, texts
 from mocap_id.reporting.numbers import UNKNOWN, show_fixed, to_number
 from mocap_id.reporting.page import Page, Section

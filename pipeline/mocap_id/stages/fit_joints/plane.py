@@ -14,9 +14,8 @@ from mocap_id.dynamics.priors import look_up_table
 from mocap_id.errors import ConfigError, RecordingError, Refused
 from mocap_id.kinematics import ChainFit, fit_chain, fit_links, frames_along_motion, orient_frames
 from mocap_id.kinematics.bundle import chain_angles
-from mocap_id.kinematics.chain_fit import ChainState
+from mocap_id.kinematics.chain_fit import ChainState, fit_static_pose
 from mocap_id.kinematics.joint import count_positions
-from mocap_id.kinematics.static_pose import fit_static_pose
 from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.calibration_trial import get_calibration, has_no_markers, read_chain
 from mocap_id.stages.fit_joints import FitJointsSettings

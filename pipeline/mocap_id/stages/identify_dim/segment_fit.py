@@ -10,7 +10,7 @@ import numpy as np
 
 from mocap_id import recording
 from mocap_id.arrays import BoolArray, FloatArray, as_complex, find_complete_rows
-from mocap_id.dynamics.base_parameters import BaseSet
+from mocap_id.dynamics.base_parameters import BaseSet, CompressedProblem
 from mocap_id.dynamics.consistency import PointGrid, build_grid
 from mocap_id.dynamics.fit import Fit, fit, number_parts, shorten_rests
 from mocap_id.dynamics.identification import (
@@ -31,7 +31,6 @@ from mocap_id.dynamics.instrument_errors import (
     propagate_pose_errors,
     propagate_slides,
 )
-from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.measured_motion import (
     USUAL,
     BodyPoses,
@@ -63,8 +62,8 @@ from mocap_id.dynamics.scale_check import check_scales, find_body_ratios
 from mocap_id.geometry import planar
 from mocap_id.kinematics.cluster_poses import BENDS_M, LEAST_MARKERS, REMAINING
 from mocap_id.kinematics.joint import count_positions
+from mocap_id.protocols.body_names import ReferenceBody
 from mocap_id.protocols.movement import Movement
-from mocap_id.protocols.reference_body import ReferenceBody
 from mocap_id.stages.base import Context, Findings
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.stages.identify_dim.dynamics_artefacts import find_spans, validate

@@ -27,9 +27,8 @@ from mocap_id.dynamics.priors import TableName, compute_foot_sd, compute_referen
 from mocap_id.dynamics.regressor import SEAT, WRENCH_COMPONENTS, ExternalWrench
 from mocap_id.dynamics.scale_check import WrenchGain, estimate_gains
 from mocap_id.errors import ConfigError, StoreError
-from mocap_id.protocols.body_names import GROUND
+from mocap_id.protocols.body_names import GROUND, ReferenceBody, build_reference_body, make_empty_reference
 from mocap_id.protocols.movement import Movement, find_facing
-from mocap_id.protocols.reference_body import ReferenceBody, build_reference_body, make_empty_reference
 from mocap_id.protocols.repetitions import measure_standing_angles
 from mocap_id.stages import skin_motion
 from mocap_id.stages.base import Context, Findings

@@ -17,7 +17,7 @@ import numpy as np
 from mocap_id.arrays import NORMAL_95
 from mocap_id.config.study import Study, StudyTrial
 from mocap_id.reporting.contents import COHORT
-from mocap_id.reporting.figures.reach import make_wires
+from mocap_id.reporting.figures.skeleton import make_wires
 from mocap_id.reporting.numbers import UNKNOWN, to_numbers
 from mocap_id.reporting.results.columns import (
     ResultColumn,
