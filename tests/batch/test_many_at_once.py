@@ -209,9 +209,9 @@ def test_each_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 
     def reading(file: Path) -> Any:
         read.append(file)
-        return source_module.read(file)
+        return source_module.read_source(file)
 
-    monkeypatch.setattr(batch, "read", reading)
+    monkeypatch.setattr(batch, "read_source", reading)
     monkeypatch.setattr(batch, "load", None)  # which would read it again
     found, unreadable = find_trials([str(tmp_path if how == "folder" else tmp_path / "*.yaml")])
     assert len(found) == 20

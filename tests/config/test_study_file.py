@@ -174,7 +174,7 @@ def test_all_lines_are_read_once_for_any_number_of_trials(
         source = read_source(file)
         return replace(source, lines=_Counted(source.lines))
 
-    monkeypatch.setattr(study_module, "read", counted)
+    monkeypatch.setattr(study_module, "read_source", counted)
     _Counted.walks = 0
     assert len(load_study(study(tmp_path, text)).trials) == count + 2
     assert _Counted.walks <= 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -115,6 +116,16 @@ def test_states_can_come_from_the_encoder(moving: Moving, tmp_path: Path) -> Non
     assert {reason.code for reason in states.reasons} == {"states-method", "gap"}
     assert "record does not cover" in " ".join(reason.message for reason in states.reasons)
     assert states.facts["sd_holds"] == "encoder noise"
+
+
+def test_wrong_markers_do_not_bridge_states_from_the_encoder(moving: Moving, tmp_path: Path) -> None:
+    markers, own = moving.markers.copy(), np.flatnonzero(moving.segment == 1)
+    markers[300:330, own] += np.random.default_rng(3).normal(0.0, 0.2, (len(own), 2))
+    wrong, encoder = replace(moving, markers=markers), record(tmp_path)
+    assert "markers-rejected" in {reason.code for reason in run(wrong, encoder)[0].reasons}
+    states, _ = run(wrong, encoder, method="encoder")
+    assert "markers-rejected" not in {reason.code for reason in states.reasons}
+    assert states.frame["observed_1"][300:330].all()
 
 
 def test_without_an_encoder_there_are_no_rows_and_a_reason(moving: Moving) -> None:

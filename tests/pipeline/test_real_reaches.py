@@ -168,6 +168,9 @@ def test_markers_of_a_thorax_that_fail_together_are_reported(recordings: Path, t
     there = poses["time"].between(4.635, 4.665)
     assert not poses["thorax_observed"][there].any()
     assert poses["thorax_observed"][~poses["time"].between(4.6, 4.72)].all()
+    observed = [poses[name].mean() for name in poses if name.endswith("_observed")]
+    facts = Folder(outcome.folder).table("states.parquet").facts
+    assert facts["bridged_fraction"] == pytest.approx([1 - share for share in observed[1:]])
 
 
 @pytest.mark.parametrize(("name", "limits"), [("S2M_punching", (4.2, 3.2)), ("OTTAWA_hopping", (3.4, 1.4))])

@@ -187,6 +187,7 @@ def test_unusable_plates_say_why(tmp_path: Path, change: dict[str, Any], reason:
     (plate,) = found.plates
     assert not plate.usable
     assert reason in plate.problem
+    assert len(plate.ok) == len(plate.force) == FRAMES * PER_FRAME
     assert not plate.ok.any()
     assert np.isnan(plate.force).all()
     assert any("plate 1 is not used" in oddity for oddity in found.oddities)

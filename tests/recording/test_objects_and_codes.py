@@ -72,6 +72,12 @@ def test_rigid_bodies_alone_are_segments_not_objects(tmp_path: Path) -> None:
     assert len(found.labels) == 8
 
 
+def test_a_marker_with_a_prefix_of_its_own_is_no_object(tmp_path: Path) -> None:
+    labels = [f"S:{n}" for n in NAMES] + ["X"]
+    found = read(tmp_path, np.concatenate([person(), box()[:, :1]], axis=1), labels)
+    assert len(found.labels) == 13
+
+
 def test_unlabelled_pieces_are_left_out_but_not_where_nothing_has_a_label(tmp_path: Path) -> None:
     points = person()
     pieces = np.full((FRAMES, 30, 3), np.nan)

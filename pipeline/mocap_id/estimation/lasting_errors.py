@@ -42,6 +42,7 @@ def list_residuals(states: States, used_markers: FloatArray) -> Iterator[tuple[i
     centred = angles - np.sum(angles, axis=0, where=given) / np.maximum(np.sum(given, axis=0), 1)
     products = [centred[:, i] * centred[:, j] for i in range(centred.shape[1]) for j in range(i, centred.shape[1])]
     basis = np.column_stack([np.ones(len(centred)), centred, *products])
+    del given, centred, products  # large in a long recording
     basis[~np.isfinite(basis).all(axis=1)] = 0
     basis = np.asarray(basis / np.sqrt(np.mean(basis**2, axis=0) + 1e-30))
     rotation, origin = segment_poses(angles, chain.centres)

@@ -260,7 +260,7 @@ def segment_markers(
     )
     considered = tuple(sorted(find_hypotheses(problem), key=lambda hypothesis: hypothesis.cost))
     rigid = _assign(problem, considered) if considered else None
-    if rigid is not None and rigid.confidence.value >= _SURE and rigid.confidence.against["left-out"] <= 0:
+    if rigid is not None and not rigid.confidence.value < _SURE and rigid.confidence.against["left-out"] <= 0:
         return rigid
     # a chain with single-marker segments is better if its cost is lower and it has more segments
     links = find_best_links(problem)
@@ -269,7 +269,7 @@ def segment_markers(
         on_segment = np.where(np.isfinite(rigid.residual), rigid.residual, np.inf)
         residual = np.hypot(on_segment, gaps[np.maximum(rigid.segment, 0)])
         cost = float(log_cost(residual[seen]).sum()) + SEGMENT_PRICE * (rigid.count - 1)
-        if len(links.state.centres) < rigid.count or links.cost >= cost - _BETTER:
+        if len(links.state.centres) < rigid.count or not links.cost < cost - _BETTER:
             return rigid
     if links is not None:
         explained = explained_share(links.segment, lateral, moving)

@@ -157,7 +157,7 @@ class PlatePlacement:
     @property
     def inclined(self) -> float | None:
         """Inclination of the surface from horizontal, rad; None if the file has no corners."""
-        return None if self.normal is None else float(np.arccos(min(1.0, self.normal[2])))
+        return None if self.normal is None else float(np.arccos(np.clip(self.normal[2], -1.0, 1.0)))
 
 
 def compare_with_feet(

@@ -166,7 +166,7 @@ class Averaged:
 
 @dataclass(frozen=True)
 class AngleAgreement:
-    """AngleAgreement of an angle with the same angle from another system, over the samples where both are known."""
+    """Agreement of an angle with the same angle from another system, over the samples where both are known."""
 
     r: float  # correlation; negative if the two angles have opposite signs
     offset: float  # mean difference, other system minus this program, rad

@@ -110,6 +110,7 @@ def read_c3d(path: Path, stream: BinaryIO, options: ReadingOptions) -> Recording
     if used > known:
         problem = f"FORCE_PLATFORM:USED declares {used} plates and TYPE {len(kinds)}; {known} were read"
         stored.append(_FilePlate(file, layout, metres, options.force_units, known + 1, 0, problem))
+        stored[-1].ok = np.zeros(len(counts), dtype=np.bool_)
     del counts  # large in a long recording
     up = _find_vertical(file, stored, positions, options.vertical, oddities)
     rotate_z_up(positions, up)
@@ -200,6 +201,7 @@ class _FilePlate:
 
     def read(self, counts: FloatArray) -> None:
         """Read the signals from the samples of the channels as stored; set ``problem`` if the plate cannot be used."""
+        self.ok = np.zeros(len(counts), dtype=np.bool_)
         try:
             columns = self._find_columns()
             corners = self._read_parameter("CORNERS", (3, 4)).T * self.metres

@@ -162,7 +162,11 @@ def leave_out_objects(naming: MarkerNames, positions: FloatArray) -> tuple[Marke
         for prefix, change in changes.items()
         if groups[prefix].sum() >= _BODY_MARKERS and (change > _BENT_M).sum() > _BENT_PAIRS * len(change)
     ]
-    objects = [p for p, change in changes.items() if bodies and p and p not in bodies and (change <= _RIGID_M).all()]
+    objects = [
+        prefix
+        for prefix, change in changes.items()
+        if bodies and prefix and prefix not in bodies and len(change) and (change <= _RIGID_M).all()
+    ]
     for number, prefix in enumerate(objects, start=1):
         labels = [naming.parts[i][1] for i in np.flatnonzero(groups[prefix])]
         names = ", ".join(labels[:4]) + (" …" if len(labels) > 4 else "")
@@ -235,6 +239,8 @@ def _measure_distance_changes(positions: FloatArray) -> FloatArray:
     first, second = np.triu_indices(positions.shape[1], 1)
     distance = np.linalg.norm(positions[:, first] - positions[:, second], axis=2)
     distance = distance[:, np.isfinite(distance).any(axis=0)]
+    if not distance.shape[1]:
+        return np.zeros(0)
     return np.asarray(np.ptp(np.nanquantile(distance, [0.12, 0.88], axis=0), axis=0))
 
 

@@ -301,6 +301,7 @@ def find_frame_poses(
                 weight = np.maximum(count * lasting + noise, np.finfo(np.float64).tiny)
                 means.append(np.where(count > 0, lasting * total / weight, np.nan))
             slips[gaps.missing, m] = gaps.bridge(*means)
+        del own
         kept = np.where(found.used[partly, :, None], points[partly], np.nan)
         near = Pose(*(each[partly] for each in found.track))
         # a segment that the markers do not determine would spin without any limit

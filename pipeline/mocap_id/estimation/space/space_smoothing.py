@@ -385,6 +385,7 @@ def _estimate_joint_covariances(
         carried[:, 3:6, :3], carried[:, 6:, :3], carried[:, 6:, 3:6] = velocity, acceleration, velocity
         parts[:, :3, :3], parts[:, 3:6, 3:6], parts[:, 6:, 6:] = still, rate, grows
         lasting = carried @ parts @ np.swapaxes(carried, 1, 2)
+        del turned, still, rate, grows, carried, parts  # large in a long recording
         covariance[:, k] = mapped @ white @ np.swapaxes(mapped, 1, 2) + lasting
         if chain.joints[k].kind == "ball":
             continue

@@ -201,7 +201,7 @@ def fit_anatomical_frames(
     markers = {name: marker for name, marker in named.markers.items() if SEGMENTS[name] in numbers}
     known = {*markers, *(str(name) for name in trial.pointers)}
     segment = {name: numbers[SEGMENTS[name]] for name in known if SEGMENTS[name] in numbers}
-    if "GH" in segment:
+    if segment.get("GH"):
         segment["GH"] = fit.chain.joints[segment["GH"] - 1].parent
     if not segment:
         out.fact(frames="own")
@@ -271,7 +271,7 @@ def fit_anatomical_frames(
     measured = {name: place.local for name, place in located[0].items()}
     for child, beside in _MIDDLES.items():
         positions = located[0]
-        if child in numbers and all(name in positions for name in beside):
+        if numbers.get(child) and all(name in positions for name in beside):  # the base has no joint
             middle = np.mean([positions[name].local for name in beside], axis=0)
             square = np.mean([positions[name].sd ** 2 for name in beside]) / 2
             sd = _GH_SD if beside == ("GH",) else float(np.sqrt(square))
@@ -374,7 +374,7 @@ def _fit_frames(
     for child, pair in pairs.items():
         parent = joints[where[child] - 1].parent
         frames = set_middle_covariance(frames, pair, fit.centre_among_markers(where[child], parent))
-    if option == 2 or not {"upper_arm", "forearm"} <= where.keys() or "upper_arm" not in frames.frames:
+    if option == 2 or "upper_arm" not in where or not where.get("forearm") or "upper_arm" not in frames.frames:
         return frames
     elbow = joints[where["forearm"] - 1]
     if elbow.kind == "ball" or not np.isfinite(elbow.axes_covariance[0]).all():

@@ -62,7 +62,8 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
     curls = find_curls(time, angles[_FLEXION], angles[f"sd_{_FLEXION}"], rules, measured)
     # the flexion axis of the elbow in the trial's axes (T, 3), towards the right of the arm: the fitted axis of a hinge
     # or two-axis joint, or the z axis of the upper arm if the elbow is a ball joint
-    elbow = skeleton.chain.joints[skeleton.segments.index("forearm") - 1] if "forearm" in skeleton.segments else None
+    forearm = skeleton.segments.index("forearm") if "forearm" in skeleton.segments else 0
+    elbow = skeleton.chain.joints[forearm - 1] if forearm else None  # a forearm that is the base has no elbow
     fixed = np.array([0.0, 0.0, 1.0])
     if elbow is not None and elbow.kind != "ball":
         fixed = elbow.first_axis * (1.0 if elbow.first_axis[2] >= 0 else -1.0)

@@ -150,7 +150,7 @@ def _identify(context: Context, chain: SpatialChain, trial: SpatialTrial) -> tup
     target = fit.target[:, [0, 2]] - fit.target[:, [0, 2]].mean(axis=0)
     rest = (fit.target - fit.design[..., : len(found.base)] @ found.base)[:, [0, 2]]
     share = 1.0 - float(np.var(rest, axis=0).sum() / max(float(np.sum(target**2) / len(target)), 1e-300))
-    if share < _EXPLAINED:
+    if not share >= _EXPLAINED:
         out.say(
             "wrench-unexplained",
             f"the motion of the chain explains {100 * max(share, 0.0):.0f} % of the variance of the horizontal force "

@@ -57,7 +57,8 @@ def read_trial_data(context: Context, chain: Skeleton) -> TrialData:
     if vertical_only:
         ground[:, 0] = 0.0
     external: dict[str, list[ExternalWrench]] = {"contact": [], "beyond": []}
-    for fact in wrench.facts.get("external") or ():
+    wrenches = wrench.facts.get("external") or ()
+    for fact in sorted(wrenches, key=lambda each: each.get("measures", "contact") == "beyond"):
         name = fact["name"]
         if name != SEAT:
             segment = _find_segment_number(chain.segments, fact.get("segment"), f"external: {name}: segment")

@@ -48,7 +48,8 @@ def planarise_in_space(context: Context) -> Outputs:
     else:
         source, side, inferred, notes = read_upright(context.trial, settings)
     part = select_part(source, context.trial.window or (float(source.time[0]), float(source.time[-1])), settings.ignore)
-    left = (side or find_landmarks(part.labels, get_landmark_labels(context.trial)).side) == "left"
+    named = None if context.trial.side else find_landmarks(part.labels, get_landmark_labels(context.trial)).side
+    left = (side or named) == "left"
     frame = PlaneFrame(0.0)
     points = express_trajectories(part, frame)
     if left:

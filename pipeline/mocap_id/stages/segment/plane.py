@@ -111,7 +111,7 @@ def segment(context: Context) -> Outputs:
     usual, joint_names = name_chain(trial.protocol, found.count, foot_turns=foot)
     names = usual if settings.names is None else check_names(settings.names, found.count)
     sure = found.confidence.value
-    doubt = describe_doubt(_find_gravest(found, joint_names)) if sure < UNSURE else ""
+    doubt = describe_doubt(_find_gravest(found, joint_names)) if not sure >= UNSURE else ""
     counted = settings.count is not None and settings.count_alone is None  # by the user, not by a study
     given = counted or settings.names is not None or settings.together or settings.apart
     if sure < _WRONG and not given:

@@ -77,7 +77,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="ukf-smooth",
-    version=22,
+    version=23,
     inputs=("planar.parquet", "segments.parquet", "chain.h5"),
     outputs=(
         *("states.parquet", "markers.parquet", "skin.h5", "encoder.parquet", "poses.parquet"),

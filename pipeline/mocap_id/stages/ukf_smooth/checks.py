@@ -159,12 +159,19 @@ def report_repeated_frames(out: Findings, repeated: BoolArray) -> None:
         )
 
 
-def report_residuals(out: Findings, spectrum: ResidualSpectrum, segments: Sequence[str]) -> None:
-    """Add cautions about filtered markers and about oscillating ones; ``segments`` are the names, base first."""
+def report_residuals(
+    out: Findings, spectrum: ResidualSpectrum, segments: Sequence[str], *, from_markers: bool = True
+) -> None:
+    """Add cautions about filtered markers and about oscillating ones; ``segments`` are the names, base first.
+
+    ``from_markers`` says whether the states come from the markers, not from an encoder.
+    """
     cut_off, oscillations = spectrum.cut_off, spectrum.oscillations
     if cut_off is not None and cut_off < _FILTERED_HZ:
         effect = "The intervals of the states include the remaining noise."
-        if cut_off < UNKNOWN_SD_HZ:
+        if not from_markers:
+            effect = "The states come from the encoder."
+        elif cut_off < UNKNOWN_SD_HZ:
             effect = (
                 "The filter also removed an unknown part of the movement, so intervals of the states are not given."
             )

@@ -182,7 +182,9 @@ def ukf_smooth(context: Context) -> Outputs:
     )
     if sensors.facts:
         out.fact(imus=sensors.facts)
-    if stretches and settings.method != "encoder":
+    if settings.method == "encoder":  # the markers do not enter the states
+        stretches = []
+    if stretches:
         out.fact(rejected=stretches)
     report_gaps(
         out, np.isnan(states.mean[:, :, 0]), view.time, skeleton.joint_names, quantity="angle", settings=settings
@@ -196,7 +198,7 @@ def ukf_smooth(context: Context) -> Outputs:
         )
     report_rejected(out, stretches, view.time)
     report_repeated_frames(out, repeated)
-    report_residuals(out, spectrum, skeleton.segments)
+    report_residuals(out, spectrum, skeleton.segments, from_markers=settings.method != "encoder")
     if bends:
         out.say(
             "trunk-bends",

@@ -106,7 +106,7 @@ def smooth_rotations(context: Context) -> Outputs:
         sigma_v=states.noise.snap.tolist(),
         reprojection_rms_m=float(np.sqrt(square[used].mean())) if used.any() else None,
         outlier_fraction=float(1 - used.sum() / there.sum()) if there.any() else None,
-        bridged_fraction=np.mean(~states.observed[:, 1:], axis=0).tolist(),
+        bridged_fraction=np.mean(~observed[:, 1:], axis=0).tolist(),
         method=settings.method,
         engine=settings.engine,
     )
