@@ -8,6 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray
+from mocap_id.kinematics.joint import invert_symmetric
 
 CircleMethod = Literal["kasa", "taubin", "pratt", "geometric"]
 CommonMethod = Literal["kasa", "taubin", "geometric"]
@@ -17,7 +18,6 @@ _CIRCLE_TOLERANCE = 1e-10  # relative to the distance of the centre from the tra
 _HALVINGS = 30
 _ROUNDING = 1e-12  # relative increase of the cost due to rounding
 _FAR = 1e5  # track lengths; a track with a farther centre is straight
-_FLAT = 1e-14  # determinant over squared trace; smaller for a line or a point
 
 
 @dataclass(frozen=True)
@@ -165,22 +165,13 @@ def _fit_geometric(tracks: _Tracks) -> ComplexArray:
     return centre
 
 
-def _invert(normal: FloatArray) -> FloatArray:
-    """Return inverses (G, 2, 2) of symmetric matrices; NaN if singular."""
-    xx, xy, yy = normal[:, 0, 0], normal[:, 0, 1], normal[:, 1, 1]
-    determinant = xx * yy - xy**2
-    regular = determinant > _FLAT * (xx + yy) ** 2
-    adjugate = np.stack([np.stack([yy, -xy], axis=1), np.stack([-xy, xx], axis=1)], axis=1)
-    return np.asarray(adjugate / np.where(regular, determinant, np.nan)[:, None, None])
-
-
 def _solve(normal: FloatArray, pull: FloatArray) -> ComplexArray:
     """Return the solutions (G,) of normal equations as complex numbers."""
-    solution = np.einsum("gij,gj->gi", _invert(normal), pull)
+    solution = np.einsum("gij,gj->gi", invert_symmetric(normal), pull)
     return np.asarray(solution[:, 0] + 1j * solution[:, 1])
 
 
 def _divide_coefficients(above: ComplexArray, below: FloatArray, moments: FloatArray) -> ComplexArray:
     """Return the centres (G,) from circle coefficients; NaN if the moments (G, 2, 2) belong to a line or a point."""
-    known = np.isfinite(_invert(moments)[:, 0, 0]) & (below != 0)
+    known = np.isfinite(invert_symmetric(moments)[:, 0, 0]) & (below != 0)
     return np.where(known, above / np.where(known, below, 1), np.nan + 0j)

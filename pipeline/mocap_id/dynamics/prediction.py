@@ -76,8 +76,8 @@ class PredictionNoise:
 def predict(prepared: PreparedTrial, result: Identification, noise: PredictionNoise, threshold: float) -> Prediction:
     """Predict wrench, centre of pressure (NaN where Fy is at most ``threshold``, N) and joint torques at every sample.
 
-    If Fy and tauz were fitted, the base parameters determine all of them. Otherwise, those that they do not determine
-    are NaN and listed in ``undetermined``.
+    If Fy and tauz were fitted, the base parameters determine all these series. Otherwise, the series without a
+    determined value are NaN, and ``undetermined`` lists them.
     """
     base, own = result.base, result.residual_covariance
     full_torque = torque_regressor(prepared.motion, prepared.regressor)

@@ -386,7 +386,7 @@ def prepare(recorded: TrialData, settings: FitSettings, prior: BodyPrior | None 
         base = regroup_columns(selected.reshape(-1, columns))
     else:
         base = BaseSet(np.arange(columns), np.eye(columns))
-    # sums of the wrenches that follow the clock of the plates, and of those that follow the clock of the cameras
+    # two sums of wrenches: one has the clock of the plates, the other the clock of the cameras
     nothing = np.zeros_like(recorded.wrench)
     plates = recorded.wrench + sum((each.wrench for each in recorded.external if each.by_plates), nothing)
     sensors = sum((each.wrench for each in recorded.external if not each.by_plates), nothing)

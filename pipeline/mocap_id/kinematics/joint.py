@@ -135,7 +135,7 @@ def fit_circles(points: ComplexArray) -> ComplexArray:
     design = np.stack([square, _subtract_means(z.real, seen), _subtract_means(z.imag, seen)], axis=2)
     moments = np.einsum("fmi,fmj->mij", design, design)
     smallest = np.linalg.eigh(moments)[1][..., 0]
-    known = np.isfinite(_invert(moments[:, 1:, 1:])[:, 0, 0]) & (smallest[:, 0] != 0)
+    known = np.isfinite(invert_symmetric(moments[:, 1:, 1:])[:, 0, 0]) & (smallest[:, 0] != 0)
     above, below = -(smallest[:, 1] + 1j * smallest[:, 2]), smallest[:, 0]
     centre = np.where(known, above / np.where(known, below, 1), np.nan + 0j)
     return np.asarray(origin + scale * np.where(np.abs(centre) <= _FAR, centre, np.nan))  # false for NaN
@@ -153,7 +153,7 @@ def fit_common_centre(points: ComplexArray) -> complex:
     target = _subtract_means(np.abs(z) ** 2, seen)
     pull = np.einsum("fmi,fm->mi", design, target).sum(axis=0, keepdims=True)
     normal = np.einsum("fmi,fmj->mij", design, design).sum(axis=0, keepdims=True)
-    solution = np.einsum("gij,gj->gi", _invert(normal), pull)
+    solution = np.einsum("gij,gj->gi", invert_symmetric(normal), pull)
     centre = solution[:, 0] + 1j * solution[:, 1]
     return complex((origin + scale * np.where(np.abs(centre) <= _FAR, centre, np.nan))[0])
 
@@ -181,7 +181,7 @@ def _subtract_means(values: FloatArray, seen: BoolArray) -> FloatArray:
     return np.asarray((values - mean) * seen)
 
 
-def _invert(normal: FloatArray) -> FloatArray:
+def invert_symmetric(normal: FloatArray) -> FloatArray:
     """Return inverses (G, 2, 2) of symmetric matrices; NaN if singular."""
     xx, xy, yy = normal[:, 0, 0], normal[:, 0, 1], normal[:, 1, 1]
     determinant = xx * yy - xy**2

@@ -325,7 +325,7 @@ def _list_reasons(
     bodies: Sequence[BodyErrors],
 ) -> Iterator[Reason]:
     """Yield reasons against the use of the transferred body."""
-    # Those that do not use the target's forces.
+    # These reasons do not use the target's forces.
     if support is not None:
         worse = {name: ratio for name, ratio in support.at_home.items() if ratio > 1.0}
         if worse:
