@@ -22,9 +22,8 @@ from kinematic_sweep import ROWS as KINEMATIC
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics import identification
-from mocap_id.dynamics.base_parameters import structural_base
 from mocap_id.dynamics.consistency import fit_consistent
-from mocap_id.dynamics.regressor import planar_regressor
+from mocap_id.dynamics.regressor import planar_regressor, structural_base
 from mocap_id.geometry import planar
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE

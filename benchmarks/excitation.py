@@ -16,15 +16,14 @@ from dynamic_sweep import find_last_frame_turn, regroup_truth
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config import load
-from mocap_id.design.predicted_covariance import Trajectory
-from mocap_id.design.proposal import Proposal
+from mocap_id.design.proposal import Proposal, Trajectory
 from mocap_id.dynamics.cautions import classify
 from mocap_id.errors import MocapIdError
 from mocap_id.runner import run_to
 from mocap_id.workflows.advice import AdviceOptions, advise_movement
 from mocap_id_simulation import JointMotion, Options, motion_through, simulate
-from mocap_id_simulation.motion import smoothstep
 from mocap_id_simulation.options import draw_subject
+from mocap_id_simulation.sit_to_stand import smoothstep
 
 KINDS, MOVEMENTS = ("robot", "stand", "rise"), ("designed", "simple")
 NOISY: Mapping[str, tuple[float, float]] = {"robot": (0.002, 4.0)}  # m, and times the plate's usual noise

@@ -24,7 +24,7 @@ from mocap_id.errors import MocapIdError
 from mocap_id.reporting.numbers import show
 from mocap_id.workflows.study import run_study
 from mocap_id_simulation import ArmOptions, ReachCohort, generate_arm, simulate_reach_cohort, write_arm
-from mocap_id_simulation.arm_sensors import film_skeleton
+from mocap_id_simulation.arm_files import film_skeleton
 from mocap_id_simulation.options import Preset
 
 SEVERITIES = (0.0, 0.2, 0.4, 0.6, 0.8)

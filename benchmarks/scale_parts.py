@@ -23,9 +23,9 @@ from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.recording.writer import write_c3d
 from mocap_id_simulation.bodies import PLATE, Link, MarkerSet, SimulatedBody, add_plate_markers
 from mocap_id_simulation.instruments import draw_plate
-from mocap_id_simulation.motion import motion_through, smoothstep
 from mocap_id_simulation.options import Options
 from mocap_id_simulation.scene import Scene, Streams, draw_scene, measure_scene, random_streams
+from mocap_id_simulation.sit_to_stand import motion_through, smoothstep
 
 SEED = 930_000
 REPETITIONS = 4  # half a minute of sit-to-stands

@@ -17,9 +17,9 @@ from mocap_id.workflows.advice import AdviceOptions, advise_movement
 from mocap_id_simulation.bodies import Link, SimulatedBody, add_plate_markers
 from mocap_id_simulation.forces import TrueState
 from mocap_id_simulation.instruments import draw_plate
-from mocap_id_simulation.motion import motion_through, smoothstep
 from mocap_id_simulation.options import Options
 from mocap_id_simulation.scene import Scene, SimulatedTrial, Streams, measure_scene, random_streams
+from mocap_id_simulation.sit_to_stand import motion_through, smoothstep
 from mocap_id_simulation.trial_files import c3d_bytes, write_trial
 
 KNOWN = ("plate, without a handle", "plate", "plate and handle", "plate, handle and elbow")

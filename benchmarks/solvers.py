@@ -34,9 +34,19 @@ from scipy import sparse
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.dynamics import consistency, identification
-from mocap_id.dynamics.base_parameters import CompressedProblem, structural_base
-from mocap_id.dynamics.cone_solver import ConeBodies, SolverAnswer, check_optimality, solve_links
-from mocap_id.dynamics.consistency import GridBodies, PointGrid, build_grid, run_osqp, solve_nnls, solve_osqp
+from mocap_id.dynamics.consistency import (
+    ConeBodies,
+    GridBodies,
+    PointGrid,
+    SolverAnswer,
+    build_grid,
+    check_optimality,
+    run_osqp,
+    solve_links,
+    solve_nnls,
+    solve_osqp,
+)
+from mocap_id.dynamics.regressor import CompressedProblem, structural_base
 from mocap_id.runner import run
 from mocap_id_simulation import Options, simulate
 

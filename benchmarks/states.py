@@ -31,8 +31,7 @@ from scipy.optimize import minimize_scalar
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation import FilterSettings, filter_problem, smooth
 from mocap_id.estimation.filter_problem import FilterProblem
-from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
-from mocap_id.estimation.noise import estimate_marker_noise
+from mocap_id.estimation.noise import MarkerChain, estimate_marker_noise, find_frame_angles
 from mocap_id.kinematics import fit_chain, frames_along_motion, orient_frames
 from mocap_id_simulation import Options, generate
 

@@ -13,7 +13,7 @@ from mocap_id.stages.base import Context
 from mocap_id.stages.report import ReportSettings
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.store import Artefact, LongTable, Table, Tree
-from mocap_id.store.schemas import (
+from mocap_id.store.provenance import (
     ANGLES,
     CHAIN,
     DYNAMICS_TABLE,

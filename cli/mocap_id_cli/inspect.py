@@ -11,7 +11,7 @@ from rich.table import Table
 from typer import Argument, Option
 
 from mocap_id.recording.c3d_package import compare_with_package
-from mocap_id.workflows.recording_summary import describe_recording, read_content
+from mocap_id.workflows.recording_trial import describe_recording, read_content
 from mocap_id_cli.console import AsJson, print_json
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typer.testing import CliRunner
 
 from mocap_id.store import Column, TableSchema, TreeSchema
-from mocap_id.store.schemas import SCHEMAS
+from mocap_id.store.provenance import SCHEMAS
 from mocap_id.workflows.batch import BATCH
 from mocap_id.workflows.study import curls as curl_study
 from mocap_id.workflows.study import reach as reach_study

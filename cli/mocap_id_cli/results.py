@@ -47,16 +47,16 @@ def compare(
     """
     if out is not None:
         workflows.run_folder.check_ending(out, ".csv")
-    comparison = workflows.compare.compare_runs(a, b, output.report_stage)
+    comparison = workflows.regress.compare_runs(a, b, output.report_stage)
     rows = comparison.rows if everything else comparison.changed
     if out is not None:
-        content = workflows.compare.format_rows(rows)
+        content = workflows.regress.format_rows(rows)
         workflows.run_folder.write_owned(out.parent, {out.name: content}, out.name, a, b)
     output.print_result(comparison.as_json(rows), _describe_comparison(comparison, rows))
 
 
 def _describe_comparison(
-    comparison: workflows.compare.RunComparison, rows: tuple[workflows.compare.Difference, ...]
+    comparison: workflows.regress.RunComparison, rows: tuple[workflows.regress.Difference, ...]
 ) -> Iterator[str]:
     for letter, run in (("A", comparison.a), ("B", comparison.b)):
         yield f"{letter}: {run.name} ({run.source})"
@@ -161,14 +161,14 @@ def payload(
     be moved between the trials. If a trial is given as a YAML file, missing or outdated results are computed first; a
     run folder is read unchanged.
     """
-    found = workflows.payload.find_payload(loaded, empty, segment, output.report_stage)
+    found = workflows.parallel.find_payload(loaded, empty, segment, output.report_stage)
     output.print_result(found.as_json(), _describe_payload(found))
 
 
-def _describe_payload(found: workflows.payload.FoundPayload) -> Iterator[str]:
+def _describe_payload(found: workflows.parallel.FoundPayload) -> Iterator[str]:
     yield f"payload of {found.segment}: {found.loaded} minus {found.empty}; value ± standard deviation"
     yield "values are in the frame of the segment; moments of inertia are about its origin (the joint)"
-    names, units = workflows.payload.PARAMETERS, workflows.payload.UNITS
+    names, units = workflows.parallel.PARAMETERS, workflows.parallel.UNITS
     rows = zip(names, found.payload.value, found.payload.sd, units, strict=True)
     yield from align([[name, _format_with_sd(value, sd), unit] for name, value, sd, unit in rows])
     place, sd = found.payload.centre()

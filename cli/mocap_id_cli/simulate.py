@@ -30,8 +30,7 @@ from mocap_id_simulation.options import (
     read_faults,
     read_people,
 )
-from mocap_id_simulation.robot_set import RobotSet, simulate_robot_set
-from mocap_id_simulation.space_robot import SpaceRobotOptions, simulate_space_robot
+from mocap_id_simulation.space_robot import RobotSet, SpaceRobotOptions, simulate_robot_set, simulate_space_robot
 from mocap_id_simulation.studies import (
     Cohort,
     CurlStudy,

@@ -15,7 +15,7 @@ from typer import Option
 from mocap_id.config import build_schema, load
 from mocap_id.config.parsing import build_json_schema
 from mocap_id.config.study import build_study_schema
-from mocap_id.runner import make_rules
+from mocap_id.runner.dependencies import make_rules
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Settings
 from mocap_id.stages.device import DeviceFile

@@ -13,7 +13,7 @@ from typer import Argument, Option
 
 from mocap_id_cli.console import Jobs, Output, common_options, make_group, shorten
 from mocap_id_simulation import RobotSet
-from mocap_id_simulation.robot_set import reuse_robot_set
+from mocap_id_simulation.space_robot import reuse_robot_set
 
 if TYPE_CHECKING:
     from mocap_id.workflows.study.robots import RobotStudyResult

@@ -13,15 +13,24 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.anatomy.skin_motion import draw_skin_motion
+from mocap_id.anatomy.frames import draw_skin_motion
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.priors import look_up_arm
 from mocap_id.geometry import so3
-from mocap_id.stages.curl_keys import Body
 from mocap_id.stages.device import Condition, DeviceFile
+from mocap_id.stages.trial_keys import Body
 from mocap_id_simulation.bodies import GRAVITY
 from mocap_id_simulation.chains import SimulatedSpaceTrial, film_markers, transform_points
-from mocap_id_simulation.motion import (
+from mocap_id_simulation.options import (
+    PRESETS,
+    ArmOptions,
+    Difficulty,
+    Movement,
+    Preset,
+    SimulatedSubject,
+    draw_subject,
+)
+from mocap_id_simulation.sit_to_stand import (
     STEP,
     AxisRotation,
     JointMotion,
@@ -35,15 +44,6 @@ from mocap_id_simulation.motion import (
     motion_through,
     ramp_up,
     smoothstep,
-)
-from mocap_id_simulation.options import (
-    PRESETS,
-    ArmOptions,
-    Difficulty,
-    Movement,
-    Preset,
-    SimulatedSubject,
-    draw_subject,
 )
 
 SEGMENTS = ("thorax", "upper_arm", "forearm", "hand")

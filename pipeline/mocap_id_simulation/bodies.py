@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.anatomy.skin_motion import draw_skin_motion
+from mocap_id.anatomy.frames import draw_skin_motion
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry import spatial_inertia
 from mocap_id_simulation.options import JointName, MarkerSetName, SimulatedSubject, Speed

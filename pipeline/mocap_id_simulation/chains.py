@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.anatomy.skin_motion import draw_skin_motion
+from mocap_id.anatomy.frames import draw_skin_motion
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry import so3
-from mocap_id_simulation.cameras import MarkerEpisode, draw_occlusions, find_visible, measure_positions
-from mocap_id_simulation.motion import (
+from mocap_id_simulation.instruments import MarkerEpisode, draw_occlusions, find_visible, measure_positions
+from mocap_id_simulation.options import PRESETS, ChainOptions, Difficulty, Preset
+from mocap_id_simulation.sit_to_stand import (
     STEP,
     Attitude,
     AxisRotation,
@@ -22,7 +23,6 @@ from mocap_id_simulation.motion import (
     motion_through,
     ramp_up,
 )
-from mocap_id_simulation.options import PRESETS, ChainOptions, Difficulty, Preset
 
 _OCCLUSIONS = 0.4 / 24  # times the usual number of bursts, for one marker
 

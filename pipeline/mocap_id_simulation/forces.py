@@ -16,9 +16,17 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry import Chain, Revolute, inverse_dynamics, link_motion, planar, se3, spatial_inertia
 from mocap_id_simulation.bodies import GRAVITY, Link, MarkerSet, SimulatedBody
-from mocap_id_simulation.motion import JointMotion, motion_through, smoothstep
 from mocap_id_simulation.options import PersonOptions
-from mocap_id_simulation.sit_to_stand import Chair, Plan, Rail, Schedule, balance_lean
+from mocap_id_simulation.sit_to_stand import (
+    Chair,
+    JointMotion,
+    Plan,
+    Rail,
+    Schedule,
+    balance_lean,
+    motion_through,
+    smoothstep,
+)
 
 UP = np.array([0.0, GRAVITY, 0.0, 0.0, 0.0, 0.0])
 THIGH = 2  # the link that the chair pushes on

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from mocap_id.anatomy.skin_motion import draw_centred_skin_motion
+from mocap_id.anatomy.frames import draw_centred_skin_motion
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import PlaneFrame, planar
@@ -27,18 +27,6 @@ from mocap_id_simulation.bodies import (
     place_body_markers,
     ur5_body,
 )
-from mocap_id_simulation.cameras import (
-    Displacement,
-    MarkerEpisode,
-    add_camera_faults,
-    add_plate_faults,
-    draw_displacement,
-    draw_jumps,
-    draw_occlusions,
-    draw_skin_faults,
-    find_visible,
-    measure_positions,
-)
 from mocap_id_simulation.forces import (
     DividedPerson,
     TrueState,
@@ -48,10 +36,23 @@ from mocap_id_simulation.forces import (
     divide_body,
     draw_additional_motion,
 )
-from mocap_id_simulation.instruments import SimulatedPlate, draw_plate, measure_load
-from mocap_id_simulation.motion import JointMotion, Swing
+from mocap_id_simulation.instruments import (
+    Displacement,
+    MarkerEpisode,
+    SimulatedPlate,
+    add_camera_faults,
+    add_plate_faults,
+    draw_displacement,
+    draw_jumps,
+    draw_occlusions,
+    draw_plate,
+    draw_skin_faults,
+    find_visible,
+    measure_load,
+    measure_positions,
+)
 from mocap_id_simulation.options import Kind, Options, SimulatedSubject
-from mocap_id_simulation.sit_to_stand import Chair, Rail, Schedule, balance_lean, draw_plan
+from mocap_id_simulation.sit_to_stand import Chair, JointMotion, Rail, Schedule, Swing, balance_lean, draw_plan
 
 _STREAMS = (
     *("body", "motion", "place", "markers", "skin", "occlusion", "cameras", "plate", "channels", "encoder", "jumps"),

@@ -25,8 +25,7 @@ import numpy as np
 from mocap_id.errors import ConfigError
 from mocap_id.store.atomic import replace_together, write_files
 from mocap_id_simulation.arm import body_keys, carried_loads, device_yaml, generate_arm
-from mocap_id_simulation.arm_files import arm_document, spatial_arrays
-from mocap_id_simulation.arm_sensors import film_skeleton
+from mocap_id_simulation.arm_files import arm_document, film_skeleton, spatial_arrays
 from mocap_id_simulation.bodies import draw_person
 from mocap_id_simulation.chains import SimulatedSpaceTrial
 from mocap_id_simulation.options import (

@@ -31,9 +31,9 @@ from mocap_id_simulation.instruments import (
     measure_encoder,
     simulate_plane_sensors,
 )
-from mocap_id_simulation.motion import JointMotion
 from mocap_id_simulation.options import Kind, Options
 from mocap_id_simulation.scene import Scene, SimulatedTrial, generate, random_streams
+from mocap_id_simulation.sit_to_stand import JointMotion
 
 
 def simulate(kind: Kind, folder: Path, options: Options, given: JointMotion | None = None) -> Path:

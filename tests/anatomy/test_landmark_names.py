@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mocap_id.anatomy.names import MIDDLE, SIDED, find_landmarks
+from mocap_id.anatomy.landmarks import MIDDLE, SIDED, find_landmarks
 from mocap_id.errors import RecordingError
 
 CORE = {"IJ", "PX", "C7", "T8", "AC", "EL", "EM", "RS", "US"}

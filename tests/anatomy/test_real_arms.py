@@ -20,14 +20,15 @@ from mocap_id.anatomy.frames import (
     mirror_points,
 )
 from mocap_id.anatomy.landmarks import (
+    SEGMENTS,
     Pointer,
     calibrate_pointer,
+    find_landmarks,
     find_pointer_markers,
     find_still_pose,
     locate_landmarks,
     locate_pointed_landmark,
 )
-from mocap_id.anatomy.names import SEGMENTS, find_landmarks
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.recording import read

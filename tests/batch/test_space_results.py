@@ -13,9 +13,8 @@ from mocap_id.reporting.summary import encode_summary, summarise
 from mocap_id.stages.report.function import report_data
 from mocap_id.store.views import Skeleton
 from mocap_id.workflows.batch import BatchTrial, make_row
-from mocap_id.workflows.compare import compare_results, compare_tables
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.regress import list_expected
+from mocap_id.workflows.regress import compare_results, compare_tables, list_expected
 from mocap_id.workflows.run_folder import RunFolder
 from spatial_trial import SpatialTrial, context
 

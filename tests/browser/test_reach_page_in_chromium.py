@@ -14,7 +14,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
 
-from mocap_id.stages.identify_dim.reaches import find_reach_events
+from mocap_id.stages.identify_dim.events import find_reach_events
 from mocap_id.stages.report import STAGE
 from mocap_id.store import Document
 from spatial_trial import SpatialTrial, context

@@ -13,12 +13,12 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from mocap_id.config.robot_study import load_robot_study
+from mocap_id.config.study import load_robot_study
 from mocap_id.errors import ConfigError
 from mocap_id.workflows.figures import write_figures
 from mocap_id.workflows.study.robots import TABLES, RobotStudyResult, read_published, validate_robot
 from mocap_id_simulation import Options, RobotSet, simulate_robot_set
-from mocap_id_simulation.robot_set import reuse_robot_set, robot_set_trials
+from mocap_id_simulation.space_robot import reuse_robot_set, robot_set_trials
 
 OPTIONS = Options(seed=31, repetitions=3, rate=120.0, analog_rate=600.0)
 TWO = RobotSet(1, ("elbow", "wrist"), ("fast",), (45.0,), OPTIONS)

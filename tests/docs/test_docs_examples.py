@@ -16,8 +16,7 @@ from typer.main import get_command
 
 from mocap_id.config import build_trial_model, load
 from mocap_id.config.device import load_device
-from mocap_id.config.robot_study import load_robot_study
-from mocap_id.config.study import load_study
+from mocap_id.config.study import load_robot_study, load_study
 from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGE_HELP
 from mocap_id.workflows import parallel as backends

@@ -9,7 +9,7 @@ import pytest
 from pages_of_docs import PAGES, ROOT, Block, blocks, name
 
 from mocap_id.store import Folder, Origin, Table
-from mocap_id.store.schemas import STATES
+from mocap_id.store.provenance import STATES
 
 ELSEWHERE = {
     "docs/sit-to-stand.md": "tests/pipeline/test_docs_sit_to_stand.py",

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from dynamics_cases import BODY, CENTRES
 
-from mocap_id.dynamics.base_parameters import CompressedProblem, structural_base
 from mocap_id.dynamics.consistency import build_grid
+from mocap_id.dynamics.regressor import CompressedProblem, structural_base
 
 SEGMENT = np.repeat([0, 1, 2, 3], 4)
 LOCAL = np.array(

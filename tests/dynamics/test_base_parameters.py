@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 from dynamics_cases import BODY, CENTRES, random_chain, waves
 
-from mocap_id.dynamics.base_parameters import (
+from mocap_id.dynamics.regressor import (
     BaseSet,
     base_names,
     determines_rows,
     list_base_units,
     name_parameters,
+    planar_regressor,
+    planar_torque_regressor,
     regroup_columns,
     structural_base,
 )
-from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
 
 EQUATION_6_1 = (
     "m1+m2+m3+m4",

@@ -7,7 +7,6 @@ import pytest
 from dynamics_cases import BODY, CENTRES, random_chain
 from pose_cases import BODIES, CENTROID, INFORMATION, SHOULDER, moving, poses_of, slow
 
-from mocap_id.dynamics.base_parameters import structural_base
 from mocap_id.dynamics.measured_motion import (
     BodyPoses,
     map_to_chain,
@@ -17,7 +16,7 @@ from mocap_id.dynamics.measured_motion import (
     propagate_to_base,
 )
 from mocap_id.dynamics.priors import average_transform, compute_reference_sd
-from mocap_id.dynamics.regressor import move_chain
+from mocap_id.dynamics.regressor import move_chain, structural_base
 from mocap_id.geometry import planar
 
 TIME = np.arange(600) / 100

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from dynamics_cases import BODY, CENTRES, random_chain
 
-from mocap_id.dynamics.base_parameters import regroup_columns
-from mocap_id.dynamics.regressor import composite_inertia, planar_regressor, planar_torque_regressor
+from mocap_id.dynamics.regressor import composite_inertia, planar_regressor, planar_torque_regressor, regroup_columns
 from mocap_id.geometry import planar
 
 

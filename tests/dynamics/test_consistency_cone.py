@@ -7,7 +7,7 @@ import pytest
 from dynamics_cases import BODY
 from grid_cases import GRID, B, M, impossible, problem
 
-from mocap_id.dynamics.cone_solver import ConeBodies, find_closest_links, solve_links
+from mocap_id.dynamics.consistency import ConeBodies, find_closest_links, solve_links
 from mocap_id.dynamics.priors import compute_reference_sd
 
 ANYWHERE = ConeBodies(np.eye(16))

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from dynamics_cases import BODY, CENTRES, moving_body
 
-from mocap_id.dynamics.base_parameters import CompressedProblem
 from mocap_id.dynamics.consistency import build_grid, fit_consistent, fit_quickly
 from mocap_id.dynamics.fit import Fit, fit, number_parts
 from mocap_id.dynamics.identification import LeftOutPrediction, identify, predict_left_out
 from mocap_id.dynamics.instrument_errors import KinematicError
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
-from mocap_id.dynamics.regressor import planar_regressor
+from mocap_id.dynamics.regressor import CompressedProblem, planar_regressor
 
 GRID = build_grid(
     CENTRES, np.repeat([0, 1, 2, 3], 2), np.array([[-0.25, 0.0], [0.08, 0.1], *3 * [[-0.12, 0.1], [0.12, 0.85]]])

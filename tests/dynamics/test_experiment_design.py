@@ -16,21 +16,19 @@ from mocap_id.design.experiment import (
     hold_posture,
     static_centre_of_pressure,
 )
-from mocap_id.design.predicted_covariance import (
-    CovariancePredictor,
-    IdentifiedBody,
-    Trajectory,
-    concatenate,
-    fit_trajectory,
-    get_recorded_trajectory,
-)
 from mocap_id.design.proposal import (
     OBJECTIVES,
+    CovariancePredictor,
+    IdentifiedBody,
     MovementLimits,
+    Trajectory,
     change_movement,
     compute_objective,
+    concatenate,
     derive_limits,
     find_resting_posture,
+    fit_trajectory,
+    get_recorded_trajectory,
 )
 from mocap_id.dynamics.instrument_errors import KinematicError
 from mocap_id.dynamics.preparation import TrialData

@@ -9,6 +9,7 @@ import pytest
 from dynamics_cases import BODY, CENTRES, independent, moving_body, waves
 
 from mocap_id.dynamics.built_in_sensors import fit_sensor
+from mocap_id.dynamics.cautions import estimate_gains
 from mocap_id.dynamics.consistency import build_grid
 from mocap_id.dynamics.fit import fit
 from mocap_id.dynamics.identification import Identification, identify
@@ -16,7 +17,6 @@ from mocap_id.dynamics.instrument_errors import KinematicError
 from mocap_id.dynamics.prediction import estimate_chain_noise, predict
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
 from mocap_id.dynamics.regressor import SEAT, ExternalWrench, planar_regressor, planar_torque_regressor
-from mocap_id.dynamics.scale_check import estimate_gains
 from mocap_id.geometry import planar
 
 MASS = float(BODY[:, 0].sum())

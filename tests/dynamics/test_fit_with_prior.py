@@ -10,13 +10,19 @@ from dynamics_cases import BODY, CENTRES
 from pose_cases import BODIES, CENTROID, INFORMATION, moving, poses_of, recorded_of, slow
 from scipy.linalg import block_diag
 
-from mocap_id.dynamics.base_parameters import CompressedProblem, estimate_covariance, number_blocks, structural_base
 from mocap_id.dynamics.fit import REFERENCE, Fit, determines_parameters, fit, number_parts
 from mocap_id.dynamics.identification import predict_left_out
 from mocap_id.dynamics.measured_motion import BodyPoses, map_to_chain
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare, profile_offset
 from mocap_id.dynamics.priors import BodyPrior, build_table_prior
-from mocap_id.dynamics.regressor import move_chain, wrench_regressor
+from mocap_id.dynamics.regressor import (
+    CompressedProblem,
+    estimate_covariance,
+    move_chain,
+    number_blocks,
+    structural_base,
+    wrench_regressor,
+)
 from mocap_id.geometry import planar
 
 TIME = np.arange(3000) / 100

@@ -11,16 +11,14 @@ import pytest
 from dynamics_cases import BODY, CENTRES, independent, moving_body
 
 from mocap_id.design.proposal import describe_recommendations, recommend_if_doubtful
-from mocap_id.dynamics.base_parameters import base_names
 from mocap_id.dynamics.cautions import find_cautions, measure_excitation
-from mocap_id.dynamics.cone_solver import Optimality
-from mocap_id.dynamics.consistency import build_grid
+from mocap_id.dynamics.consistency import Optimality, build_grid
 from mocap_id.dynamics.fit import determines_parameters, fit, select_samples
 from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.instrument_errors import KinematicError
 from mocap_id.dynamics.prediction import agreement, centre_of_pressure, estimate_chain_noise, predict
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, measure_arcs, prepare
-from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
+from mocap_id.dynamics.regressor import base_names, planar_regressor, planar_torque_regressor
 from mocap_id.verdict import Reason
 
 GRID = build_grid(

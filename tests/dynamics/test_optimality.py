@@ -7,8 +7,7 @@ import pytest
 from dynamics_cases import BODY
 from grid_cases import GRID, B, M, impossible, problem
 
-from mocap_id.dynamics.cone_solver import BodyCone, ConeBodies, check_optimality, solve_links
-from mocap_id.dynamics.consistency import GridBodies, solve_nnls
+from mocap_id.dynamics.consistency import BodyCone, ConeBodies, GridBodies, check_optimality, solve_links, solve_nnls
 
 CONE, BOUNDED = ConeBodies(M), ConeBodies(M, GRID.boxes())
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from dynamics_cases import BODY, CENTRES, waves
 
-from mocap_id.dynamics.base_parameters import structural_base
 from mocap_id.dynamics.consistency import PointGrid
-from mocap_id.dynamics.parameter_transfer import BodyFrames, Registration, register_bodies, transfer_parameters
-from mocap_id.dynamics.regressor import planar_regressor
+from mocap_id.dynamics.prediction import BodyFrames, Registration, register_bodies, transfer_parameters
+from mocap_id.dynamics.regressor import planar_regressor, structural_base
 from mocap_id.geometry import planar
 
 NAMES = ("foot", "shank", "thigh", "torso")

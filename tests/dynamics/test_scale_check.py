@@ -10,6 +10,7 @@ import pytest
 from dynamics_cases import BODY, CENTRES, moving_body
 
 from mocap_id.config import load
+from mocap_id.dynamics.cautions import check_scales, find_body_ratios
 from mocap_id.dynamics.consistency import build_grid
 from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.identification import Identification, identify
@@ -21,7 +22,6 @@ from mocap_id.dynamics.instrument_errors import (
     propagate_calibration,
 )
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
-from mocap_id.dynamics.scale_check import check_scales, find_body_ratios
 from mocap_id.runner import run_stage
 from mocap_id.store import Folder
 from mocap_id_simulation import Options, simulate

@@ -11,9 +11,18 @@ import pytest
 from grid_cases import GRID, NO_REFERENCE, B, M, impossible, problem
 
 from mocap_id.dynamics import consistency as consistency_module
-from mocap_id.dynamics.base_parameters import CompressedProblem
-from mocap_id.dynamics.cone_solver import ConeBodies, Optimality, SolverAnswer, solve_links
-from mocap_id.dynamics.consistency import PointGrid, build_grid, fit_consistent, solve_nnls, solve_osqp
+from mocap_id.dynamics.consistency import (
+    ConeBodies,
+    Optimality,
+    PointGrid,
+    SolverAnswer,
+    build_grid,
+    fit_consistent,
+    solve_links,
+    solve_nnls,
+    solve_osqp,
+)
+from mocap_id.dynamics.regressor import CompressedProblem
 from mocap_id.errors import NumericalError
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"

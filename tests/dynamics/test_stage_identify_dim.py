@@ -20,7 +20,7 @@ from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE, IdentifyDimSettings
 from mocap_id.stages.trial_keys import Files, Subject, TrialKeys
 from mocap_id.store import Table, Tree, hdf5, parquet
-from mocap_id.store.schemas import CHAIN, POSES, STATES, WRENCH
+from mocap_id.store.provenance import CHAIN, POSES, STATES, WRENCH
 
 MASS = float(BODY[:, 0].sum())
 PLATE_FACTS = ("mass_range_kg", "registration", "unusable", "horizontal_measured")

@@ -13,12 +13,11 @@ from dynamics_cases import CENTRES
 from pose_cases import BODIES, HIP, hip_gap, moving, recorded_of
 from test_stage_identify_dim import LOCAL, SEGMENT, codes, context
 
-from mocap_id.dynamics.base_parameters import structural_base
 from mocap_id.dynamics.identification import Cutoffs, LeftOutPrediction
 from mocap_id.dynamics.measured_motion import USUAL
 from mocap_id.dynamics.preparation import TrialData
 from mocap_id.dynamics.priors import average_transform
-from mocap_id.dynamics.regressor import PlanarMotion, torque_regressor, wrench_regressor
+from mocap_id.dynamics.regressor import PlanarMotion, structural_base, torque_regressor, wrench_regressor
 from mocap_id.geometry import planar
 from mocap_id.stages.base import Context, Findings
 from mocap_id.stages.identify_dim import STAGE
@@ -31,7 +30,7 @@ from mocap_id.stages.identify_dim.segment_fit import (
 )
 from mocap_id.stages.trial_keys import Subject
 from mocap_id.store import Table, Tree, hdf5, parquet
-from mocap_id.store.schemas import CHAIN, POSES
+from mocap_id.store.provenance import CHAIN, POSES
 from mocap_id.verdict import Reason
 
 RATE = 50

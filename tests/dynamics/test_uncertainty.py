@@ -9,14 +9,13 @@ import pytest
 from dynamics_cases import BODY, CENTRES, independent, moving_body, waves
 from scipy.signal import butter, lfilter, sosfiltfilt
 
-from mocap_id.dynamics.base_parameters import estimate_covariance, number_blocks, structural_base, variance
 from mocap_id.dynamics.consistency import build_grid
 from mocap_id.dynamics.fit import fit
 from mocap_id.dynamics.identification import identify
 from mocap_id.dynamics.instrument_errors import KinematicError, propagate_to_parameters
 from mocap_id.dynamics.prediction import centre_of_pressure, centre_of_pressure_rows, estimate_chain_noise, predict
 from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
-from mocap_id.dynamics.regressor import planar_regressor
+from mocap_id.dynamics.regressor import estimate_covariance, number_blocks, planar_regressor, structural_base, variance
 
 EVERYTHING = np.ones(1200, dtype=bool)
 NO_ERROR = KinematicError.none(3)

@@ -9,10 +9,10 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.estimation import FilterSettings, States, smooth
 from mocap_id.estimation.filter_problem import FilterProblem, SigmaPoints
-from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
+from mocap_id.estimation.noise import MarkerChain, find_frame_angles
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.store import LongTable
-from mocap_id.store.schemas import PLANAR
+from mocap_id.store.provenance import PLANAR
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ from scipy.interpolate import make_interp_spline
 
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation.inertial import Clock, SensorCalibration, SensorSignals
-from mocap_id.estimation.inertial_smoothing import WornSensor
-from mocap_id.estimation.inertial_tracking import DeadReckoning, KnownChain, Reckoning
+from mocap_id.estimation.inertial_tracking import DeadReckoning, KnownChain, Reckoning, WornSensor
 
 RATE, LENGTH, GRAVITY = 100.0, 0.4, 9.81
 PLACES = (0.03 + 0.2j, -0.05 + 0.3j)

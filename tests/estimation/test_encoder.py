@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from mocap_id.arrays import FloatArray
-from mocap_id.estimation.encoder_clock import match_encoder
-from mocap_id.estimation.encoder_smoothing import (
+from mocap_id.estimation.encoders import (
     START_SD,
     EncoderNoise,
     EncoderStates,
     estimate_encoder_noise,
+    match_encoder,
     smooth_encoder,
 )
 

@@ -18,7 +18,7 @@ from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
 from mocap_id.store import Table, Tree
 from mocap_id.store.parquet import conform_table
-from mocap_id.store.schemas import CHAIN, SEGMENTS
+from mocap_id.store.provenance import CHAIN, SEGMENTS
 
 RATE, SECONDS, OFFSET, ZERO = 100.0, 8.0, 0.0123, 0.2
 

@@ -12,7 +12,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.estimation import FilterSettings, States, smooth
 from mocap_id.estimation.filter_kernels import Inertial, _force_rows
 from mocap_id.estimation.inertial import SensorResult, SensorSignals
-from mocap_id.estimation.inertial_smoothing import smooth_with_sensors
+from mocap_id.estimation.inertial_tracking import smooth_with_sensors
 from mocap_id_simulation import Options, generate
 from mocap_id_simulation.forces import TrueState
 from mocap_id_simulation.instruments import simulate_plane_sensors

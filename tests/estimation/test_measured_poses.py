@@ -14,9 +14,9 @@ from mocap_id.geometry import planar
 from mocap_id.stages.base import Context
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
-from mocap_id.store import Table, Tree, schemas
+from mocap_id.store import Table, Tree, provenance
 from mocap_id.store.parquet import conform_table
-from mocap_id.store.schemas import CHAIN
+from mocap_id.store.provenance import CHAIN
 
 SEGMENTS = ["foot", "shank", "thigh", "pelvis", "trunk"]
 RATE, NOISE = 100.0, 3e-4
@@ -71,7 +71,7 @@ def run(
     inputs = {
         "planar.parquet": table,
         "chain.h5": Tree(CHAIN, chain),
-        "segments.parquet": Table(schemas.SEGMENTS, {}, {}),
+        "segments.parquet": Table(provenance.SEGMENTS, {}, {}),
     }
     trial = TrialKeys(trial="swing", recording=Files(markers=Path("swing.c3d")))
     outputs = STAGE.function(Context(trial, STAGE.settings(), inputs))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from simulated_chains import Moving, kicked, rms, swinging
 
-from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
+from mocap_id.estimation.noise import MarkerChain, find_frame_angles
 
 BURSTS = 60
 

@@ -17,7 +17,7 @@ from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
 from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.parquet import conform_table
-from mocap_id.store.schemas import CHAIN, SEGMENTS
+from mocap_id.store.provenance import CHAIN, SEGMENTS
 
 FRAMES, STILL = 300, 2
 

@@ -12,8 +12,8 @@ import pytest
 
 from mocap_id.errors import StoreError
 from mocap_id.store.artefacts import Table
-from mocap_id.store.schemas import STATES
-from mocap_id.workflows.compare import RunComparison, compare_numbers, compare_runs, compare_tables, flatten
+from mocap_id.store.provenance import STATES
+from mocap_id.workflows.regress import RunComparison, compare_numbers, compare_runs, compare_tables, flatten
 from mocap_id.workflows.run_folder import RunFolder, open_run
 
 

@@ -29,7 +29,7 @@ from mocap_id.reporting.contents import SUMMARY_FILE
 from mocap_id.runner import run
 from mocap_id.stages import STAGES
 from mocap_id.store import Artefact, Folder, Origin, Tree, hash_bytes, hdf5, parquet
-from mocap_id.store.schemas import SCHEMAS
+from mocap_id.store.provenance import SCHEMAS
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from recording_cases import body, build_c3d, plate_parameters  # noqa: E402
 from mocap_id import runner  # noqa: E402
 from mocap_id.config import load  # noqa: E402
 from mocap_id.recording import write_c3d, write_trc  # noqa: E402
-from mocap_id.store.schemas import SCHEMAS  # noqa: E402
+from mocap_id.store.provenance import SCHEMAS  # noqa: E402
 from swinging_link import LABELS, RATE, pendulum, plate_under  # noqa: E402
 
 LARGEST = 500_000

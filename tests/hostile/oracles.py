@@ -22,14 +22,14 @@ from mocap_id import recording, runner
 from mocap_id.config import load
 from mocap_id.config.study import load_study
 from mocap_id.errors import MocapIdError, NumericalError
-from mocap_id.recording.imu_log import read_imu
+from mocap_id.recording.sensor_logs import read_imu
 from mocap_id.recording.skeleton_log import read_skeleton
 from mocap_id.recording.text_tables import read_table
 from mocap_id.runner.dependencies import FileHashes
 from mocap_id.runner.execution import read_refusal
 from mocap_id.stages import STAGES
 from mocap_id.store import Folder
-from mocap_id.workflows.recording_summary import describe_recording
+from mocap_id.workflows.recording_trial import describe_recording
 
 SHARES = {"c3d": 38, "trc": 12, "mot": 10, "csv": 10, "trial": 9, "study": 4, "stored": 12, "record": 4, "run": 1}
 """How often each is tried, of a hundred."""

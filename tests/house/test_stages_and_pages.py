@@ -13,7 +13,7 @@ from mocap_id.config import load
 from mocap_id.stages import STAGES
 from mocap_id.stages.base import Stage
 from mocap_id.stages.trial_keys import TrialKeys
-from mocap_id.store.schemas import SCHEMAS
+from mocap_id.store.provenance import SCHEMAS
 from mocap_id_cli.pages import SETTINGS_MARK, make_pages
 from mocap_id_cli.stages import list_settings
 

@@ -7,7 +7,7 @@ import pytest
 
 from mocap_id.arrays import FloatArray
 from mocap_id.kinematics.base_motion import BaseMotion, find_base_motion, find_heel_lift
-from mocap_id_simulation.motion import smoothstep
+from mocap_id_simulation.sit_to_stand import smoothstep
 
 RATE = 100.0
 TIME = np.arange(2000) / RATE

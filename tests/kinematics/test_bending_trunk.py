@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mocap_id.arrays import ComplexArray, FloatArray
-from mocap_id.kinematics.cluster_poses import estimate_hip_shift
+from mocap_id.kinematics.clusters import estimate_hip_shift
 
 HIP = 0.02 + 0.41j  # m, in the thigh's frame
 LUMBAR, FRONT = 0.1j, 0.09 + 0.06j  # m, in the pelvis's frame, whose origin is the hip

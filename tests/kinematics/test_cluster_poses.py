@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.kinematics.cluster_poses import ClusterPose, measure_cluster
+from mocap_id.kinematics.clusters import ClusterPose, measure_cluster
 
 TIME = np.arange(900) / 100
 ANGLE = 0.4 + np.sin(2 * TIME)

@@ -7,7 +7,7 @@ import pytest
 
 from mocap_id.arrays import ComplexArray, FloatArray
 from mocap_id.kinematics.base_motion import find_moving_markers
-from mocap_id.kinematics.cluster_poses import locate_ankle
+from mocap_id.kinematics.clusters import locate_ankle
 
 ANKLE, SHANK_ANKLE = 0.02 + 0.09j, 0.004 - 0.002j  # m, in the frames of foot and shank
 TOE = -0.15 + 0.0j

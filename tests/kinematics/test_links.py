@@ -17,7 +17,7 @@ from mocap_id.stages.base import Context
 from mocap_id.stages.fit_joints import STAGE
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.store import LongTable, Table, Tree
-from mocap_id.store.schemas import PLANAR, SEGMENTS
+from mocap_id.store.provenance import PLANAR, SEGMENTS
 
 METHODS = get_args(LinkMethod)
 

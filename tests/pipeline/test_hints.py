@@ -14,8 +14,7 @@ from mocap_id.config import load
 from mocap_id.errors import ConfigError
 from mocap_id.runner import run
 from mocap_id.stages import STAGES
-from mocap_id.stages.base import Context
-from mocap_id.stages.marker_names import find_markers
+from mocap_id.stages.base import Context, find_markers
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.store import Folder, LongTable, Table, Tree
 from mocap_id_cli.__main__ import main

@@ -17,7 +17,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.recording.skeleton_log import read_skeleton
 from mocap_id.runner import run
 from mocap_id_simulation import ArmOptions, generate_arm, write_arm
-from mocap_id_simulation.arm_sensors import film_skeleton
+from mocap_id_simulation.arm_files import film_skeleton
 
 ANGLES = ("shoulder_plane", "shoulder_elevation", "shoulder_axial", "elbow_flexion")
 PRMD = (

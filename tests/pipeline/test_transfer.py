@@ -16,13 +16,12 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.interpolate import CubicSpline
 
-from mocap_id.dynamics.parameter_transfer import register_bodies, transfer_parameters
-from mocap_id.dynamics.prediction import centre_of_pressure
+from mocap_id.dynamics.prediction import centre_of_pressure, register_bodies, transfer_parameters
 from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.runner import Step
 from mocap_id.store.atomic import write_files
-from mocap_id.workflows.identified_trial import IdentifiedTrial, match_bodies, open_identified_trial
+from mocap_id.workflows.run_folder import IdentifiedTrial, match_bodies, open_identified_trial
 from mocap_id.workflows.transfer import (
     SERIES,
     Transfer,

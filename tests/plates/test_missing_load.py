@@ -16,15 +16,14 @@ import pytest
 from mocap_id import recording
 from mocap_id.errors import Refused
 from mocap_id.kinematics import fit_plane
-from mocap_id.plates.choice import choose_plates
-from mocap_id.plates.direction import compare_courses
+from mocap_id.plates.choice import choose_plates, compare_courses
 from mocap_id.plates.placement import find_foot_beside, find_standing_feet, measure_load_share
 from mocap_id.recording import Plate, PlateSamples, PlateSignals, ThinnedFrames
 from mocap_id.recording.lab_plates import compute_centre_of_pressure
-from mocap_id.recording.marker_posture import find_upright
+from mocap_id.recording.sample_checks import find_upright
 from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
-from mocap_id.stages.planarise.plate_registration import judge_course
+from mocap_id.stages.planarise.wrenches import judge_course
 from mocap_id.stages.trial_keys import Files, PlateUse, TrialKeys
 from mocap_id.store import Table
 from mocap_id_simulation import Options, generate

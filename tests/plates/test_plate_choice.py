@@ -8,7 +8,7 @@ import pytest
 from mocap_id.errors import ConfigError
 from mocap_id.plates.choice import choose_plates, weigh_person
 from mocap_id.recording import Plate, PlateSamples
-from mocap_id.recording.marker_posture import find_upright
+from mocap_id.recording.sample_checks import find_upright
 
 RATE = 50.0
 TIME = np.arange(0, 20, 1 / RATE)

@@ -16,7 +16,7 @@ from mocap_id.plates.choice import find_dropouts
 from mocap_id.recording import PlateSignals
 from mocap_id.recording.c3d_reader import find_clipped
 from mocap_id.recording.lab_plates import compute_plate_axes, compute_surface_wrench
-from mocap_id.recording.marker_posture import find_upright
+from mocap_id.recording.sample_checks import find_upright
 from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.stages.trial_keys import Files, TrialKeys

@@ -15,14 +15,13 @@ from scipy.spatial.transform import Rotation
 
 from mocap_id import recording
 from mocap_id.kinematics import propose_window
-from mocap_id.plates.choice import choose_plates
-from mocap_id.plates.direction import compare_directions
+from mocap_id.plates.choice import choose_plates, compare_directions
 from mocap_id.plates.placement import compare_with_feet, find_standing_feet, measure_lean, measure_outside
 from mocap_id.recording import Plate, PlateSamples, Recording
 from mocap_id.recording.lab_plates import compute_centre_of_pressure, compute_plate_axes
 from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
-from mocap_id.stages.planarise.plate_registration import PlateCheck, check_registration
+from mocap_id.stages.planarise.wrenches import PlateCheck, check_registration
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id_simulation import Options, generate
 

@@ -10,7 +10,7 @@ import pytest
 
 from mocap_id import recording
 from mocap_id.plates.choice import choose_plates, weigh_person
-from mocap_id.recording.marker_posture import shows_standing
+from mocap_id.recording.sample_checks import shows_standing
 
 FRAMES = np.ones(5, dtype=bool)
 LEGS = [(0.0, 0.06), (0.02, 0.25), (-0.03, 0.48)]

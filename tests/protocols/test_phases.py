@@ -17,7 +17,7 @@ from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.stages.identify_dim.events import average_signals
 from mocap_id.stages.trial_keys import Compare, Files, TrialKeys
 from mocap_id.store import Table, Tree
-from mocap_id.store.schemas import CHAIN, DYNAMICS_TABLE, EVENTS, STATES
+from mocap_id.store.provenance import CHAIN, DYNAMICS_TABLE, EVENTS, STATES
 
 TIME = np.arange(0.0, 20.0, 0.01)
 BOUNDS = np.array([[1.0, 4.0], [6.0, 8.0], [10.0, 15.0]])

@@ -8,13 +8,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mocap_id.protocols.reach.reachable_set import ReachArm
-from mocap_id.protocols.reach.reaches import find_reaches, locate_body_targets
-from mocap_id.protocols.reach.workspace import (
+from mocap_id.protocols.reach import (
     ANGLES,
+    ReachArm,
     RecordedArm,
     UnknownReach,
     compute_workspace,
+    find_reaches,
+    locate_body_targets,
     measure_arm,
     measure_ranges,
 )

@@ -9,7 +9,7 @@ import pytest
 
 import mocap_id_simulation.arm_files as truth
 from mocap_id.geometry import so3
-from mocap_id.protocols.reach.reachable_set import (
+from mocap_id.protocols.reach import (
     CellGrid,
     ReachableSet,
     ReachArm,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import betainc
 
-from mocap_id.protocols.chair_contact import estimate_noise_on_chair, extend_contact_to_release, extrapolate_release
+from mocap_id.protocols.sit_to_stand import estimate_noise_on_chair, extend_contact_to_release, extrapolate_release
 
 RATE, END, FULL, NOISE = 100.0, 2.0, 450.0, 0.8
 TIME = np.arange(0.0, 4.0, 1 / RATE)

@@ -12,10 +12,10 @@ from protocol_cases import BODY, CENTRES, WEIGHT, sit_to_stand
 
 from mocap_id.arrays import find_runs
 from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
-from mocap_id.protocols import chair_contact as protocol
-from mocap_id.protocols.chair_contact import find_contact_in_low_phases, measure_standing_weight, uses_chair
+from mocap_id.protocols import sit_to_stand as protocol
 from mocap_id.protocols.movement import Movement, find_facing, find_movement
 from mocap_id.protocols.repetitions import Posture, compute_posture
+from mocap_id.protocols.sit_to_stand import find_contact_in_low_phases, measure_standing_weight, uses_chair
 
 RULES = {"weight_share": 0.72, "knee_bend": 0.8}
 

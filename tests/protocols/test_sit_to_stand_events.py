@@ -12,7 +12,7 @@ from mocap_id.protocols.movement import find_movement
 from mocap_id.protocols.repetitions import SUPPORT_LIMIT
 from mocap_id.stages.identify_dim.events import compute_missing_force, make_sit_to_stand_events
 from mocap_id.store import Table
-from mocap_id.store.schemas import WRENCH
+from mocap_id.store.provenance import WRENCH
 
 LATE = 0.15  # s, error of the clock
 

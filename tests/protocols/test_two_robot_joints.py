@@ -15,8 +15,8 @@ from mocap_id.store import Folder
 from mocap_id.store.views import Skeleton
 from mocap_id_simulation import Options, SimulatedTrial, motion_through
 from mocap_id_simulation.bodies import Link, add_plate_markers
-from mocap_id_simulation.motion import Swing
 from mocap_id_simulation.scene import draw_scene, measure_scene, random_streams
+from mocap_id_simulation.sit_to_stand import Swing
 
 UPPER, HEIGHT = 0.4, 0.16  # m: distance of the joints, and of the forearm's centre of mass from the second one
 MASS, INERTIA = 3.0, 0.03

@@ -10,7 +10,7 @@ from recording_cases import CORNERS, body, build_c3d, plate_parameters, save, si
 
 from mocap_id import recording
 from mocap_id.recording.lab_plates import is_force_on_plate
-from mocap_id.workflows.recording_summary import describe_recording
+from mocap_id.workflows.recording_trial import describe_recording
 
 FRAMES, PER_FRAME = 60, 5
 SAMPLES = FRAMES * PER_FRAME

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.recording.marker_posture import find_body_facing
+from mocap_id.recording.sample_checks import find_body_facing
 
 X = np.array([1.0, 0.0])
 

@@ -11,7 +11,7 @@ from recording_cases import CORNERS, body, build_c3d, plate_parameters, save, si
 
 from mocap_id import recording
 from mocap_id.errors import ConfigError
-from mocap_id.recording.units import find_force_scale, find_moment_scale
+from mocap_id.recording.model import find_force_scale, find_moment_scale
 from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.stages.trial_keys import Files, TrialKeys

@@ -11,7 +11,7 @@ from recording_cases import build_c3d
 from mocap_id import recording
 from mocap_id.errors import RecordingError
 from mocap_id.recording import Recording
-from mocap_id.stages.planarise.used_part import select_part
+from mocap_id.stages.planarise.plane import select_part
 
 FRAMES = 300
 TIME = np.arange(FRAMES) / 100

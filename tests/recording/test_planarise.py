@@ -21,7 +21,7 @@ from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.stages.trial_keys import Files, PlateUse, TrialKeys
 from mocap_id.store import LongTable, Table
-from mocap_id.store.schemas import PLANAR, WRENCH
+from mocap_id.store.provenance import PLANAR, WRENCH
 from mocap_id.store.views import Trajectories
 from mocap_id_simulation import Options, generate
 
@@ -224,7 +224,7 @@ def test_oddities_become_reasons(tmp_path: Path) -> None:
 
 
 def test_every_frame_of_a_long_trial_is_turned_into_the_plane(tmp_path: Path) -> None:
-    from mocap_id.stages.planarise.used_part import UsedPart, express_trajectories
+    from mocap_id.stages.planarise.plane import UsedPart, express_trajectories
 
     path = tmp_path / "trial.c3d"
     recording.write_c3d(path, ["A"], body(10, 1), RATE)

@@ -16,7 +16,7 @@ from mocap_id.errors import RecordingError
 from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.plates.choice import choose_plates, weigh_person
 from mocap_id.recording.lab_plates import compute_centre_of_pressure
-from mocap_id.workflows.recording_summary import describe_recording
+from mocap_id.workflows.recording_trial import describe_recording
 
 pytestmark = pytest.mark.recordings
 

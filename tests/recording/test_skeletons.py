@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mocap_id.anatomy.names import find_roles
+from mocap_id.anatomy.landmarks import find_roles
 from mocap_id.errors import RecordingError
 from mocap_id.recording import write_trc
 from mocap_id.recording.skeleton_log import KINECT_V2, read_skeleton

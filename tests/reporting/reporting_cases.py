@@ -17,7 +17,7 @@ from mocap_id.stages.identify_dim.events import average_signals
 from mocap_id.stages.report import STAGE, ReportSettings
 from mocap_id.stages.trial_keys import Files, Subject, TrialKeys
 from mocap_id.store import Artefact, Document, Facts, LongTable, Table, TableSchema, Tree
-from mocap_id.store.schemas import (
+from mocap_id.store.provenance import (
     CHAIN,
     DYNAMICS_TABLE,
     DYNAMICS_TREE,

@@ -20,7 +20,7 @@ from mocap_id.reporting.report_data import read_positions
 from mocap_id.stages.report import STAGE, ReportSettings
 from mocap_id.stages.report.function import report_data
 from mocap_id.store import Artefact, Document, Table
-from mocap_id.store.schemas import SCHEMAS
+from mocap_id.store.provenance import SCHEMAS
 from mocap_id.store.views import IdentifiedDynamics, JointStates
 
 

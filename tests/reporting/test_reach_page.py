@@ -13,7 +13,7 @@ from test_summary import assert_nulls_explained
 from mocap_id.reporting.figure import Figure, Line, Points, project
 from mocap_id.reporting.page import read_figures
 from mocap_id.reporting.paper_figures import make_figure_files
-from mocap_id.stages.identify_dim.reaches import find_reach_events
+from mocap_id.stages.identify_dim.events import find_reach_events
 from mocap_id.stages.report import STAGE
 from mocap_id.store import Artefact, Document, Table
 from spatial_trial import SpatialTrial, context

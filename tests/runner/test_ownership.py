@@ -12,7 +12,7 @@ from toy_stages import STAGES
 from mocap_id.config import Trial, load
 from mocap_id.errors import StoreError
 from mocap_id.runner import clean, run, run_stage, status
-from mocap_id.store.ownership import OWNER_FILE, read_owner
+from mocap_id.store.folder import OWNER_FILE, read_owner
 
 
 def write(folder: Path, numbers: str, name: str = "sts", out: str = "../out") -> Path:

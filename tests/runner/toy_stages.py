@@ -9,7 +9,7 @@ import numpy as np
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
 from mocap_id.stages.trial_keys import TrialKeys
 from mocap_id.store import Document, Table
-from mocap_id.store.schemas import EVENTS, SEGMENTS
+from mocap_id.store.provenance import EVENTS, SEGMENTS
 from mocap_id.verdict import Reason
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from mocap_id_simulation import Options, generate
-from mocap_id_simulation.motion import smoothstep
 from mocap_id_simulation.scene import draw_scene, random_streams
-from mocap_id_simulation.sit_to_stand import STRATEGIES
+from mocap_id_simulation.sit_to_stand import STRATEGIES, smoothstep
 
 NAMES = sorted(STRATEGIES)
 

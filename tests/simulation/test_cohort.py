@@ -98,7 +98,7 @@ def test_markers_stay_where_they_were_glued(cohort):
 
 def test_skin_slides_alike_in_every_motion(monkeypatch):
     """Without drift, the skin depends only on the angles: a part of a motion has the same displacements."""
-    monkeypatch.setattr("mocap_id.anatomy.skin_motion.WANDER", 0.0)
+    monkeypatch.setattr("mocap_id.anatomy.frames.WANDER", 0.0)
     made = generate("sit-to-stand", SHORT)
     q, time, markers = made.state.q, made.state.time, made.scene.markers
 

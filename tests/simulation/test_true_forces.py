@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.dynamics.base_parameters import structural_base
-from mocap_id.dynamics.regressor import planar_regressor
+from mocap_id.dynamics.regressor import planar_regressor, structural_base
 from mocap_id.geometry import inverse_dynamics, planar
 from mocap_id_simulation import Options
 from mocap_id_simulation.bodies import draw_person, draw_robot

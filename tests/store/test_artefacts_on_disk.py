@@ -15,7 +15,7 @@ import pytest
 
 from mocap_id.errors import StoreError
 from mocap_id.store import Column, Document, Folder, LongTable, Origin, Table, TableSchema, Tree, parquet
-from mocap_id.store.schemas import CHAIN, EVENTS, MARKERS, SCHEMAS, SEGMENTS, STATES, WRENCH
+from mocap_id.store.provenance import CHAIN, EVENTS, MARKERS, SCHEMAS, SEGMENTS, STATES, WRENCH
 from mocap_id.verdict import Reason
 
 ORIGIN = Origin("segment", 3, {"segment": {"count": 4}}, {"planar.parquet": "ab" * 32}, "key-1", 1.25)

@@ -15,7 +15,7 @@ import pytest
 from mocap_id.errors import StoreError
 from mocap_id.store import Folder, LongTable, Origin, Table, Tree, hash_bytes, parquet
 from mocap_id.store.atomic import HashedStream
-from mocap_id.store.schemas import CHAIN, PLANAR, SCHEMAS, SEGMENTS
+from mocap_id.store.provenance import CHAIN, PLANAR, SCHEMAS, SEGMENTS
 
 ORIGIN = Origin("segment", 3, {"segment": {"count": 4}}, {"planar.parquet": "ab" * 32}, "key-1", 1.25)
 LATER = Origin("segment", 3, {"segment": {"count": 5}}, {"planar.parquet": "ab" * 32}, "key-2", 0.5)

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mocap_id.store import Column, Origin, Tree, TreeSchema, hdf5
-from mocap_id.store.schemas import CHAIN
+from mocap_id.store.provenance import CHAIN
 
 ORIGIN = Origin("fit-joints", 3, {"segment": {"count": 4}}, {"planar.parquet": "ab" * 32}, "key-1", 1.25)
 KINDS = TreeSchema(

@@ -73,7 +73,7 @@ from pathlib import Path
 import numpy as np
 from mocap_id.errors import StoreError
 from mocap_id.store import Folder, LongTable, Origin
-from mocap_id.store.schemas import MARKERS
+from mocap_id.store.provenance import MARKERS
 folder = Folder(Path({str(tmp_path)!r}))
 def table(frames):
     values = {{name: np.random.default_rng(0).normal(size=(frames, 40)) for name in ("x", "y", "residual")}}

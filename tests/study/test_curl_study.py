@@ -17,7 +17,7 @@ from mocap_id.reporting.study.cohort import CohortData
 from mocap_id.reporting.study.curls import render_curl_page
 from mocap_id.workflows.study import curls as curl_study
 from mocap_id.workflows.study.curls import CurlResult
-from mocap_id.workflows.study.pooling import average_people, sign_flip_p
+from mocap_id.workflows.study.study import average_people, sign_flip_p
 
 COUNTS = {
     "C": [[10, 12], [8, 8], [6, 6]],

@@ -15,8 +15,8 @@ from mocap_id.reporting.figure import Figure, Line, Panel
 from mocap_id.reporting.study.cohort import CohortData
 from mocap_id.reporting.study.reach import draw_reach_figures
 from mocap_id.workflows.study import reach as reach_study
-from mocap_id.workflows.study.pooling import IntervalEstimate, correlate_ranks
 from mocap_id.workflows.study.reach import make_shape
+from mocap_id.workflows.study.study import IntervalEstimate, correlate_ranks
 
 
 def frames(reaches: Sequence[Reach]) -> dict[str, pd.DataFrame]:

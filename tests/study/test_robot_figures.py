@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from mocap_id.workflows.study.robots import CAMERAS, average_wrench
-from mocap_id_simulation.motion import smoothstep
+from mocap_id_simulation.sit_to_stand import smoothstep
 
 PERIODS = 8
 

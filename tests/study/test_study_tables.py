@@ -14,7 +14,6 @@ from mocap_id.dynamics.prediction import Agreement
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.results.columns import ResultTable
 from mocap_id.workflows.study import sit_to_stand
-from mocap_id.workflows.study.pooling import find_mean_sd, pool_errors
 from mocap_id.workflows.study.sit_to_stand import (
     STUDY,
     TABLES,
@@ -24,6 +23,7 @@ from mocap_id.workflows.study.sit_to_stand import (
     strategy_rows,
     variation_rows,
 )
+from mocap_id.workflows.study.study import find_mean_sd, pool_errors
 
 
 def only(rows: list[dict[str, Any]], **wanted: object) -> dict[str, Any]:

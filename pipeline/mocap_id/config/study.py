@@ -19,13 +19,12 @@ from mocap_id.config.parsing import (
     read_source,
     suggest_name,
 )
-from mocap_id.config.trial import Trial, build_trial_model, compose, make_absolute
+from mocap_id.config.trial import Trial, build_trial_model, compose, load, make_absolute
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.contents import COHORT
 from mocap_id.stages import STAGES
 from mocap_id.stages.base import Settings
-from mocap_id.stages.curl_keys import ConditionName
-from mocap_id.stages.trial_keys import Subject, TrialKeys
+from mocap_id.stages.trial_keys import ConditionName, Subject, TrialKeys
 
 TABLES_FOLDER = "study"
 """Folder of the tables and the page, beside the trials' folders; no trial may have this name."""
@@ -282,3 +281,71 @@ def _fill_empty_sections(data: dict[str, Any]) -> dict[str, Any]:
     if "defaults" in data and data["defaults"] is None:
         data["defaults"] = {}
     return data
+
+
+class RobotReference(Settings):
+    """Reference values of a robot for one joint, in the robot's frame; all keys are optional."""
+
+    base: float | None = Field(None, gt=0, description="distance of the joint from the plate's centre, m")
+    mass: float | None = Field(None, gt=0, description="mass of everything on the plate, kg")
+    mx1: float | None = Field(None, description="first moment of everything along x with the arm upright, kg*m")
+    mx2: float | None = Field(None, description="first moment of the arm across it, kg*m")
+    my2: float | None = Field(None, description="first moment of the arm along it, kg*m")
+    Izz2: float | None = Field(None, gt=0, description="moment of inertia of the arm about the joint, kg*m^2")
+
+
+class _RobotEntry(Settings):
+    file: Path = Field(description="the trial's YAML file")
+    joint: str = Field("", max_length=40, description="the joint that moves; its `reference` has the same name")
+    speed: str = Field("", max_length=40, description="how it moves: slow, fast")
+    orientation: float | None = Field(None, description="angle of the robot about the vertical, degrees")
+
+
+class _RobotFile(Settings):
+    study: str = Field(pattern=r"^\w[\w .+-]*$", max_length=100, description="name of the study")
+    reference: dict[str, RobotReference] = Field({}, description="reference values of the robot, by joint")
+    trials: tuple[_RobotEntry, ...] = Field(min_length=1, description="the trials and their labels in the tables")
+
+
+@dataclass(frozen=True)
+class RobotTrial:
+    """A trial of a robot study; a label is empty or None if it is not known."""
+
+    trial: Trial
+    joint: str = ""
+    speed: str = ""
+    orientation: float | None = None  # angle of the robot about the vertical, degrees
+
+
+@dataclass(frozen=True)
+class RobotStudy:
+    """A checked robot study, ready to run."""
+
+    name: str
+    trials: tuple[RobotTrial, ...]
+    reference: Mapping[str, RobotReference]  # by joint
+
+
+def load_robot_study(files: tuple[Path, ...]) -> RobotStudy:
+    """Read the file of a study, or the files of trials.
+
+    Raises ConfigError if a file has mistakes or two trials have the same name.
+    """
+    source = read_source(files[0].absolute()) if len(files) == 1 else None
+    if source is not None and isinstance(source.data, dict) and "trials" in source.data:
+        parsed, folder = parse(source, _RobotFile, "keys such as `study:` and `trials:`"), source.file.parent
+        trials = [
+            RobotTrial(load(make_absolute(one.file, folder)), one.joint, one.speed, one.orientation)
+            for one in parsed.trials
+        ]
+        study = RobotStudy(parsed.study, tuple(trials), parsed.reference)
+    else:
+        study = RobotStudy("robot", tuple(RobotTrial(load(file)) for file in files), {})
+    names = [one.trial.name for one in study.trials]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ConfigError(f"two trials are called {twice[0]}: each needs a unique name for its run folder")
+    for one in study.trials:
+        if one.trial.keys.protocol != "robot-joint":
+            raise ConfigError(f"{one.trial.file}: has `protocol: {one.trial.keys.protocol}`, expected robot-joint")
+    return study

@@ -13,25 +13,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.design.predicted_covariance import (
+from mocap_id.design.proposal import (
     CovariancePredictor,
     IdentifiedBody,
-    PredictedUncertainty,
-    Trajectory,
-    concatenate,
-    fit_trajectory,
-)
-from mocap_id.design.proposal import (
     MovementLimits,
     Objective,
+    PredictedUncertainty,
     Proposal,
     Recommendation,
+    Trajectory,
     change_movement,
     compute_objective,
+    concatenate,
+    fit_trajectory,
     list_changes,
 )
-from mocap_id.dynamics.base_parameters import variance
 from mocap_id.dynamics.cautions import measure_sizes
+from mocap_id.dynamics.regressor import variance
 
 _FREQUENCIES = (0.2, 0.35, 0.5, 0.7, 1.0)  # Hz
 _SYMMETRIC = 0.4  # ratio of the ranges below and above rest from which a joint swings symmetrically about rest

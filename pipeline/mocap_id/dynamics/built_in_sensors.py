@@ -15,12 +15,19 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
-from mocap_id.dynamics.base_parameters import CompressedProblem, estimate_covariance, number_blocks, regroup_columns
 from mocap_id.dynamics.consistency import Consistency, PointGrid, fit_consistent
 from mocap_id.dynamics.fit import select_samples
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.preparation import PreparedTrial
-from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, ExternalWrench, planar_regressor
+from mocap_id.dynamics.regressor import (
+    PLANAR_PARAMETERS,
+    CompressedProblem,
+    ExternalWrench,
+    estimate_covariance,
+    number_blocks,
+    planar_regressor,
+    regroup_columns,
+)
 from mocap_id.geometry.planar import marker_positions
 
 _ZEROS = (0, 2)  # components whose constant error is fitted; that of Fy cannot be separated from the weight

@@ -8,26 +8,352 @@ solution on the grid does not pass the check.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 
 import numpy as np
 from scipy import sparse
+from scipy.linalg import null_space
 from scipy.optimize import nnls
 
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.dynamics.base_parameters import CompressedProblem
-from mocap_id.dynamics.cone_solver import (
-    BodyCone,
-    ConeBodies,
-    Solution,
-    SolverAnswer,
-    check_optimality,
-    find_closest_links,
-    solve_links,
-)
 from mocap_id.dynamics.priors import compute_reference_sd
-from mocap_id.dynamics.regressor import PLANAR_PARAMETERS
+from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, CompressedProblem
 from mocap_id.errors import NumericalError
+
+if TYPE_CHECKING:
+    from mocap_id.dynamics.space.consistency import SemidefiniteBodies
+
+PROVEN = 1e-6  # possible decrease of the cost, relative to the cost, below which a solution counts as optimal
+_INSIDE = 1e-9  # relative violation that counts as rounding
+_HEAVIER = 2.0  # the bound is valid for bodies of up to this multiple of the mass
+
+
+class BodyCone(Protocol):
+    """A convex cone of bodies; v numbers describe a body and map linearly to the first b parameters of a problem."""
+
+    @property
+    def mapping(self) -> FloatArray:
+        """Matrix (b, v) from the numbers to the parameters."""
+
+    def measure_violation(self, body: FloatArray) -> float:
+        """Return how much a body (v,) violates the cone's conditions, relative to its size; 0 inside the cone."""
+
+    def mass(self, body: FloatArray) -> float:
+        """Return the total mass of a body (v,), kg."""
+
+    def find_cheapest(self, prices: FloatArray) -> FloatArray:
+        """Return q bodies (v, q) of 1 kg at single points; one of them has the lowest price for the prices (v,)."""
+
+
+@dataclass(frozen=True)
+class Optimality:
+    """Deviation of a solution from each optimality condition."""
+
+    primal: float  # violation of the cone, relative to the body
+    # stationarity, dual, complementarity: decrease of the cost that is still possible by a change of the free
+    # parameters, by additional masses and by a change of the present masses, relative to the cost
+    stationarity: float
+    dual: float
+    complementarity: float
+
+    @property
+    def excess(self) -> float:
+        """Upper bound of the cost's distance to the least cost, relative to the cost."""
+        return self.stationarity + self.dual + self.complementarity
+
+    @property
+    def proven(self) -> bool:
+        """Whether all four conditions hold within their tolerances; false if a value is NaN."""
+        return self.primal <= _INSIDE and self.excess <= PROVEN
+
+
+@dataclass(frozen=True)
+class SolverAnswer:
+    """Solution of a solver and its report."""
+
+    solver: str  # name of the solver
+    body: FloatArray  # (v,) numbers of the body; NaN if the solver found no solution
+    cost: float  # cost of the body
+    optimality: Optimality  # result of the check
+    status: str  # the solver's own status text
+    iterations: int = 0  # number of iterations; 0 if the solver does not report it
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Consistent parameters and the solver's report."""
+
+    parameters: FloatArray  # (b + k,) parameters of the problem: first those of the bodies, then the free ones
+    full: FloatArray  # full parameters of one of many bodies with these parameters, 4(n + 1) or in space 10K
+    answer: SolverAnswer  # solution used
+    price: float  # relative increase of the cost over that of unconstrained parameters
+
+
+_NO_OTHERS: FloatArray = np.zeros(0)
+
+
+def check_optimality(
+    problem: CompressedProblem, bodies: BodyCone, body: FloatArray, others: FloatArray = _NO_OTHERS
+) -> Optimality:
+    """Check the optimality conditions of min ‖R [mapping · body; others] - d‖² over bodies in a cone.
+
+    The problem has b + k columns: the parameters to which the ``body`` (v,) maps, then k free parameters with the
+    values ``others`` (k,). The bound ``excess`` of the result is valid for bodies of up to twice the mass.
+    """
+    if not (np.isfinite(body).all() and np.isfinite(others).all()):
+        return Optimality(np.inf, np.inf, np.inf, np.inf)
+    mapped = problem.factor[:, : len(bodies.mapping)] @ bodies.mapping
+    free = problem.factor[:, len(bodies.mapping) :]
+    rest = mapped @ body + free @ others - problem.target
+    cost = problem.floor(float(rest @ rest) + problem.rest)
+    at_most = _estimate_gain(problem.factor, rest)
+    prices = 2 * mapped.T @ rest
+    points = bodies.find_cheapest(prices)
+    # up to this additional mass, all at the lowest price
+    heavier = _HEAVIER * bodies.mass(body) * abs(float((prices @ points).min(initial=0.0)))
+    # decrease of the cost by the best single point mass, which is also valid for solutions without mass
+    columns = mapped @ points
+    size = np.sum(columns**2, axis=0)
+    downhill = np.maximum(-(columns.T @ rest), 0.0)
+    gains = np.divide(downhill**2, size, out=np.zeros_like(size), where=size > 0.0)
+    absent = max(heavier, float(gains.max(initial=0.0)))
+    return Optimality(
+        primal=bodies.measure_violation(body),
+        stationarity=_estimate_gain(free, rest) / cost,
+        dual=min(absent, at_most) / cost,
+        complementarity=min(abs(float(prices @ body)), at_most) / cost,
+    )
+
+
+def _estimate_gain(columns: FloatArray, rest: FloatArray) -> float:
+    """Return the decrease of the cost by the best factors of the columns: the squared residual in their span."""
+    if columns.shape[1] == 0:
+        return 0.0
+    step = np.linalg.lstsq(columns, rest, rcond=None)[0]
+    return float(np.sum((columns @ step) ** 2))
+
+
+LENGTH = 0.3  # m: unit of length with which the parameters of a segment have similar magnitudes
+UNITS = np.array([1.0, LENGTH, LENGTH, LENGTH**2])  # divisors of a link's m, mx, my and Izz that convert all to kg
+FAR = 10.0  # m: distance up to which masses are searched without a box
+ConeKind: TypeAlias = Literal["round", "flat", "semidefinite"]
+
+
+@dataclass(frozen=True)
+class ConeBodies:
+    """Possible links, given by their full parameters (a :class:`BodyCone`)."""
+
+    mapping: FloatArray  # (b, 4(n + 1)) matrix M of eq. 4.24, from full parameters to the parameters of the problem.
+    # (n + 1, 2, 2) lowest and highest corner of each link in its frame, m; None for masses anywhere
+    boxes: FloatArray | None = None
+
+    @property
+    def links(self) -> int:
+        return int(self.mapping.shape[1] // 4)
+
+    @property
+    def units(self) -> FloatArray:
+        return np.tile(UNITS, self.links)
+
+    def sides(self) -> tuple[FloatArray, tuple[tuple[ConeKind, int], ...]]:
+        """Return rows (r, 4(n + 1)) whose products with a body are in cones, and kind and size of the cones."""
+        round_, flat = self.round_sides(), self.flat_sides()
+        cones: list[tuple[ConeKind, int]] = [("round", 4) for _ in round_]
+        return np.vstack([*round_, flat]), (*cones, ("flat", len(flat)))
+
+    def is_limited(self, link: int) -> bool:
+        """Return whether the cone limits the link's first moments: the link has a box, or its Izz has an effect."""
+        return self.boxes is not None or bool(self.mapping[:, 4 * link + 3].any())
+
+    def round_sides(self) -> FloatArray:
+        """Return four rows, (l, 4, 4(n + 1)), for each of the l links that the cone limits.
+
+        Their products with a body, (m + J, m - J, 2 mx / L, 2 my / L), kg, are in a second-order cone; J is Izz / L².
+        """
+        limited = [link for link in range(self.links) if self.is_limited(link)]
+        rows = np.zeros((len(limited), 4, 4 * self.links))
+        for row, link in zip(rows, limited, strict=True):
+            own = np.array([[1, 0, 0, 1], [1, 0, 0, -1], [0, 2, 0, 0], [0, 0, 2, 0]])
+            row[:, 4 * link : 4 * link + 4] = own / UNITS
+        return rows
+
+    def flat_sides(self) -> FloatArray:
+        """Return rows (r, 4(n + 1)) whose products, kg, must not be negative: masses, and conditions of the boxes."""
+        rows = np.zeros((self.links, 6, 4 * self.links))
+        for link, row in enumerate(rows):
+            own = slice(4 * link, 4 * link + 4)
+            row[0, 4 * link] = 1.0
+            if self.boxes is not None:
+                (x0, y0), (x1, y1) = self.boxes[link] / LENGTH
+                walls = [[-x0, 1, 0, 0], [x1, -1, 0, 0], [-y0, 0, 1, 0], [y1, 0, -1, 0]]
+                row[1:, own] = np.array([*walls, [-(x0 * x1 + y0 * y1), x0 + x1, y0 + y1, -1]]) / UNITS
+        used = rows if self.boxes is not None else rows[:, :1]
+        return used.reshape(-1, 4 * self.links)
+
+    def measure_violation(self, body: FloatArray) -> float:
+        """Return the largest violation of any condition, kg, divided by the total mass."""
+        sides = self.round_sides() @ body
+        short = [*(np.linalg.norm(sides[:, 1:], axis=1) - sides[:, 0]), *(-(self.flat_sides() @ body))]
+        return float(np.max([0.0, *short])) / max(self.mass(body), 1e-300)
+
+    def mass(self, body: FloatArray) -> float:
+        return float(np.abs(body[::4]).sum())
+
+    def find_cheapest(self, prices: FloatArray) -> FloatArray:
+        """Return the parameters of 1 kg where each link costs least, as columns (4(n + 1), n + 1)."""
+        columns = np.zeros((len(prices), self.links))
+        for link in range(self.links):
+            _, mx, my, izz = prices[4 * link : 4 * link + 4]  # 1 kg at (x, y) costs c₀ + mx x + my y + izz (x² + y²)
+            (x0, y0), (x1, y1) = [[-FAR] * 2, [FAR] * 2] if self.boxes is None else self.boxes[link]
+            x, y = _find_minimum(mx, izz, x0, x1), _find_minimum(my, izz, y0, y1)
+            columns[4 * link : 4 * link + 4, link] = 1.0, x, y, x * x + y * y
+        return columns
+
+    def settle(self, body: FloatArray) -> FloatArray:
+        """Return the body with negative masses set to 0 and an Izz that is too small increased (rounding errors)."""
+        links = body.reshape(-1, 4).copy()
+        links[:, 0] = np.maximum(links[:, 0], 0.0)
+        first = np.sum(links[:, 1:3] ** 2, axis=1)
+        for link in filter(self.is_limited, range(self.links)):
+            least = first[link] / links[link, 0] if links[link, 0] > 0.0 else 0.0
+            links[link, 3] = max(links[link, 3], least)
+        return links.reshape(-1)
+
+
+def _find_minimum(linear: float, square: float, low: float, high: float) -> float:
+    """Return the point between two ends at which linear·x + square·x² is least."""
+    inside = [] if square <= 0.0 else [float(np.clip(-linear / (2 * square), low, high))]
+    return min([low, high, *inside], key=lambda x: linear * x + square * x * x)
+
+
+ConicBodies: TypeAlias = "ConeBodies | SemidefiniteBodies"
+_ACCURACY, _ITERATIONS = 1e-12, 200
+_ROUNDS = 3
+_REGULARIZATION = 1e-6  # Clarabel's default is 1e-8
+_ENOUGH = 1e-9  # possible relative decrease of the cost below which the rounds end
+_NO_MASS = 1e-9  # fraction of the total mass below which a link has no mass
+_TINY = 1e-200
+_DEPENDENT = 1e-10  # fraction of the largest singular value
+_ROUNDING = 1e-7  # relative violation of the cone that counts as rounding
+
+
+def solve_links(problem: CompressedProblem, bodies: ConicBodies) -> SolverAnswer:
+    """Minimise ‖R · mapping · body - d‖² over possible links; return the full parameters of one of many solutions.
+
+    Clarabel's accuracy is relative to the whole wrench, whereas the cost is the small remaining residual. As long as
+    the optimality conditions do not hold, Clarabel is run again for a correction on the scale of the residual. If the
+    least cost is only approached by larger and larger links, the conditions may still not hold. Clarabel then starts
+    again with more regularization. The caller eliminates free parameters (:meth:`CompressedProblem.eliminate_others`).
+    """
+    mapped, units, (sides, cones) = problem.factor @ bodies.mapping, bodies.units, bodies.sides()
+    rows, base = mapped * units, len(problem.target)
+    size = float(np.linalg.norm(rows, axis=0).max())
+    best = None
+    for regularization in (None, _REGULARIZATION):
+        body, answer, iterations = np.zeros(len(units)), None, 0
+        for _ in range(_ROUNDS):
+            target = problem.target - mapped @ body
+            length, step, status = float(np.linalg.norm(target)), np.zeros_like(body), "nothing to fit"
+            if not min(size, length) < _TINY:  # the variables are the step and its effect y = mapped · step, scaled
+                solution, status, used = solve_cones(
+                    quadratic=sparse.csc_matrix(np.diag(np.repeat([0.0, 1.0], [len(body), base]))),
+                    linear=np.concatenate([np.zeros(len(body)), -target / length]),
+                    matrix=np.block([[rows / size, -np.eye(base)], [-sides * units, np.zeros((len(sides), base))]]),
+                    bound=np.concatenate([np.zeros(base), sides @ body * (size / length)]),
+                    cones=(("zero", base), *cones),
+                    regularization=regularization,
+                )
+                step = solution[: len(body)] * units * (length / size)
+                iterations += used
+            body = bodies.settle(body + step)
+            cost, optimality = problem.cost(bodies.mapping @ body), check_optimality(problem, bodies, body)
+            worse = answer is not None and answer.optimality.proven and not optimality.proven
+            if answer is not None and (worse or not cost < answer.cost):
+                break  # a correction that does not decrease the cost is discarded
+            answer = SolverAnswer("clarabel", body, cost, optimality, status, iterations)
+            if optimality.excess <= _ENOUGH:
+                break
+        assert answer is not None
+        if best is None or answer.optimality.excess < best.optimality.excess:
+            best = answer
+        if best.optimality.proven:
+            break
+    assert best is not None
+    return best
+
+
+def find_closest_links(bodies: ConeBodies, body: FloatArray, aim: FloatArray, scale: FloatArray) -> FloatArray:
+    """Return the links (4(n + 1),) with the base parameters of ``body`` whose full parameters are closest to a target.
+
+    The target ``aim`` and its standard deviations ``scale`` are full parameters (4(n + 1),). If a link has first
+    moments but no mass, possible links with larger and larger Izz only approach its base parameters, and its Izz is
+    NaN.
+    """
+    hollow, least = [], _NO_MASS * bodies.mass(body)
+    for link in range(bodies.links):  # links with an unobservable Izz, and with first moments but no mass
+        mass, *first = np.abs(body[4 * link : 4 * link + 3])
+        if not bodies.is_limited(link) and mass <= least < max(first) / LENGTH:
+            hollow.append(link)
+    limits = bodies if hollow else ConeBodies(np.eye(len(body)), bodies.boxes)  # also limits an unobservable Izz
+    links = limits.settle(body)
+    directions = null_space(bodies.mapping, rcond=_DEPENDENT)
+    if directions.shape[1]:
+        moved = links + directions @ find_closest_step(limits, links, directions, (aim - links) / scale, scale)
+        links = limits.settle(moved) if limits.measure_violation(moved) <= _ROUNDING else links
+    links[[4 * link + 3 for link in hollow]] = np.nan
+    return links
+
+
+def find_closest_step(
+    limits: ConicBodies, start: FloatArray, directions: FloatArray, distance: FloatArray, scale: FloatArray
+) -> FloatArray:
+    """Return the steps (d,) along directions (v, d) from ``start`` (v,) to the closest body; NaN if Clarabel fails."""
+    sides, cones = limits.sides()
+    rows = directions / scale[:, None]  # ``distance`` (v,) is the target minus the start, in units of ``scale`` (v,)
+    step, _, _ = solve_cones(
+        quadratic=sparse.csc_matrix(rows.T @ rows),
+        linear=-rows.T @ distance,
+        matrix=-sides @ directions,
+        bound=sides @ start,
+        cones=(("zero", 0), *cones),
+    )
+    return step
+
+
+def solve_cones(
+    quadratic: sparse.csc_matrix,
+    linear: FloatArray,
+    matrix: FloatArray,
+    bound: FloatArray,
+    cones: tuple[tuple[str, int], ...],
+    *,
+    accuracy: float = _ACCURACY,
+    regularization: float | None = None,
+) -> tuple[FloatArray, str, int]:
+    """Minimise ½ xᵀ quadratic x + linear·x with bound - matrix·x in cones; return x, status and iterations."""
+    import clarabel  # noqa: PLC0415  not needed for a grid
+
+    kinds = {
+        "zero": clarabel.ZeroConeT,
+        "round": clarabel.SecondOrderConeT,
+        "flat": clarabel.NonnegativeConeT,
+        "semidefinite": clarabel.PSDTriangleConeT,
+    }
+    limits = [kinds[kind](size) for kind, size in cones]
+    settings = clarabel.DefaultSettings()
+    settings.verbose, settings.max_iter = False, _ITERATIONS
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
+    if regularization is not None:
+        settings.static_regularization_constant = regularization
+    upper = sparse.csc_matrix(sparse.triu(quadratic))
+    try:
+        solution = clarabel.DefaultSolver(upper, linear, sparse.csc_matrix(matrix), bound, limits, settings).solve()
+    except BaseException as error:
+        if type(error).__name__ != "PanicException":  # from Clarabel's eigenvalue routine; not a subclass of Exception
+            raise
+        return np.full(len(linear), np.nan), "stopped by an internal error", 0
+    return np.asarray(solution.x, dtype=np.float64), str(solution.status), int(solution.iterations)
+
 
 _FLESH, _LEAST_FLESH = 0.1, 0.04  # margin: fraction of the box's longer side; least value, m
 
@@ -76,8 +402,8 @@ def build_grid(
 
 
 _ACCURACIES = (1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)  # OSQP's tolerance in each round, relative to the residual
-_ITERATIONS = 20_000  # largest number of iterations in a round
-_ENOUGH = 1e-9  # possible relative decrease of the cost below which the rounds end
+_CONSISTENCY_ITERATIONS = 20_000  # largest number of iterations in a round
+_CONSISTENCY_ENOUGH = 1e-9  # possible relative decrease of the cost below which the rounds end
 _EQUAL, _EVEN = 1e5, 1e-3  # weights of the base parameters and of evenly spread masses, relative to the target
 
 
@@ -110,7 +436,7 @@ def solve_osqp(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
         moved = np.maximum(masses + step, 0.0)
         if problem.cost(moments @ moved) < problem.cost(moments @ masses):
             masses = moved
-        if check_optimality(problem, GridBodies(moments), masses).excess <= _ENOUGH:
+        if check_optimality(problem, GridBodies(moments), masses).excess <= _CONSISTENCY_ENOUGH:
             break
     optimality = check_optimality(problem, GridBodies(moments), masses)
     return SolverAnswer("osqp", masses, problem.cost(moments @ masses), optimality, status, iterations)
@@ -134,7 +460,7 @@ def run_osqp(
     least: FloatArray,
     *,
     accuracy: float,
-    iterations: int = _ITERATIONS,
+    iterations: int = _CONSISTENCY_ITERATIONS,
 ) -> tuple[FloatArray, str, int]:
     """Minimise ‖y - target‖² over ρ ≥ least and y = mapped · ρ with one run of OSQP, scaled to order one.
 

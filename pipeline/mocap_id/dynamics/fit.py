@@ -9,8 +9,8 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.base_parameters import CompressedProblem, estimate_covariance, number_blocks, triangularise
 from mocap_id.dynamics.preparation import AnyTrial, erode, profile_offset
+from mocap_id.dynamics.regressor import CompressedProblem, estimate_covariance, number_blocks, triangularise
 
 LEAST_SECONDS = 1.0  # least duration of the samples of a fit
 _FOLDS = 5  # largest number of folds; if there are more repetitions, neighbouring repetitions are left out together

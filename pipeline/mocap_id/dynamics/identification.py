@@ -10,7 +10,6 @@ from itertools import product
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.base_parameters import CompressedProblem, triangularise
 from mocap_id.dynamics.consistency import Consistency, ConsistentSolution, PointGrid, fit_consistent, fit_quickly
 from mocap_id.dynamics.fit import DEPENDENT, LEAST_SECONDS, Fit, fit, select_samples
 from mocap_id.dynamics.instrument_errors import (
@@ -23,6 +22,7 @@ from mocap_id.dynamics.instrument_errors import (
 from mocap_id.dynamics.measured_motion import CUTOFFS, USUAL
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.priors import FOOT_MOMENT, ReferencePrior, compute_foot_sd, compute_reference_sd
+from mocap_id.dynamics.regressor import CompressedProblem, triangularise
 
 
 @dataclass(frozen=True)

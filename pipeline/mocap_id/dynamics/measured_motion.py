@@ -14,10 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_complete_rows, find_runs
-from mocap_id.dynamics.base_parameters import BaseSet, structural_base
 from mocap_id.dynamics.preparation import LowPass, erode
 from mocap_id.dynamics.priors import average_transform
-from mocap_id.dynamics.regressor import PlanarMotion, point_acceleration
+from mocap_id.dynamics.regressor import BaseSet, PlanarMotion, point_acceleration, structural_base
 from mocap_id.geometry import planar
 
 BRIDGED = 0.25  # s: longest interval without a pose that is interpolated

@@ -13,9 +13,16 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_complete_rows, find_runs
-from mocap_id.dynamics.base_parameters import BaseSet, regroup_columns
 from mocap_id.dynamics.priors import BodyPrior
-from mocap_id.dynamics.regressor import SEAT, ExternalWrench, PlanarMotion, move_chain, wrench_regressor
+from mocap_id.dynamics.regressor import (
+    SEAT,
+    BaseSet,
+    ExternalWrench,
+    PlanarMotion,
+    move_chain,
+    regroup_columns,
+    wrench_regressor,
+)
 
 if TYPE_CHECKING:
     from mocap_id.dynamics.space.preparation import SpatialTrial

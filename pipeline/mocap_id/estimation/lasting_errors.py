@@ -20,7 +20,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray, as_complex, as_xy, chunks, interpolate_gaps
 from mocap_id.estimation.filter_problem import ORDER
-from mocap_id.estimation.inverse_kinematics import compute_angle_covariance, find_observed_angles
+from mocap_id.estimation.noise import compute_angle_covariance, find_observed_angles
 from mocap_id.estimation.smoothing import States, compute_forgotten_share
 from mocap_id.geometry.planar import marker_jacobian, segment_poses
 

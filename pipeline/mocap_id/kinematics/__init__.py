@@ -3,13 +3,13 @@
 from mocap_id.kinematics.base_motion import propose_window
 from mocap_id.kinematics.bundle import LinkMethod, fit_chain, fit_links, frames_along_motion, frames_over_time
 from mocap_id.kinematics.chain_fit import ChainFit, ChainState, joint_angles, orient_frames
-from mocap_id.kinematics.chain_search import Hypothesis, SegmentationRules
 from mocap_id.kinematics.clusters import Constraints
 from mocap_id.kinematics.joint import measure_asymmetry
+from mocap_id.kinematics.link_fit import Hypothesis, SegmentationRules
+from mocap_id.kinematics.marker_faults import Swap, find_bursts, find_swaps, undo_swaps
 from mocap_id.kinematics.plane import PlaneFit, fit_plane
 from mocap_id.kinematics.segmentation import Segmentation, segment_markers
 from mocap_id.kinematics.skin_slides import SkinModel, angle_errors, fit_skin, skin_from_residuals
-from mocap_id.kinematics.swaps import Swap, find_bursts, find_swaps, undo_swaps
 
 __all__ = [
     "ChainFit",

@@ -16,10 +16,19 @@ import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.errors import Refused
-from mocap_id.kinematics.chain_search import FLOOR, Hypothesis, SegmentationProblem, SegmentationRules, find_hypotheses
 from mocap_id.kinematics.clusters import Base, Constraints, MarkerClusters, find_base
 from mocap_id.kinematics.joint import RigidBody, fit_body, fit_joint, marker_residuals, still_body
-from mocap_id.kinematics.link_fit import SEGMENT_PRICE, LinkFit, find_best_links, log_cost
+from mocap_id.kinematics.link_fit import (
+    FLOOR,
+    SEGMENT_PRICE,
+    Hypothesis,
+    LinkFit,
+    SegmentationProblem,
+    SegmentationRules,
+    find_best_links,
+    find_hypotheses,
+    log_cost,
+)
 
 Evidence: TypeAlias = Literal["skipped", "left-out", "axis", "first-joint", "base", "runner-up", "links", "ankle"]
 """Names of the evidence against the segments."""

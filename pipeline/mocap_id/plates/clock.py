@@ -21,10 +21,9 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.plates.choice import GRAVITY
-from mocap_id.plates.direction import average_markers, group_by_height
+from mocap_id.plates.choice import GRAVITY, average_markers, group_by_height
 from mocap_id.recording import Plate, decimate
-from mocap_id.recording.marker_posture import measure_body_height
+from mocap_id.recording.sample_checks import measure_body_height
 
 _RANGE_S = 5.0  # largest offset that is tried
 _STEP_S = 0.025  # step of the search; the cost is smooth over about 0.1 s

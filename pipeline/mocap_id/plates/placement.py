@@ -2,7 +2,7 @@
 
 The checks need no model of the body. The ground only pushes, so its force acts under the feet, and between them if the
 plates carry both. Feet stand on the surface of the plate. The force under a person who stands still is vertical. The
-direction of horizontal forces is checked in :mod:`mocap_id.plates.direction`.
+direction of horizontal forces is checked in :mod:`mocap_id.plates.choice`.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_runs
-from mocap_id.plates.direction import average_markers
+from mocap_id.plates.choice import average_markers
 from mocap_id.recording.lab_plates import PlateSamples, compute_centre_of_pressure, compute_plate_axes
-from mocap_id.recording.marker_posture import find_upright, shows_standing
 from mocap_id.recording.model import Plate
+from mocap_id.recording.sample_checks import find_upright, shows_standing
 
 # largest rms distance of a marker on a standing foot from its mean position; for heels and toes it is 3 to 9 mm
 _STILL_M = 0.015

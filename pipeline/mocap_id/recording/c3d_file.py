@@ -20,8 +20,8 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
-from mocap_id.recording.clock import check_rate
-from mocap_id.recording.units import strip_padding
+from mocap_id.recording.model import strip_padding
+from mocap_id.recording.sample_checks import check_rate
 
 BLOCK = 512
 MAGIC = 0x50

@@ -36,8 +36,18 @@ from mocap_id.recording.markers import (
     rotate_z_up,
     thin_frames,
 )
-from mocap_id.recording.model import Plate, Recording, axis_vector, nearest_axis, parse_axis, to_z_up
-from mocap_id.recording.units import SCALES, ReadingOptions, find_force_scale, strip_padding
+from mocap_id.recording.model import (
+    SCALES,
+    Plate,
+    ReadingOptions,
+    Recording,
+    axis_vector,
+    find_force_scale,
+    nearest_axis,
+    parse_axis,
+    strip_padding,
+    to_z_up,
+)
 
 _OUTPUT_GROUPS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MARKERS", "VIRTUAL_MARKERS")
 """POINT parameters that list computed trajectories, not markers; POINT:TYPE_GROUPS may name more."""

@@ -16,12 +16,19 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
-from mocap_id.recording.clock import MARKER_HZ, SENSOR_HZ, EvenClock, fit_even_clock
 from mocap_id.recording.lab_plates import reverse_force_on_plate
 from mocap_id.recording.marker_tables import MarkerTable
 from mocap_id.recording.markers import assemble_recording
-from mocap_id.recording.model import Plate, Recording, rotate_plate
-from mocap_id.recording.units import ReadingOptions, find_force_scale, find_length_scale, find_moment_scale
+from mocap_id.recording.model import (
+    Plate,
+    ReadingOptions,
+    Recording,
+    find_force_scale,
+    find_length_scale,
+    find_moment_scale,
+    rotate_plate,
+)
+from mocap_id.recording.sample_checks import MARKER_HZ, SENSOR_HZ, EvenClock, fit_even_clock
 
 MAGIC = b"PK\x03\x04"
 CLASS, SERIES = "class__", "ktk.TimeSeries"

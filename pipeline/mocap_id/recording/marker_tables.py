@@ -12,7 +12,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import RecordingError
-from mocap_id.recording.clock import check_rate, fit_even_clock
+from mocap_id.recording.sample_checks import check_rate, fit_even_clock
 from mocap_id.recording.text_tables import TextTable, has_final_line_end, parse_count, split_lines
 
 NEXUS_SECTIONS = frozenset(("trajectories", "devices", "joints", "model outputs", "segments"))

@@ -15,8 +15,16 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.recording.marker_tables import MarkerTable
-from mocap_id.recording.model import Recording, nearest_axis, to_z_up
-from mocap_id.recording.units import LENGTHS, ReadingOptions, check_length_unit, find_length_scale, strip_padding
+from mocap_id.recording.model import (
+    LENGTHS,
+    ReadingOptions,
+    Recording,
+    check_length_unit,
+    find_length_scale,
+    nearest_axis,
+    strip_padding,
+    to_z_up,
+)
 
 _OUTPUT = re.compile(r"(angles?|forces?|moments?|powers?|grf|cent(re|er)_?of_?mass\w*)$", re.IGNORECASE)
 """Outputs of gait models among the points: joint angles, forces, moments, powers, centres of mass."""

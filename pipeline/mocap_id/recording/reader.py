@@ -12,7 +12,6 @@ import numpy as np
 from mocap_id.arrays import FloatArray, find_runs
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.c3d_reader import read_c3d
-from mocap_id.recording.held_samples import HeldSamples, find_held, list_held
 from mocap_id.recording.ktk_file import MAGIC, read_ktk
 from mocap_id.recording.marker_tables import (
     NEXUS_SECTIONS,
@@ -23,10 +22,10 @@ from mocap_id.recording.marker_tables import (
     parse_trc,
 )
 from mocap_id.recording.markers import assemble_recording, thin_frames
-from mocap_id.recording.model import Plate, Recording, check_axis, nearest_axis, to_z_up
+from mocap_id.recording.model import Plate, ReadingOptions, Recording, check_axis, nearest_axis, to_z_up
+from mocap_id.recording.sample_checks import HeldSamples, find_held, list_held
 from mocap_id.recording.sensor_logs import find_force_columns, read_mot_plates
 from mocap_id.recording.text_tables import check_encoding, open_recording, read_table, read_text
-from mocap_id.recording.units import ReadingOptions
 
 _TABLES = (".mot", ".sto")
 _TEXTS = (".tsv", ".csv", ".txt")

@@ -10,11 +10,10 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.errors import RecordingError
-from mocap_id.recording.clock import SKELETON_HZ, check_times
-from mocap_id.recording.held_samples import HeldSamples, describe_held, find_held, list_held
 from mocap_id.recording.marker_tables import parse_trc
 from mocap_id.recording.markers import clean_positions, resolve_length_unit, rotate_z_up
 from mocap_id.recording.model import Recording, check_axis
+from mocap_id.recording.sample_checks import SKELETON_HZ, HeldSamples, check_times, describe_held, find_held, list_held
 from mocap_id.recording.text_tables import (
     TextTable,
     check_end,

@@ -17,7 +17,7 @@ from pyarrow import csv as arrow
 from mocap_id import plain_files
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
-from mocap_id.recording.clock import SENSOR_HZ, check_times
+from mocap_id.recording.sample_checks import SENSOR_HZ, check_times
 
 _HEADER_LINES = 100
 _MAX_DECLARED = 10**9  # a larger number of rows in a header is an error

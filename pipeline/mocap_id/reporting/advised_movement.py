@@ -8,8 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from mocap_id.design.predicted_covariance import Trajectory
-from mocap_id.design.proposal import MovementLimits
+from mocap_id.design.proposal import MovementLimits, Trajectory
 from mocap_id.reporting import paper_figures, style
 
 _PANEL = 1.25  # inches

@@ -35,7 +35,7 @@ from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Context
 from mocap_id.store import Document, Folder, Origin
 from mocap_id.store.atomic import converting_errors, delaying_signals, replace_together
-from mocap_id.store.ownership import check_owner, store_owner
+from mocap_id.store.folder import check_owner, store_owner
 
 LOG_FILE = "failure.log"  # in the run folder: the traceback of an unexpected failure
 _REFUSAL_FILE = ".mocap-id/refusal.json"

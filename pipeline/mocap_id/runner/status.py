@@ -17,7 +17,7 @@ from mocap_id.runner.log import RUN_LOG, read_last_failure
 from mocap_id.stages import STAGES, Stage
 from mocap_id.store import Folder, Origin
 from mocap_id.store.atomic import LOCK, create_lock
-from mocap_id.store.ownership import check_owner
+from mocap_id.store.folder import check_owner
 
 State: TypeAlias = Literal["done", "stale", "missing", "damaged", "refused", "waiting"]
 

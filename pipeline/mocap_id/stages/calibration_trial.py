@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from mocap_id import store
 from mocap_id.errors import RecordingError
 from mocap_id.stages.trial_keys import Calibration, TrialKeys
-from mocap_id.store.schemas import CHAIN, STATES
+from mocap_id.store.provenance import CHAIN, STATES
 
 if TYPE_CHECKING:
     from mocap_id.store import Table, Tree

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.cylinder import ADIABATIC, ISOTHERMAL, Cylinder, PressureLimits, Setting, compute_torque_and_sd
+from mocap_id.dynamics.priors import ADIABATIC, ISOTHERMAL, Cylinder, PressureLimits, Setting, compute_torque_and_sd
 from mocap_id.stages.base import Settings
 
 _Chamber = float | Literal["open"]
@@ -127,7 +127,7 @@ class DeviceFile(Settings):
         return PressureLimits(self.atmosphere_Pa, self.supply_Pa)
 
     def deviations(self) -> dict[str, float]:
-        """Return the standard deviations by field of :class:`~mocap_id.dynamics.cylinder.Cylinder`.
+        """Return the standard deviations by field of :class:`~mocap_id.dynamics.priors.Cylinder`.
 
         ``gauge`` is the standard deviation of a sealed pressure, Pa.
         """
@@ -147,7 +147,7 @@ class DeviceFile(Settings):
     ) -> tuple[FloatArray, FloatArray]:
         """Return the torque on the joint and its standard deviation, N·m; zeros if the device is not worn.
 
-        :func:`~mocap_id.dynamics.cylinder.compute_torque_and_sd` explains ``angle``, ``velocity`` and
+        :func:`~mocap_id.dynamics.priors.compute_torque_and_sd` explains ``angle``, ``velocity`` and
         ``angle_deviation``.
         """
         if not condition.worn:

@@ -13,9 +13,9 @@ from mocap_id.estimation.space.frame_poses import remove_fast_part
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.kinematics import SkinModel
-from mocap_id.kinematics.space.rigid_body import rigid_poses
+from mocap_id.kinematics.space.bodies import rigid_poses
 from mocap_id.store import Tree
-from mocap_id.store.schemas import SKIN
+from mocap_id.store.provenance import SKIN
 
 
 def make_skin_tree(skin: SkinModel, labels: Sequence[str], camera_sd: float | None, basis: str) -> Tree:

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from mocap_id.store.atomic import hash_bytes, hash_file
 from mocap_id.store.folder import ArtefactSet, Folder
-from mocap_id.store.provenance import Document, Origin, Provenance, dumps
-from mocap_id.store.schemas import Column, TableSchema, TreeSchema
+from mocap_id.store.provenance import Column, Document, Origin, Provenance, TableSchema, TreeSchema, dumps
 
 if TYPE_CHECKING:
     from mocap_id.store.artefacts import Artefact, Facts, LongTable, Table, Tree

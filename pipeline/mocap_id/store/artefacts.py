@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.store.schemas import TableSchema, TreeSchema
+from mocap_id.store.provenance import TableSchema, TreeSchema
 from mocap_id.verdict import Reason
 
 if TYPE_CHECKING:

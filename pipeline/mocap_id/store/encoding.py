@@ -11,8 +11,7 @@ import numpy as np
 from mocap_id.store import hdf5, parquet
 from mocap_id.store.artefacts import Artefact, LongTable, Table, Tree
 from mocap_id.store.atomic import Content, HashedStream
-from mocap_id.store.provenance import Checksum, Origin, Provenance, convert_as_stored
-from mocap_id.store.schemas import TableSchema, TreeSchema
+from mocap_id.store.provenance import Checksum, Origin, Provenance, TableSchema, TreeSchema, convert_as_stored
 
 
 def conform(output: Artefact) -> Artefact:

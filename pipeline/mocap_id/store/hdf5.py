@@ -21,8 +21,7 @@ import numpy as np
 from mocap_id.errors import first_line
 from mocap_id.store.artefacts import Node, Tree
 from mocap_id.store.parquet import read_provenance
-from mocap_id.store.provenance import Origin, Provenance, dumps
-from mocap_id.store.schemas import TreeSchema
+from mocap_id.store.provenance import Origin, Provenance, TreeSchema, dumps
 
 Leaves: TypeAlias = dict[str, np.ndarray[Any, Any]]
 """Arrays by their path in the file; texts are numpy ``U`` arrays, scalars have shape ()."""

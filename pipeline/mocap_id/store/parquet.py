@@ -18,8 +18,7 @@ from mocap_id.arrays import chunks
 from mocap_id.errors import first_line
 from mocap_id.store.artefacts import LongTable, Table, Values
 from mocap_id.store.atomic import HashedStream
-from mocap_id.store.provenance import PREFIX, Origin, Provenance
-from mocap_id.store.schemas import Column, TableSchema
+from mocap_id.store.provenance import PREFIX, Column, Origin, Provenance, TableSchema
 
 _ROWS = 1 << 18  # number of rows that are written together
 _MOST_COLUMNS = 5000

@@ -1,7 +1,7 @@
 """Commands on many trials, on the results of finished trials, on recordings or on the installation.
 
 After ``from mocap_id import workflows``, a workflow is imported when it is first used, for example in
-``workflows.compare.compare_runs(…)``, so that no command has to wait for the workflow of another one.
+``workflows.regress.compare_runs(…)``, so that no command has to wait for the workflow of another one.
 """
 
 from importlib import import_module
@@ -12,11 +12,10 @@ if TYPE_CHECKING:
     from mocap_id.workflows import (
         batch,
         code_lookup,
-        compare,
         doctor,
         export,
         figures,
-        payload,
+        parallel,
         regress,
         run_folder,
         study,
@@ -26,11 +25,10 @@ if TYPE_CHECKING:
 __all__ = [
     "batch",
     "code_lookup",
-    "compare",
     "doctor",
     "export",
     "figures",
-    "payload",
+    "parallel",
     "regress",
     "run_folder",
     "study",

@@ -14,24 +14,22 @@ import numpy as np
 from mocap_id import runner
 from mocap_id.arrays import FloatArray
 from mocap_id.design.experiment import SMALLER, ExperimentDesign, design_experiment, static_centre_of_pressure
-from mocap_id.design.predicted_covariance import (
-    CovariancePredictor,
-    IdentifiedBody,
-    PredictedUncertainty,
-    get_recorded_trajectory,
-)
 from mocap_id.design.proposal import (
     OBJECTIVES,
+    CovariancePredictor,
+    IdentifiedBody,
     MovementLimits,
     Objective,
+    PredictedUncertainty,
     Proposal,
     derive_limits,
     find_resting_posture,
+    get_recorded_trajectory,
 )
-from mocap_id.dynamics.base_parameters import base_names, list_base_units
 from mocap_id.dynamics.built_in_sensors import predict_with_sensor
 from mocap_id.dynamics.cautions import classify
 from mocap_id.dynamics.instrument_errors import KinematicError
+from mocap_id.dynamics.regressor import base_names, list_base_units
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.kinematics.skin_slides import predict_skin
 from mocap_id.reporting.advised_movement import draw
@@ -47,7 +45,7 @@ from mocap_id.stages.identify_dim.trial_data import NotIdentifiable
 from mocap_id.stages.trial_keys import TrialKeys
 from mocap_id.store import Artefact, Folder
 from mocap_id.store.views import Skeleton
-from mocap_id.workflows.identified_trial import open_identified_trial
+from mocap_id.workflows.run_folder import open_identified_trial
 
 _WIDEN_ROBOT, _WIDEN = 20.0, 5.0  # degrees beyond the observed range, for a robot and for a person
 _SPEED = (float(np.radians(90.0)), float(np.radians(200.0)))  # rad/s: lowest limit, and highest limit of a person

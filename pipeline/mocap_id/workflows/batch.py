@@ -25,7 +25,7 @@ from mocap_id.reporting.results.columns import ResultColumn as Column
 from mocap_id.reporting.results.columns import ResultTable, count, number, text, whole
 from mocap_id.store import TableSchema
 from mocap_id.store.atomic import converting_errors, write_files
-from mocap_id.store.ownership import OWNER_FILE, read_owner
+from mocap_id.store.folder import OWNER_FILE, read_owner
 from mocap_id.workflows.parallel import Backend, DaskBackend, LocalBackend, OnError, TrialRun, run_trials
 from mocap_id.workflows.trial_outcome import SUMMARY_COLUMNS, TrialOutcome, read_entry, read_summary
 

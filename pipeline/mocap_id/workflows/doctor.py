@@ -25,7 +25,7 @@ from mocap_id import __version__, runner
 from mocap_id.config import load
 from mocap_id.errors import MocapIdError, first_line
 from mocap_id.estimation import filter_kernels, smooth
-from mocap_id.estimation.encoder_smoothing import estimate_encoder_noise, smooth_encoder
+from mocap_id.estimation.encoders import estimate_encoder_noise, smooth_encoder
 from mocap_id.estimation.space import smooth_in_space
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint

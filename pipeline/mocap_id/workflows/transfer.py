@@ -17,21 +17,23 @@ import pyarrow.parquet
 
 from mocap_id import runner
 from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray
-from mocap_id.dynamics.base_parameters import variance
-from mocap_id.dynamics.parameter_transfer import (
+from mocap_id.dynamics.prediction import (
     LEAST_MARKERS,
     LEAST_SPREAD,
+    Agreement,
     Registration,
+    agreement,
+    centre_of_pressure,
+    centre_of_pressure_rows,
     register_bodies,
     transfer_covariance,
     transfer_parameters,
 )
-from mocap_id.dynamics.prediction import Agreement, agreement, centre_of_pressure, centre_of_pressure_rows
-from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
+from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, variance
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.reporting.results.columns import to_finite
 from mocap_id.verdict import Reason
-from mocap_id.workflows.identified_trial import IdentifiedTrial, MovingBodies, match_bodies, open_identified_trial
+from mocap_id.workflows.run_folder import IdentifiedTrial, MovingBodies, match_bodies, open_identified_trial
 
 SERIES = {"Fx": "N", "Fy": "N", "tauz": "N*m", "cop_x": "m"}
 """Units of the compared series by name."""
@@ -209,7 +211,7 @@ def transfer_model(model: Path, trials: Sequence[Path], progress: runner.Progres
 
     Paths and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`. RecordingError is raised if the
     model's trial has no identified body, ConfigError as by :func:`apply_model`, and the errors of
-    :func:`mocap_id.workflows.identified_trial.open_identified_trial`.
+    :func:`mocap_id.workflows.run_folder.open_identified_trial`.
     """
     source = open_identified_trial(model, progress)
     if not np.isfinite(source.parameters).all():

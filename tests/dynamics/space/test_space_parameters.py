@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from space_cases import random_base, random_bodies, random_chain
 
-from mocap_id.dynamics.base_parameters import CompressedProblem
+from mocap_id.dynamics.regressor import CompressedProblem
 from mocap_id.dynamics.space.consistency import (
     REACH,
     SemidefiniteBodies,

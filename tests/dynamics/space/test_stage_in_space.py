@@ -16,7 +16,7 @@ from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE, IdentifyDimSettings
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.store import Table, Tree, hdf5, parquet
-from mocap_id.store.schemas import ANGLES, CHAIN, POSES, WRENCH
+from mocap_id.store.provenance import ANGLES, CHAIN, POSES, WRENCH
 from mocap_id_simulation import SpaceRobotTrial
 
 

@@ -11,12 +11,12 @@ from spatial_cases import UP, mixed_chain, true_chain
 from mocap_id.estimation.inertial import SensorSignals
 from mocap_id.estimation.space import SpatialStates, smooth_in_space
 from mocap_id.estimation.space.frame_poses import degrees_of_freedom, make_chain_model, make_track
-from mocap_id.estimation.space.inertial_fusion import SensorResult, fuse_in_space
+from mocap_id.estimation.space.skeleton_smoothing import SensorResult, fuse_in_space
 from mocap_id.estimation.space.space_kernels import Pose, Sensors, predict_sensors
 from mocap_id.geometry import so3
 from mocap_id.stages.skin_motion import add_axial_rotation_errors
 from mocap_id_simulation import ArmOptions, SimulatedSpaceTrial, generate_arm
-from mocap_id_simulation.arm_sensors import simulate_sensors
+from mocap_id_simulation.arm_files import simulate_sensors
 from mocap_id_simulation.instruments import SimulatedSensor
 
 ON = (0, 1, 2)

@@ -17,8 +17,7 @@ from mocap_id.estimation.space.frame_poses import (
     make_chain_model,
 )
 from mocap_id.estimation.space.space_kernels import Pose
-from mocap_id.estimation.space.space_smoothing import SpatialTrack, filter_and_smooth
-from mocap_id.estimation.space.spatial_noise import SpatialNoise
+from mocap_id.estimation.space.space_smoothing import SpatialNoise, SpatialTrack, filter_and_smooth
 from mocap_id.geometry import so3
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint

@@ -8,9 +8,9 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation.space.frame_poses import FramePoses, make_chain_model, make_track
-from mocap_id.estimation.space.spatial_noise import estimate_snaps
+from mocap_id.estimation.space.space_smoothing import estimate_snaps
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
-from mocap_id_simulation.motion import draw_sway, draw_tremor
+from mocap_id_simulation.sit_to_stand import draw_sway, draw_tremor
 
 DT, FRAMES, NOISE = 0.01, 1600, 0.015  # s, frames, rad
 CHAIN = SpatialChain(

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from mocap_id.geometry import so3
-from mocap_id.kinematics.space.bundle import ChainPrior
-from mocap_id.kinematics.space.bundle_equations import (
+from mocap_id.kinematics.space.bundle import (
     BundleProblem,
     BundleState,
+    ChainPrior,
     apply_step,
     eliminate_frames,
     linearise,

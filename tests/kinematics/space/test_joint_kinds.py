@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mocap_id.geometry import so3
-from mocap_id.kinematics.space.joint_kinds import fit_pin_axes, fit_two_axes, rotation_arc, weigh_kinds
+from mocap_id.kinematics.space.skeleton import fit_pin_axes, fit_two_axes, rotation_arc, weigh_kinds
 
 _NOISE = np.radians(0.5)
 

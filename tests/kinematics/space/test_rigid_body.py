@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
-from mocap_id.kinematics.space.rigid_body import fit_shape, rigid_poses
+from mocap_id.kinematics.space.bodies import fit_shape, rigid_poses
 
 SEEDS = st.integers(0, 1000)
 FRAMES = 80

@@ -10,8 +10,8 @@ import pytest
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import Refused
 from mocap_id.geometry import so3
-from mocap_id.kinematics.chain_search import SegmentationRules
 from mocap_id.kinematics.clusters import Constraints
+from mocap_id.kinematics.link_fit import SegmentationRules
 from mocap_id.kinematics.space.segmentation import SpatialSegmentation, segment_in_space
 from mocap_id_simulation import SimulatedSpaceTrial, simulate_arm, simulate_chain
 

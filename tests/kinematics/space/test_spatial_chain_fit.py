@@ -9,9 +9,9 @@ import pytest
 
 from mocap_id.errors import NumericalError
 from mocap_id.geometry import so3
-from mocap_id.kinematics.space.bundle_equations import segment_origins
+from mocap_id.kinematics.space.bodies import rigid_poses
+from mocap_id.kinematics.space.bundle import segment_origins
 from mocap_id.kinematics.space.chain_fit import SpatialFit, fit_spatial_chain, move_centre
-from mocap_id.kinematics.space.rigid_body import rigid_poses
 from mocap_id_simulation import SpaceRobotOptions, generate_space_robot, simulate_arm, simulate_chain
 
 _UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])

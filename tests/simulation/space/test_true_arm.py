@@ -11,7 +11,7 @@ from mocap_id.geometry import so3
 from mocap_id_simulation import simulate_arm, simulate_chain
 from mocap_id_simulation.arm import FOREARM, HAND, THORAX, UPPER_ARM
 from mocap_id_simulation.arm_files import reach_volume
-from mocap_id_simulation.motion import X, Y, Z
+from mocap_id_simulation.sit_to_stand import X, Y, Z
 
 FINE = 480.0  # Hz, for differences
 

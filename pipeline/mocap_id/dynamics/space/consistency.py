@@ -16,8 +16,7 @@ from scipy.linalg import null_space
 from scipy.optimize import brentq
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.base_parameters import CompressedProblem
-from mocap_id.dynamics.cone_solver import (
+from mocap_id.dynamics.consistency import (
     LENGTH,
     PROVEN,
     ConeKind,
@@ -27,6 +26,7 @@ from mocap_id.dynamics.cone_solver import (
     find_closest_step,
     solve_cones,
 )
+from mocap_id.dynamics.regressor import CompressedProblem
 from mocap_id.errors import NumericalError
 
 _ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # matrix entries of Ixx, Iyy, Izz, Ixy, Ixz, Iyz
@@ -80,7 +80,7 @@ _SPREAD = 0.1  # m: radius of gyration of the bodies to approach if the data do 
 
 @dataclass(frozen=True)
 class SemidefiniteBodies:
-    """Possible segments, described by ten full parameters each (:class:`~mocap_id.dynamics.cone_solver.BodyCone`)."""
+    """Possible segments, described by ten full parameters each (:class:`~mocap_id.dynamics.consistency.BodyCone`)."""
 
     mapping: FloatArray  # (b, 10K) matrix from full parameters to the parameters of the problem
 

@@ -8,13 +8,12 @@ import numpy as np
 from scipy.linalg import null_space
 
 from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
-from mocap_id.dynamics.base_parameters import unit_covariance, variance
 from mocap_id.dynamics.cautions import WEAK, Excitation, classify_parameters
-from mocap_id.dynamics.cone_solver import Solution
+from mocap_id.dynamics.consistency import Solution
 from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.instrument_errors import ModelError, estimate_model_error
 from mocap_id.dynamics.preparation import interpolate_samples
-from mocap_id.dynamics.regressor import torque_regressor
+from mocap_id.dynamics.regressor import torque_regressor, unit_covariance, variance
 from mocap_id.dynamics.space.consistency import fit_semidefinite
 from mocap_id.dynamics.space.preparation import (
     SpatialMotion,

@@ -9,7 +9,6 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_complete_rows
-from mocap_id.dynamics.base_parameters import BaseSet, regroup_columns
 from mocap_id.dynamics.preparation import (
     NO_CLOCK,
     CoarseClock,
@@ -22,7 +21,7 @@ from mocap_id.dynamics.preparation import (
     undo_averaging,
 )
 from mocap_id.dynamics.priors import BodyPrior
-from mocap_id.dynamics.regressor import LINK_PARAMETERS, BodyMotion, bodies_regressor
+from mocap_id.dynamics.regressor import LINK_PARAMETERS, BaseSet, BodyMotion, bodies_regressor, regroup_columns
 from mocap_id.dynamics.space.consistency import change_of_frame
 from mocap_id.geometry import se3, so3
 from mocap_id.geometry.chain import Ball

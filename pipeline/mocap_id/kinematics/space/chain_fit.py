@@ -19,27 +19,26 @@ from mocap_id.errors import NumericalError
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import JointKind, SpatialChain, SpatialJoint
 from mocap_id.kinematics.bundle import frames_along_motion
+from mocap_id.kinematics.space.bodies import fit_shape, rigid_poses
 from mocap_id.kinematics.space.bundle import (
     CENTRE_SD,
     MARKED_SD,
     Bundle,
+    BundleProblem,
+    BundleState,
     ChainPrior,
+    apply_step,
     chain_covariance,
     count_correlated_frames,
     fit_frames_only,
-    long_axes,
-    solve_bundle,
-)
-from mocap_id.kinematics.space.bundle_equations import (
-    BundleProblem,
-    BundleState,
-    apply_step,
     glide_share,
     joint_rotations,
+    long_axes,
     residuals,
+    solve_bundle,
     tangents,
 )
-from mocap_id.kinematics.space.joint_kinds import (
+from mocap_id.kinematics.space.skeleton import (
     PARALLEL,
     JointAxes,
     JointEvidence,
@@ -49,7 +48,6 @@ from mocap_id.kinematics.space.joint_kinds import (
     rotation_arc,
     weigh_kinds,
 )
-from mocap_id.kinematics.space.rigid_body import fit_shape, rigid_poses
 
 Estimator: TypeAlias = Literal["bundle", "score", "sphere", "helical"]
 

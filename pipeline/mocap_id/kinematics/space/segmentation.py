@@ -16,8 +16,8 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.errors import Refused
 from mocap_id.geometry import so3
 from mocap_id.kinematics.bundle import frames_along_motion
-from mocap_id.kinematics.chain_search import SegmentationRules
 from mocap_id.kinematics.clusters import Constraints
+from mocap_id.kinematics.link_fit import SegmentationRules
 from mocap_id.kinematics.segmentation import Confidence, log_shortfall, weigh_evidence
 from mocap_id.kinematics.space.bodies import (
     LEAST,
@@ -29,10 +29,10 @@ from mocap_id.kinematics.space.bodies import (
     distance_deviation,
     divide,
     exchange_markers,
+    mean_rotation,
     spanning_tree,
     subtract_means,
 )
-from mocap_id.kinematics.space.rigid_body import mean_rotation
 
 CHANCE = 0.65
 """Largest residual of a joint, relative to the motion of one body in the other without a joint."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from mocap_id.errors import StoreError
 from mocap_id.store import hash_bytes
 from mocap_id.store.atomic import write_files
-from mocap_id.store.ownership import describe_conflict
+from mocap_id.store.folder import describe_conflict
 
 if TYPE_CHECKING:
     from mocap_id.reporting.results.columns import ResultTable

@@ -21,21 +21,22 @@ from mocap_id.anatomy.frames import (
     set_middle_covariance,
 )
 from mocap_id.anatomy.landmarks import (
+    SEGMENTS,
     LandmarkPosition,
     Pointer,
     calibrate_pointer,
+    find_landmarks,
     find_pointer_markers,
     find_still_pose,
     locate_landmarks,
     locate_pointed_landmark,
 )
-from mocap_id.anatomy.names import SEGMENTS, find_landmarks
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import RecordingError
 from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.geometry.spatial_chain import SpatialChain, change_frames
+from mocap_id.kinematics.space.bodies import rigid_poses
 from mocap_id.kinematics.space.chain_fit import SpatialFit, move_centre
-from mocap_id.kinematics.space.rigid_body import rigid_poses
 from mocap_id.recording import Recording
 from mocap_id.stages.base import Context, Findings
 from mocap_id.stages.fit_joints import FitJointsSettings

@@ -9,9 +9,23 @@ from typing import Any, Literal
 import numpy as np
 
 from mocap_id import recording
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray
 from mocap_id.dynamics.preparation import PreparedTrial, SampledWrench, TrialData
+from mocap_id.dynamics.priors import look_up_arm
 from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.geometry import so3
+from mocap_id.protocols.curl import (
+    CurlRules,
+    ElbowTorque,
+    Mass,
+    SegmentMotion,
+    compute_elbow_torque,
+    find_curls,
+    find_trial_end,
+    fit_part_in_step,
+    fit_trend,
+    measure_compensation,
+)
 from mocap_id.protocols.five_times import (
     LOAD_PHASES,
     REQUIRED_RISES,
@@ -32,6 +46,25 @@ from mocap_id.protocols.movement import (
     interpolate_at,
     resample_repetitions,
 )
+from mocap_id.protocols.reach import (
+    ANGLES,
+    HELD,
+    AngleRange,
+    Reach,
+    RecordedArm,
+    UnknownReach,
+    Volume,
+    compute_level_heights,
+    compute_reach_surface,
+    compute_workspace,
+    find_reaches,
+    find_usable_samples,
+    find_visited_region,
+    get_angle,
+    locate_body_targets,
+    measure_arm,
+    measure_ranges,
+)
 from mocap_id.protocols.repetitions import (
     Posture,
     RiseDetails,
@@ -44,10 +77,20 @@ from mocap_id.protocols.repetitions import (
 )
 from mocap_id.protocols.sit_to_stand import add_remarks, estimate_event_sd, explain_repetitions
 from mocap_id.stages.base import Context, Findings
-from mocap_id.stages.trial_keys import StaticTrial
+from mocap_id.stages.device import DeviceFile
+from mocap_id.stages.trial_keys import Body, StaticTrial
 from mocap_id.store import Column, Table
-from mocap_id.store.schemas import EVENTS, PHASES, RISE
-from mocap_id.store.views import Skeleton, joint_columns, joint_count
+from mocap_id.store.provenance import EVENTS, PHASES, RISE
+from mocap_id.store.views import (
+    MEANINGLESS_AT_POLE,
+    NEAR_GIMBAL,
+    MeasuredPoses,
+    Skeleton,
+    SpatialAngles,
+    SpatialSkeleton,
+    joint_columns,
+    joint_count,
+)
 from mocap_id.verdict import Reason
 
 
@@ -374,3 +417,380 @@ def average_signals(
     for name in ("mean", "sd", "count"):
         columns[name] = np.concatenate([np.zeros(0), *(getattr(each, name) for *_, each in averages)])
     return Table(PHASES, columns, facts, reasons)
+
+
+_FLEXION = "elbow_flexion"
+_SHOULDER = ("shoulder_plane", "shoulder_elevation", "shoulder_axial")
+_AXIAL = _SHOULDER[2]  # angle that contains the error of the elbow's axis
+_THORAX = ("thorax_lateral", "thorax_axial", "thorax_flexion")  # rotations about x, y, z of the thorax
+
+
+def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
+    """Return events.parquet of a trial with `protocol: curl`, and the torque columns of dynamics.parquet if known."""
+    angles, keys = context.table("angles.parquet"), context.trial.curl
+    time = angles["time"]
+    if _FLEXION not in angles.names:
+        why = (
+            "the flexion of the elbow is unknown, because the chain has no upper arm and forearm with landmarks. Curls "
+            "hardly move the shoulder: name a trial of the same person in which all joints move as `calibration:`"
+        )
+        return make_arm_events("curl", (), {"why": why}, (Reason("no-curls", why),)), {}
+    rules = CurlRules(
+        metronome=keys.metronome_hz,
+        attempt=float(np.radians(keys.attempt_deg)),
+        complete=keys.complete,
+        tempo=keys.tempo,
+        pause=keys.pause,
+        plane=float(np.radians(keys.plane_deg)),
+        compensation=float(np.radians(keys.compensation_deg)),
+        sustained=keys.sustained_s,
+    )
+    poses = MeasuredPoses.from_table(context.table("poses.parquet"))
+    skeleton = SpatialSkeleton.from_tree(context.tree("chain.h5"))
+    measured = poses.find_measured("upper_arm", "forearm")
+    curls = find_curls(time, angles[_FLEXION], angles[f"sd_{_FLEXION}"], rules, measured)
+    # the flexion axis of the elbow in the trial's axes (T, 3), towards the right of the arm: the fitted axis of a hinge
+    # or two-axis joint, or the z axis of the upper arm if the elbow is a ball joint
+    forearm = skeleton.segments.index("forearm") if "forearm" in skeleton.segments else 0
+    elbow = skeleton.chain.joints[forearm - 1] if forearm else None  # a forearm that is the base has no elbow
+    fixed = np.array([0.0, 0.0, 1.0])
+    if elbow is not None and elbow.kind != "ball":
+        fixed = elbow.first_axis * (1.0 if elbow.first_axis[2] >= 0 else -1.0)
+    axis = np.asarray(poses.rotation[:, poses.segments.index("upper_arm")] @ fixed)
+    axis[~poses.find_measured("upper_arm")] = np.nan
+    end = find_trial_end(time, axis, curls, rules)
+
+    # angles (T,) of shoulder and thorax, and the standard deviations of their changes, rad
+    channels: dict[str, tuple[FloatArray, FloatArray]] = {}
+    clear = angles["isb_condition"] < NEAR_GIMBAL if "isb_condition" in angles.names else None
+    for name in _SHOULDER:
+        if name in angles.names:
+            value = angles[name]
+            if name in MEANINGLESS_AT_POLE and clear is not None:
+                value = np.where(clear, value, np.nan)
+            value = np.where(poses.find_measured("thorax", "upper_arm"), value, np.nan)
+            channels[name] = (value, angles[f"sd_{name}"])
+    timed = [curl for curl in curls if curl.timed]
+    if timed and "thorax" in poses.segments:
+        turn = poses.rotation[:, poses.segments.index("thorax")]
+        turn = np.where(poses.find_measured("thorax")[:, None, None], turn, np.nan)
+        known = np.flatnonzero(np.isfinite(turn).all(axis=(1, 2)) & (poses.time >= timed[0].start))
+        if len(known):
+            lean = so3.log(turn[known[0]].T @ np.where(np.isfinite(turn), turn, np.eye(3)))
+            lean[~np.isfinite(turn).all(axis=(1, 2))] = np.nan
+            sd = context.table("poses.parquet")["sd_thorax_rotation"]
+            channels |= {name: (lean[:, i], sd) for i, name in enumerate(_THORAX)}
+    in_step = None
+    if _AXIAL in channels:
+        covariance = None  # of the elbow's axis along x and y of the upper arm, (2, 2) rad²
+        if elbow is not None:
+            covariance = elbow.axes_covariance[0, :2, :2]
+            covariance = covariance if np.isfinite(covariance).all() else None
+        in_step = fit_part_in_step(time, *channels[_AXIAL], angles[_FLEXION], covariance, curls)
+        if in_step is not None:
+            channels[_AXIAL] = (channels[_AXIAL][0] - in_step.curve, in_step.rest_sd)
+    moved = {name: measure_compensation(time, *channel, curls, rules) for name, channel in channels.items()}
+    torque = _compute_torques(context, poses, skeleton, axis)
+
+    # what may change with fatigue: one value for every complete curl
+    done = [k for k, curl in enumerate(curls) if curl.complete]
+    quantities = {
+        "duration_s": [curls[k].end - curls[k].start for k in done],
+        "amplitude_rad": [curls[k].amplitude for k in done],
+    }
+    for name, found in moved.items():
+        quantities[f"{name}_range_rad"] = [np.nan if one is None else one.range for one in (found[k] for k in done)]
+    trends = {name: fit_trend(np.array(values)) for name, values in quantities.items()}
+    counted = [curl.complete and np.nanmin([curl.start, curl.top, curl.end, np.inf]) < end.time for curl in curls]
+    facts: dict[str, Any] = {
+        "why": "" if any(counted) else "no complete curl was found",
+        "count": sum(counted),
+        "partial": sum(not (curl.complete or curl.unknown) for curl in curls),
+        "after_end": sum(curl.complete for curl in curls) - sum(counted),
+        "end": {"time_s": end.time, "rule": end.rule, "why": end.why},
+        "condition": keys.condition,
+        "tempo_s": [float(curl.end - curl.start) if curl.timed else None for curl in curls],
+        "compensation": {
+            name: [
+                None
+                if one is None
+                else {
+                    "range_rad": one.range,
+                    "interval_rad": list(one.range_interval),
+                    "offset_rad": one.offset,
+                    "offset_sd_rad": one.offset_sd,
+                    "floor_rad": one.floor,
+                    "sustained_s": one.sustained,
+                }
+                for one in found
+            ]
+            for name, found in moved.items()
+        },
+        "in_step": {},
+        "torque": None,
+        "torque_why": "",
+        "fatigue": {
+            name: None if one is None else {"slope": one.slope, "interval": list(one.interval), "count": one.count}
+            for name, one in trends.items()
+        },
+    }
+    if in_step is not None:
+        facts["in_step"] = {_AXIAL: {"range_rad": in_step.range, "interval_rad": list(in_step.interval)}}
+    reasons = () if any(counted) else (Reason("no-curls", facts["why"]),)
+    rows = [asdict(curl) for curl in curls]
+    if isinstance(torque, str):
+        return make_arm_events("curl", rows, facts | {"torque_why": torque}, reasons), {}
+    # peaks of total and person's torque in each curl, N·m; a curl in part of which the arm is not measured has none
+    facts["torque"] = []
+    for curl in curls:
+        within = (time >= curl.start) & (time <= (curl.end if np.isfinite(curl.end) else time[-1]))
+        peaks: dict[str, float | None] = {}
+        for prefix, one in (("", torque[""]), ("person_", torque["person"])):
+            there = np.flatnonzero(within & np.isfinite(one.torque))
+            k = there[np.argmax(one.torque[there])] if len(there) else None
+            peaks[f"{prefix}peak_Nm"] = None if k is None else float(one.torque[k])
+            peaks[f"{prefix}sd_Nm"] = None if k is None else float(one.sd[k])
+        whole = np.isfinite(torque[""].torque[within]).all()
+        facts["torque"].append(peaks if whole and peaks["peak_Nm"] is not None else None)
+    columns: dict[str, FloatArray] = {}
+    for part, one in torque.items():
+        suffix = f"_{part}" if part else ""
+        columns |= {f"elbow_torque{suffix}": one.torque, f"sd_elbow_torque{suffix}": one.sd}
+    return make_arm_events("curl", rows, facts, reasons), columns
+
+
+_ADDED_SD, _TABLE_SD = 0.02, 0.15  # relative standard deviation of a mass: weighed, and from a table
+
+
+def _compute_torques(
+    context: Context, poses: MeasuredPoses, skeleton: SpatialSkeleton, axis: FloatArray
+) -> dict[str, ElbowTorque] | str:
+    """Return the torques about the elbow's axis, or a text that says why they are unknown.
+
+    The names are "" for the total torque, and "device" and "person" for its two parts, which are NaN if the trial has
+    no file of a device.
+    """
+    keys, subject, table = context.trial.curl, context.trial.subject, context.table("poses.parquet")
+    carried = [name for name in ("forearm", "hand") if name in poses.segments]
+    if "forearm" not in carried:
+        return "no segment is the forearm"
+    if subject.mass is None and (keys.forearm is None or keys.hand is None):
+        return "the inertia of forearm and hand is unknown; give `subject: {mass: …}`, or `curl: {forearm: …, hand: …}`"
+    segments = []
+    for name in carried:
+        k = poses.segments.index(name)
+        loads = [body for body in keys.loads.values() if body.segment == name or "hand" not in carried]
+        own = _make_own_bodies(context, skeleton, name, alone="hand" not in carried)
+        omega, alpha = (table.stack([f"{name}_{rate}_{axis}" for axis in "xyz"]) for rate in ("omega", "alpha"))
+        bodies = [*own, *(_make_mass(body, _ADDED_SD) for body in loads)]
+        segments.append(
+            SegmentMotion(poses.origin[:, k], poses.rotation[:, k], omega, alpha, table[f"sd_{name}_alpha"], bodies)
+        )
+    tilt = float(np.nanmedian(table["sd_forearm_rotation"]))
+    total = compute_elbow_torque(poses.time, axis, segments, tilt=tilt)
+
+    # the parts of device and person
+    angles, unknown = context.table("angles.parquet"), np.full(len(poses.time), np.nan)
+    device = person = ElbowTorque(unknown, unknown)
+    if keys.device is not None:
+        file = DeviceFile.model_validate(keys.device)
+        angle_sd = np.hypot(angles["sd_elbow_flexion"], angles["constant_sd_elbow_flexion"])
+        device = ElbowTorque(*file.torque(file.sealed, angles["elbow_flexion"], angles["delbow_flexion"], angle_sd))
+        person = ElbowTorque(total.torque - device.torque, np.hypot(total.sd, device.sd))
+    hidden = ~poses.find_measured("upper_arm", "forearm", "hand")
+    return {
+        name: ElbowTorque(*(np.where(hidden, np.nan, each) for each in (one.torque, one.sd)))
+        for name, one in (("", total), ("device", device), ("person", person))
+    }
+
+
+def _make_own_bodies(context: Context, skeleton: SpatialSkeleton, name: str, *, alone: bool) -> list[Mass]:
+    """Return the body of a segment, from the user or from the table by the person's mass and the segment's length.
+
+    If the chain has no hand (``alone``), the result also contains the body of the hand, at the end of the forearm.
+    """
+    keys, subject = context.trial.curl, context.trial.subject
+    length = skeleton.lengths.get("forearm", (np.nan, np.nan))[0]
+    bodies = []
+    for segment in (name, "hand") if alone else (name,):
+        below = np.array([0.0, -length, 0.0]) if alone and segment == "hand" else np.zeros(3)
+        given = keys.forearm if segment == "forearm" else keys.hand
+        if given is not None:
+            mass = _make_mass(given, _ADDED_SD)
+        else:
+            share = look_up_arm("forearm" if segment == "forearm" else "hand", subject.sex)
+            own = length if segment == "forearm" else length * share.length / look_up_arm("forearm", subject.sex).length
+            weight = share.mass * (subject.mass or np.nan)
+            across = weight * (share.gyration * own) ** 2
+            mass = Mass(weight, np.array([0.0, -share.centre * own, 0.0]), np.array([across, 0.0, across]), _TABLE_SD)
+        bodies.append(Mass(mass.mass, mass.centre + below, mass.inertia, mass.relative_sd))
+    return bodies
+
+
+def _make_mass(body: Body, relative_sd: float) -> Mass:
+    return Mass(body.mass, np.array(body.centre), np.array(body.inertia), relative_sd)
+
+
+_LEAST_RANGE = np.radians(2.0)  # smallest range of an angle that moves
+_CLEARLY = 0.005  # m, least distance by which the hand is beyond its known ends while the arm is not measured
+_PATH = 600  # approximate number of points of the path of the wrist
+_NO_REGION = "the visited postures have no volume in joint space: an angle hardly moves independently of the others"
+
+
+def find_reach_events(context: Context) -> Table:
+    """Return events.parquet of a trial with `protocol: reach`."""
+    angles = SpatialAngles.from_table(context.table("angles.parquet"))
+    poses = MeasuredPoses.from_table(context.table("poses.parquet"))
+    chain = context.tree("chain.h5")
+    skeleton = SpatialSkeleton.from_tree(chain)
+    ranges = measure_ranges(angles, poses, skeleton=chain.facts.get("frames") == "skeleton")
+    facts: dict[str, Any] = {"why": "", "ranges": {}}
+    for name, own in ranges.items():
+        low, high, low_sd, high_sd, spread = np.degrees(
+            [own.low, own.high, own.low_sd, own.high_sd, own.width_sd]
+        ).tolist()
+        width = high - low
+        facts["ranges"][name] = {
+            "low_deg": low,
+            "high_deg": high,
+            "range_deg": width,
+            "interval_deg": [max(width - NORMAL_95 * spread, 0.0), width + NORMAL_95 * spread],
+            "low_sd_deg": low_sd,
+            "high_sd_deg": high_sd,
+            "used_share": own.used_share,
+        }
+    reaches: tuple[Reach, ...] = ()
+    try:
+        arm = measure_arm(angles, poses, skeleton, context.trial.subject.height)
+        reaches = find_reaches(angles.time, arm)
+        misses: dict[str, list[float]] = {}
+        for one in reaches:
+            if one.target != "none":
+                misses.setdefault(one.target, []).append(one.miss)
+        # path of the wrist, arm at its furthest reach and targets, for the view on the page
+        known = np.flatnonzero(arm.measured & np.isfinite(arm.wrists).all(axis=1))
+        if not len(known):
+            raise UnknownReach("no frame has markers of the whole arm")
+        far = known[np.argmax(np.linalg.norm(arm.wrists[known], axis=1))]
+        path = arm.wrists[known[:: max(len(known) // _PATH, 1)]]
+        facts |= {
+            "lengths_m": {"upper_arm": float(np.linalg.norm(arm.arm.elbow)), "forearm": arm.arm.forearm},
+            "arm_length_m": arm.arm.length,
+            "shoulder_m": arm.shoulder.tolist(),
+            "glide_m": arm.glide.tolist(),
+            "view": {
+                "path_m": path.round(3).tolist(),
+                "arm_m": np.stack([np.zeros(3), arm.elbows[far], arm.wrists[far]]).round(3).tolist(),
+                "targets_m": {name: place.round(3).tolist() for name, place in locate_body_targets(arm).items()},
+            },
+            "heights": _measure_heights(angles.time, arm),
+            "tasks": {
+                name: {"count": len(each), "best_miss_m": min(each), "median_miss_m": float(np.median(each))}
+                for name, each in misses.items()
+            },
+        }
+        facts |= _compute_volumes(angles, poses, arm, ranges)
+    except UnknownReach as unknown:
+        facts["why"] = str(unknown)
+    reasons = (Reason("no-reach", f"the reachable volume is unknown: {facts['why']}"),) if facts["why"] else ()
+    return make_arm_events("reach", [asdict(one) | {"miss_m": one.miss} for one in reaches], facts, reasons)
+
+
+def _measure_heights(time: FloatArray, arm: RecordedArm) -> dict[str, Any]:
+    """Return the highest and lowest position of the wrist, and the levels that the middle of the hand reached.
+
+    They are None if the hand was probably higher or lower, or at this level, only while the arm is not measured.
+    """
+    rank = max(round(HELD / float(np.median(np.diff(time)))), 1)
+    ends = {}
+    for name, path in (("wrist", arm.wrists), ("palm", arm.palms)):
+        for side, sign in (("high", 1.0), ("low", -1.0)):
+            height = sign * path[:, 1]
+            seen = np.sort(height[arm.measured & np.isfinite(height)])
+            hidden = height[~arm.measured & np.isfinite(height)]
+            end = float(seen[-rank]) if len(seen) >= rank else np.nan
+            ends[name, side] = sign * end, bool(np.any(hidden > end + _CLEARLY))
+    highest, lowest = (None if beyond else end for end, beyond in (ends["wrist", "high"], ends["wrist", "low"]))
+    palm, beyond = ends["palm", "high"]
+    return {
+        "highest_m": highest,
+        "lowest_m": lowest,
+        "highest_share": None if highest is None else highest / arm.arm.length,
+        "lowest_share": None if lowest is None else lowest / arm.arm.length,
+        "levels": {
+            name: True if palm >= height else None if beyond else False
+            for name, height in compute_level_heights(arm).items()
+        },
+    }
+
+
+def _compute_volumes(
+    angles: SpatialAngles, poses: MeasuredPoses, arm: RecordedArm, ranges: Mapping[str, AngleRange]
+) -> dict[str, Any]:
+    """Return facts on the reachable volume and surface, within the box of the ranges and within the visited region.
+
+    Raises
+    ------
+    UnknownReach
+        An angle has no range, or the elbow bends the wrong way.
+    """
+    still = [name for name in ANGLES if name not in ranges or ranges[name].high - ranges[name].low < _LEAST_RANGE]
+    if still:
+        names = " and ".join(name.replace("_", " ") for name in still)
+        raise UnknownReach(f"{names} change by less than {np.degrees(_LEAST_RANGE):.0f}° where they are defined")
+    flexion = ranges["elbow_flexion"]
+    if flexion.low + flexion.high < 0:
+        raise UnknownReach(
+            f"the elbow bends backwards (flexion from {np.degrees(flexion.low):.0f}° to "
+            f"{np.degrees(flexion.high):.0f}°), as if it were the arm of the other side: correct `side:`"
+        )
+    usable = np.logical_and.reduce([find_usable_samples(angles, poses, name) for name in ANGLES])
+    postures = np.stack([get_angle(angles, name, usable) for name in ANGLES], axis=1)
+    limits = np.array([(ranges[name].low, ranges[name].high) for name in ANGLES])
+    region = find_visited_region(postures, limits)
+    found = compute_workspace(arm, ranges, region)
+    surfaces = {"box": compute_reach_surface(arm.arm, limits)}
+    if region is not None:
+        surfaces["visited"] = compute_reach_surface(arm.arm, region.limits, region.planes)
+
+    # the part of the box between the recorded postures
+    visited: dict[str, Any] = dict.fromkeys(("volume_m3", "interval_m3", "share"))
+    visited |= {"meaning": _NO_REGION, "why": _NO_REGION}
+    if found.visited is not None and region is not None:
+        share = found.visited.volume / found.box.volume
+        visited = _describe_volume(found.visited) | {
+            "share": share,
+            "why": None,
+            "meaning": (
+                "In the box, every angle has its whole range at all values of the other angles. The postures between "
+                f"the recorded postures reach {100 * share:.0f} % of its volume; whether the rest can be reached is "
+                "unknown. The true volume is between both volumes, nearer to the box if the angles can be combined "
+                "more freely."
+            ),
+        }
+    directions = {"theta_deg": surfaces["box"].polar, "psi_deg": surfaces["box"].azimuth}
+    radii = {
+        f"{name}_m": [[round(r, 3) if np.isfinite(r) else None for r in row] for row in one.radius.tolist()]
+        for name, one in surfaces.items()
+    }
+    return {
+        **_describe_volume(found.box),
+        "sd_m3": found.sd,
+        "relative_volume": found.relative(arm.arm),
+        "sources": found.sources,
+        "box_deg": {
+            name.split("_")[1]: np.degrees(pair).tolist() for name, pair in zip(ANGLES, found.limits, strict=True)
+        },
+        "visited": visited,
+        "surface": {name: one.areas for name, one in surfaces.items()},
+        "mesh": {name: np.degrees(each).round(2).tolist() for name, each in directions.items()} | radii,
+    }
+
+
+def _describe_volume(one: Volume) -> dict[str, Any]:
+    return {
+        "volume_m3": one.volume,
+        "interval_m3": list(one.interval),
+        "discretisation_m3": one.discretisation,
+        "convergence_m3": list(one.convergence),
+    }

@@ -14,12 +14,12 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, as_complex
 from mocap_id.design.proposal import describe_recommendations, recommend_if_doubtful
-from mocap_id.dynamics.base_parameters import base_names, list_base_units, name_parameters, structural_base
 from mocap_id.dynamics.built_in_sensors import combine_with_sensors
 from mocap_id.dynamics.cautions import (
     OFFSET_LARGE,
     WEAK,
     WEAK_ROBOT,
+    estimate_gains,
     find_cautions,
     get_identified_mass,
     measure_excitation,
@@ -31,10 +31,16 @@ from mocap_id.dynamics.measured_motion import USUAL
 from mocap_id.dynamics.prediction import Prediction, centre_of_pressure, estimate_chain_noise, predict
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, measure_arcs, prepare
 from mocap_id.dynamics.priors import build_even_prior
-from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, planar_regressor
-from mocap_id.dynamics.scale_check import estimate_gains
+from mocap_id.dynamics.regressor import (
+    WRENCH_COMPONENTS,
+    base_names,
+    list_base_units,
+    name_parameters,
+    planar_regressor,
+    structural_base,
+)
 from mocap_id.errors import Refused
-from mocap_id.kinematics.cluster_poses import BENDS_M
+from mocap_id.kinematics.clusters import BENDS_M
 from mocap_id.kinematics.joint import count_positions
 from mocap_id.protocols.body_names import name_directions
 from mocap_id.protocols.movement import Movement, find_facing, find_movement
@@ -100,7 +106,7 @@ from mocap_id.stages.identify_dim.trial_data import (
     read_wrench,
 )
 from mocap_id.store import Table, Tree
-from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
+from mocap_id.store.provenance import DYNAMICS_TABLE, DYNAMICS_TREE
 from mocap_id.store.views import Skeleton, find_measured
 from mocap_id.verdict import Reason
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from mocap_id import recording
 from mocap_id.arrays import BoolArray, FloatArray, as_complex, find_complete_rows
-from mocap_id.dynamics.base_parameters import BaseSet, CompressedProblem
+from mocap_id.dynamics.cautions import check_scales, find_body_ratios
 from mocap_id.dynamics.consistency import PointGrid, build_grid
 from mocap_id.dynamics.fit import Fit, fit, number_parts, shorten_rests
 from mocap_id.dynamics.identification import (
@@ -58,9 +58,9 @@ from mocap_id.dynamics.priors import (
     compute_reference_sd,
     split_torso,
 )
-from mocap_id.dynamics.scale_check import check_scales, find_body_ratios
+from mocap_id.dynamics.regressor import BaseSet, CompressedProblem
 from mocap_id.geometry import planar
-from mocap_id.kinematics.cluster_poses import BENDS_M, LEAST_MARKERS, REMAINING
+from mocap_id.kinematics.clusters import BENDS_M, LEAST_MARKERS, REMAINING
 from mocap_id.kinematics.joint import count_positions
 from mocap_id.protocols.body_names import ReferenceBody
 from mocap_id.protocols.movement import Movement
@@ -360,11 +360,11 @@ def estimate_centre_errors(context: Context, bodies: MeasuredBodies, q: FloatArr
 
     The covariance of a centre from the joint fit also contains the error of the previous centre, which the standard
     deviation does not. The ankles of moving feet have the standard deviations of
-    :mod:`mocap_id.kinematics.cluster_poses`. Both results include motion between both sides of the joint. At the hip,
+    :mod:`mocap_id.kinematics.clusters`. Both results include motion between both sides of the joint. At the hip,
     it includes the effect of a bending trunk. If the pelvis rotates relative to the trunk, the joint fit estimates a
     centre between hip and lumbar spine, with small residuals, but the marker next to the hip moves relative to the
     trunk. If the hip moves in the same way and in phase with its angle, this motion divided by the change of the angle
-    estimates the error of the centre. The shift of the joint (:mod:`mocap_id.kinematics.cluster_poses`) corrects a part
+    estimates the error of the centre. The shift of the joint (:mod:`mocap_id.kinematics.clusters`) corrects a part
     of this error.
     """
     tree = context.tree("chain.h5")

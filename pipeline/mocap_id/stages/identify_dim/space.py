@@ -39,7 +39,7 @@ from mocap_id.stages.identify_dim.dynamics_artefacts import (
 from mocap_id.stages.identify_dim.events import make_events
 from mocap_id.stages.identify_dim.trial_data import NotIdentifiable, read_common_time, read_cop_threshold, read_wrench
 from mocap_id.store import Table, Tree
-from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE, PHASES
+from mocap_id.store.provenance import DYNAMICS_TABLE, DYNAMICS_TREE, PHASES
 from mocap_id.store.views import SpatialSkeleton
 from mocap_id.verdict import Reason
 
@@ -60,11 +60,11 @@ def identify_in_space(context: Context) -> Outputs:
     events = make_events(())
     torques: dict[str, FloatArray] = {}
     if context.trial.protocol == "curl":
-        from mocap_id.stages.identify_dim.curls import find_curl_events  # noqa: PLC0415  only for curls
+        from mocap_id.stages.identify_dim.events import find_curl_events  # noqa: PLC0415  only for curls
 
         events, torques = find_curl_events(context)
     elif context.trial.protocol == "reach":
-        from mocap_id.stages.identify_dim.reaches import find_reach_events  # noqa: PLC0415  only for reaches
+        from mocap_id.stages.identify_dim.events import find_reach_events  # noqa: PLC0415  only for reaches
 
         events = find_reach_events(context)
     if isinstance(trial, NotIdentifiable):

@@ -10,6 +10,7 @@ import numpy as np
 
 from mocap_id import recording
 from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.dynamics.cautions import WrenchGain, estimate_gains
 from mocap_id.dynamics.fit import LEAST_SECONDS, Fit, determines_parameters, fit, select_samples
 from mocap_id.dynamics.instrument_errors import KinematicError, propagate_to_parameters
 from mocap_id.dynamics.prediction import compare_wrenches
@@ -25,7 +26,6 @@ from mocap_id.dynamics.preparation import (
 )
 from mocap_id.dynamics.priors import TableName, compute_foot_sd, compute_reference_sd, estimate_height, look_up_table
 from mocap_id.dynamics.regressor import SEAT, WRENCH_COMPONENTS, ExternalWrench
-from mocap_id.dynamics.scale_check import WrenchGain, estimate_gains
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.protocols.body_names import GROUND, ReferenceBody, build_reference_body, make_empty_reference
 from mocap_id.protocols.movement import Movement, find_facing

@@ -51,7 +51,7 @@ class PlanariseSettings(Settings):
 def _planarise(context: Context) -> Outputs:
     guess = context.trial.guessed
     if guess is not None and guess.movement in {"walking", "jumping"}:
-        from mocap_id.protocols.kind_of_movement import ELSEWHERE  # noqa: PLC0415  loads numpy
+        from mocap_id.protocols.movement import ELSEWHERE  # noqa: PLC0415  loads numpy
 
         raise Refused(
             "walking" if guess.movement == "walking" else "jumping",
@@ -63,7 +63,7 @@ def _planarise(context: Context) -> Outputs:
     if context.trial.space == "3d":
         from mocap_id.stages.planarise.space import planarise_in_space as planarise  # noqa: PLC0415
     elif context.trial.recording is None:
-        from mocap_id.stages.planarise.skeleton import planarise_sensors as planarise  # noqa: PLC0415
+        from mocap_id.stages.planarise.space import planarise_sensors as planarise  # noqa: PLC0415
     else:
         from mocap_id.stages.planarise.plane import planarise  # noqa: PLC0415
     outputs = planarise(context)

@@ -8,7 +8,7 @@ from mocap_id.reporting.contents import FILES, PdfFonts
 from mocap_id.stages import STAGE_HELP
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
 from mocap_id.stages.trial_keys import TrialKeys
-from mocap_id.store.schemas import SCHEMAS
+from mocap_id.store.provenance import SCHEMAS
 
 
 class ReportSettings(Settings):

@@ -7,17 +7,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mocap_id.anatomy.names import ARM, TRUNK, find_roles
+from mocap_id.anatomy.landmarks import ARM, TRUNK, find_roles
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import ConfigError
 from mocap_id.kinematics import Constraints, SegmentationRules
 from mocap_id.protocols.body_names import GROUND
-from mocap_id.stages.base import Context, Findings, Outputs
+from mocap_id.stages.base import Context, Findings, Outputs, find_markers
 from mocap_id.stages.calibration_trial import get_calibration, read_chain
-from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.segment import SegmentSettings
 from mocap_id.store import Table
-from mocap_id.store.schemas import SEGMENTS
+from mocap_id.store.provenance import SEGMENTS
 from mocap_id.store.views import Trajectories
 
 UNSURE = 0.5

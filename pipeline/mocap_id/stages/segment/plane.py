@@ -14,9 +14,8 @@ from mocap_id.errors import ConfigError, Refused
 from mocap_id.kinematics import Segmentation, frames_over_time, measure_asymmetry, segment_markers
 from mocap_id.kinematics.marker_faults import BadStretch, RecordedMarkers, find_bad_stretches, find_repeats, sample_rows
 from mocap_id.protocols.body_names import LONGEST, name_chain
-from mocap_id.protocols.kind_of_movement import ELSEWHERE, recognise_movement
-from mocap_id.stages.base import Context, Findings, Outputs
-from mocap_id.stages.marker_names import find_markers
+from mocap_id.protocols.movement import ELSEWHERE, recognise_movement
+from mocap_id.stages.base import Context, Findings, Outputs, find_markers
 from mocap_id.stages.segment import SegmentSettings
 from mocap_id.stages.segment.hints import (
     UNSURE,

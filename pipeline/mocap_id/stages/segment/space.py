@@ -7,15 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mocap_id.anatomy.names import SEGMENTS as LANDMARK_SEGMENTS
-from mocap_id.anatomy.names import find_landmarks
+from mocap_id.anatomy.landmarks import SEGMENTS as LANDMARK_SEGMENTS
+from mocap_id.anatomy.landmarks import find_landmarks
 from mocap_id.arrays import FloatArray
 from mocap_id.kinematics import Constraints
-from mocap_id.kinematics.space.rigid_body import rigid_poses
+from mocap_id.kinematics.space.bodies import rigid_poses
 from mocap_id.kinematics.space.segmentation import SpatialSegmentation, segment_in_space
-from mocap_id.stages.base import Context, Findings, Outputs
+from mocap_id.stages.base import Context, Findings, Outputs, find_markers
 from mocap_id.stages.calibration_trial import read_chain
-from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.segment import SegmentSettings
 from mocap_id.stages.segment.hints import (
     UNSURE,

@@ -19,20 +19,18 @@ from mocap_id.estimation.inertial_tracking import (
     calibrate_chain,
     track_without_markers,
 )
-from mocap_id.estimation.inverse_kinematics import MarkerChain
-from mocap_id.estimation.noise import FilterNoise
+from mocap_id.estimation.noise import FilterNoise, MarkerChain
 from mocap_id.geometry.planar import marker_positions
-from mocap_id.recording.held_samples import describe_held
-from mocap_id.recording.imu_log import read_imu
+from mocap_id.recording.sample_checks import describe_held
+from mocap_id.recording.sensor_logs import read_imu
 from mocap_id.stages import skin_motion
 from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.calibration_trial import get_calibration, read_states
 from mocap_id.stages.trial_keys import InertialSensor, list_sensors
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
-from mocap_id.stages.ukf_smooth.encoder_states import empty_encoder_table
-from mocap_id.stages.ukf_smooth.plane import SKIN, assume_skin, state_columns
+from mocap_id.stages.ukf_smooth.plane import SKIN, assume_skin, empty_encoder_table, state_columns
 from mocap_id.store import LongTable, Table
-from mocap_id.store.schemas import ANGLES, MARKERS, POSES, STATES
+from mocap_id.store.provenance import ANGLES, MARKERS, POSES, STATES
 from mocap_id.store.views import JointStates, Skeleton, Trajectories
 
 _SATURATED = 3e-3  # fraction of saturated samples above which they are reported

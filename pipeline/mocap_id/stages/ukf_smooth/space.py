@@ -26,7 +26,7 @@ from mocap_id.estimation.space import SpatialSettings, SpatialStates, smooth_in_
 from mocap_id.estimation.space.skeleton_smoothing import SkeletonNoise, bridge_short_gaps, remove_jumps, smooth_skeleton
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
-from mocap_id.kinematics.space.rigid_body import rigid_poses
+from mocap_id.kinematics.space.bodies import rigid_poses
 from mocap_id.kinematics.space.skeleton import SensorNoise
 from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.skin_motion import add_axial_rotation_errors, correct_axial_rotation, correct_cluster_slides
@@ -42,9 +42,9 @@ from mocap_id.stages.ukf_smooth.checks import (
     report_rejected,
     report_repeated_frames,
 )
-from mocap_id.stages.ukf_smooth.encoder_states import empty_encoder_table
+from mocap_id.stages.ukf_smooth.plane import empty_encoder_table
 from mocap_id.store import LongTable, Table, Tree
-from mocap_id.store.schemas import ANGLES, MARKERS, POSES, SKIN, STATES
+from mocap_id.store.provenance import ANGLES, MARKERS, POSES, SKIN, STATES
 from mocap_id.store.views import SpatialSkeleton, Trajectories, is_skeleton
 
 _COMMON_WITH_IMUS = 0.1
@@ -77,7 +77,7 @@ def smooth_rotations(context: Context) -> Outputs:
     if from_skeleton:
         states = smooth_skeleton_states(tree, view, points, skeleton.chain, settings.gate)
     elif context.trial.imus:
-        from mocap_id.estimation.space.inertial_fusion import fuse_in_space  # noqa: PLC0415  only with sensors
+        from mocap_id.estimation.space.skeleton_smoothing import fuse_in_space  # noqa: PLC0415  only with sensors
         from mocap_id.stages.ukf_smooth.inertial import describe_sensors, read_sensors  # noqa: PLC0415
 
         names, worn = list(skeleton.segments), list_sensors(context.trial.imus)

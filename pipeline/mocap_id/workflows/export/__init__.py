@@ -10,7 +10,7 @@ from typing import TypeAlias
 from mocap_id import runner
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.store.atomic import write_files
-from mocap_id.store.ownership import check_owner, store_owner
+from mocap_id.store.folder import check_owner, store_owner
 from mocap_id.workflows.export.opensim_model import export_model, export_spatial_model
 from mocap_id.workflows.export.opensim_tables import (
     export_anatomical_angles,

@@ -36,7 +36,7 @@ from mocap_id.reporting.sensitivity import Parameter, SensitivityData, render_se
 from mocap_id.stages.base import Context
 from mocap_id.stages.calibration_trial import has_no_markers
 from mocap_id.store import Artefact, Folder, Table, Tree
-from mocap_id.store.ownership import check_owner, store_owner
+from mocap_id.store.folder import check_owner, store_owner
 from mocap_id.store.views import Skeleton, joint_columns
 from mocap_id.verdict import Level, overall
 from mocap_id.workflows.parallel import LocalBackend

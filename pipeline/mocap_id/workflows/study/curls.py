@@ -29,8 +29,7 @@ from mocap_id.reporting.results.columns import (
 )
 from mocap_id.reporting.study.curls import render_curl_page
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.study.pooling import average_people, group_by, pool_differences, sd_of
-from mocap_id.workflows.study.study import StudyKind
+from mocap_id.workflows.study.study import StudyKind, average_people, group_by, pool_differences, sd_of
 from mocap_id.workflows.trial_outcome import (
     TRIAL_COLUMNS,
     VERDICT_COLUMNS,

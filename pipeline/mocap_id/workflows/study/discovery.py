@@ -21,10 +21,10 @@ from itertools import count
 from pathlib import Path, PurePosixPath
 
 from mocap_id import recording
-from mocap_id.anatomy.names import ARM, Side, find_landmarks, find_roles
+from mocap_id.anatomy.landmarks import ARM, Side, find_landmarks, find_roles
 from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.plain_files import suggest
-from mocap_id.protocols.kind_of_movement import recognise_movement
+from mocap_id.protocols.movement import recognise_movement
 from mocap_id.recording import is_marker_text
 from mocap_id.recording.model import Recording
 from mocap_id.recording.sensor_logs import find_force_columns

@@ -32,14 +32,14 @@ from mocap_id.reporting.results.columns import (
 from mocap_id.reporting.study.cohort import CohortData
 from mocap_id.reporting.study.reach import Shape, render_reach_page, show_score
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.study.pooling import (
+from mocap_id.workflows.study.study import (
     IntervalEstimate,
+    StudyKind,
     average_estimates,
     correlate_ranks,
     group_by,
     pool_differences,
 )
-from mocap_id.workflows.study.study import StudyKind
 from mocap_id.workflows.trial_outcome import (
     TRIAL_COLUMNS,
     VERDICT_COLUMNS,

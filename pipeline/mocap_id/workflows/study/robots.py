@@ -27,7 +27,7 @@ import pandas as pd
 from mocap_id import __version__, recording, runner
 from mocap_id.arrays import FloatArray
 from mocap_id.config import Trial
-from mocap_id.config.robot_study import RobotStudy, RobotTrial, load_robot_study
+from mocap_id.config.study import RobotStudy, RobotTrial, load_robot_study
 from mocap_id.dynamics.preparation import SampledWrench
 from mocap_id.errors import ConfigError, MocapIdError, RecordingError
 from mocap_id.reporting.numbers import UNKNOWN, show_fixed, to_number
@@ -56,13 +56,10 @@ from mocap_id.stages import STAGES
 from mocap_id.stages.trial_keys import get_recording
 from mocap_id.store import Folder
 from mocap_id.store.atomic import converting_errors, write_files
-from mocap_id.store.folder import record_file
-from mocap_id.store.ownership import check_owner, store_owner
-from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
+from mocap_id.store.folder import check_owner, record_file, store_owner
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trial, run_trials
-from mocap_id.workflows.run_folder import find_owner_of_files
-from mocap_id.workflows.study.pooling import group_by
-from mocap_id.workflows.study.study import StudyKind
+from mocap_id.workflows.run_folder import IdentifiedTrial, find_owner_of_files, open_identified_trial
+from mocap_id.workflows.study.study import StudyKind, group_by
 from mocap_id.workflows.trial_outcome import TrialOutcome, number_or_nan, read_summary
 
 PAGE, DOCUMENT, MARKDOWN = "robot.html", "validation.json", "robot.md"
