@@ -45,7 +45,7 @@ from mocap_id.config import load
 from mocap_id.dynamics.instrument_errors import PlanarCalibration
 from mocap_id.dynamics.prediction import centre_of_pressure, transfer_parameters
 from mocap_id.runner import run_stage
-from mocap_id.workflows.run_folder import IdentifiedTrial, MovingBodies, match_bodies, open_identified_trial
+from mocap_id.workflows.identified_trial import IdentifiedTrial, MovingBodies, match_bodies, open_identified_trial
 from mocap_id.workflows.transfer import HELD_OUT, OWN, TRANSFERRED, apply_model
 from mocap_id_simulation.options import FaultOptions, Options
 from mocap_id_simulation.studies import Cohort, simulate_cohort

@@ -19,7 +19,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.geometry import planar
 from mocap_id.runner import run_stage
-from mocap_id.workflows.run_folder import IdentifiedTrial, open_identified_trial
+from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id_simulation import Options, PersonOptions
 
 HIP = (6.0, 16.0)  # mm

@@ -30,7 +30,7 @@ from mocap_id.stages.identify_dim.segment_fit import (
 )
 from mocap_id.stages.identify_dim.trial_data import ReferenceBodies, build_reference_bodies
 from mocap_id.store import Folder
-from mocap_id.workflows.run_folder import IdentifiedTrial, open_identified_trial
+from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.transfer import HELD_OUT, OWN, SERIES, TRANSFERRED, apply_model, rms_error
 
 HEADS = ("Fx, N", "Fy, N", "tauz, N·m", "CoP, mm")

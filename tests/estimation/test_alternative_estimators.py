@@ -10,9 +10,9 @@ from simulated_chains import Moving, measured, rms, swinging
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError
-from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE, filter_problem, reference_engines
+from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE, filter_problem, filterpy_engine
+from mocap_id.estimation.alternative_estimators import LEAST_SAMPLES, average_two_passes, smooth_butterworth
 from mocap_id.estimation.filter_problem import START_SD, Anchors, noise_shape, transition
-from mocap_id.estimation.reference_engines import LEAST_SAMPLES, average_two_passes, smooth_butterworth
 
 SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
 RIVALS = ("two-filter", *FRAMEWISE)
@@ -37,7 +37,7 @@ def test_two_filter_is_the_average_of_filterpys_two_passes() -> None:
     moving = swinging(joints=2, per_segment=3, seconds=0.8, seed=5)
     noise = {"marker_sd": 5e-4, "sigma_v": 3e3}
     ahead, back = (
-        reference_engines.filter_slowly(each.problem(**noise)).by_joint() for each in (moving, backwards(moving))
+        filterpy_engine.filter_slowly(each.problem(**noise)).by_joint() for each in (moving, backwards(moving))
     )
     states = moving.smoothed(method="two-filter", **noise)
     scale = np.maximum(rms(ahead[0]), START_SD)

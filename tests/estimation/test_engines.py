@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from simulated_chains import Moving, kicked, rms, swinging
 
-from mocap_id.estimation import filter_problem, reference_engines
+from mocap_id.estimation import filter_problem, filterpy_engine
 from mocap_id.estimation.filter_problem import START_SD, FilterProblem, Track
 
 EQUAL = 1e-9
@@ -57,9 +57,9 @@ def test_filter_and_smoother_equal_filterpy(
 ) -> None:
     moving = swinging(joints=joints, per_segment=per_segment, seconds=100 / rate, rate=rate, seed=seed)
     problem = damaged(moving, seed).problem(marker_sd=1e-3, sigma_v=3e5 / rate, kappa=kappa)
-    ours, theirs = filter_problem.filter_forwards(problem), reference_engines.filter_slowly(problem)
+    ours, theirs = filter_problem.filter_forwards(problem), filterpy_engine.filter_slowly(problem)
     assert_same(ours, theirs)
-    ours, theirs = filter_problem.smooth_backwards(problem, ours), reference_engines.smooth_slowly(problem, theirs)
+    ours, theirs = filter_problem.smooth_backwards(problem, ours), filterpy_engine.smooth_slowly(problem, theirs)
     assert_same(ours, theirs)
 
 
@@ -70,7 +70,7 @@ def tracked() -> tuple[FilterProblem, Track]:
 
 def test_the_smoother_equals_filterpys_without_restarts() -> None:
     problem, track = tracked()
-    mean, covariance, _ = reference_engines._make_filter(problem).rts_smoother(track.mean, track.covariance)
+    mean, covariance, _ = filterpy_engine._make_filter(problem).rts_smoother(track.mean, track.covariance)
     theirs = replace(track, mean=mean, covariance=covariance)
     # filterpy subtracts covariances, with cancellation at the first frames
     assert_same(filter_problem.smooth_backwards(problem, copied(track)), theirs, deviation=1e-7)
@@ -100,6 +100,6 @@ def test_both_engines_can_be_selected_and_agree() -> None:
 def test_both_engines_follow_a_movement_that_outruns_the_process_noise() -> None:
     fast = kicked(seconds=1.5, noise=5e-4)
     problem = fast.problem(marker_sd=1e-3, sigma_v=1e3)
-    ours, theirs = filter_problem.filter_forwards(problem), reference_engines.filter_slowly(problem)
+    ours, theirs = filter_problem.filter_forwards(problem), filterpy_engine.filter_slowly(problem)
     assert_same(ours, theirs)
     assert ours.used.mean() > 0.99

@@ -11,7 +11,7 @@ from scipy.linalg import solve_triangular
 from simulated_chains import Moving, swinging
 
 from mocap_id.arrays import FloatArray
-from mocap_id.estimation import filter_problem, reference_engines
+from mocap_id.estimation import filter_problem, filterpy_engine
 from mocap_id.estimation.filter_problem import (
     START_SD,
     FilterProblem,
@@ -88,7 +88,7 @@ def batch(angles: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 @pytest.mark.parametrize(
-    "smoother", [filter_problem.smooth_backwards, reference_engines.smooth_slowly], ids=["compiled", "filterpy"]
+    "smoother", [filter_problem.smooth_backwards, filterpy_engine.smooth_slowly], ids=["compiled", "filterpy"]
 )
 def test_smoother_is_batch_least_squares(smoother: Callable[[FilterProblem, Track], Track]) -> None:
     angles = measured_angles()
@@ -140,10 +140,10 @@ def one_update(moving: Moving, sd: float) -> tuple[FloatArray, FloatArray]:
     problem = moving.problem(marker_sd=0.1 * sd, sigma_v=1.0, gate=1e9)
     prior = moving.truth[0].T.ravel() + sd * np.random.default_rng(1).standard_normal(4 * n)
     covariance = sd**2 * (np.eye(4 * n) + 0.5)
-    ukf = reference_engines._make_filter(problem)
+    ukf = filterpy_engine._make_filter(problem)
     ukf.x, ukf.P = prior.copy(), covariance.copy()
     ukf.sigmas_f = ukf.points_fn.sigma_points(ukf.x, ukf.P)
-    reference_engines._measure(ukf, problem, 0)
+    filterpy_engine._measure(ukf, problem, 0)
     jacobian = marker_jacobian(prior[:n], moving.centres, moving.segment, moving.local).reshape(-1, n)
     h = np.hstack([jacobian, np.zeros((len(jacobian), 3 * n))])
     expected = marker_positions(prior[:n], moving.centres, moving.segment, moving.local)

@@ -21,7 +21,7 @@ from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.runner import Step
 from mocap_id.store.atomic import write_files
-from mocap_id.workflows.run_folder import IdentifiedTrial, match_bodies, open_identified_trial
+from mocap_id.workflows.identified_trial import IdentifiedTrial, match_bodies, open_identified_trial
 from mocap_id.workflows.transfer import (
     SERIES,
     Transfer,

@@ -13,7 +13,7 @@ from mocap_id.dynamics.prediction import centre_of_pressure, register_bodies, tr
 from mocap_id.dynamics.priors import ReferencePrior
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.explanations import EXPLANATIONS
-from mocap_id.workflows.run_folder import IdentifiedTrial, open_identified_trial
+from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.transfer import (
     SERIES,
     TRANSFERRED,

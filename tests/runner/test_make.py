@@ -13,7 +13,7 @@ import pytest
 from toy_stages import STAGES
 
 from mocap_id.config import load
-from mocap_id.runner import Outcome, dependencies, run
+from mocap_id.runner import Outcome, make_rules, run
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -58,7 +58,7 @@ class Workshop:
             file.write_text(json.dumps({"trial": "toy", "recording": "numbers.txt"}))
             (file.parent / "numbers.txt").write_text("1\n2\n3\n")
         (folder / "toy.py").write_text(PROGRAM)
-        rules = dependencies([load(file, STAGES) for file in self.files], "$(MOCAP_ID)", STAGES)
+        rules = make_rules([load(file, STAGES) for file in self.files], "$(MOCAP_ID)", STAGES)
         (folder / "rules.mk").write_text(rules)
 
     def make(self, *options: str) -> int:
@@ -126,7 +126,7 @@ def test_the_real_stages_by_make_leave_nothing_to_run(tmp_path: Path) -> None:
     """The commands of all stages, called by make, give the same as one run."""
     shutil.copytree(ROOT / "sample_trials" / "robot-joint", tmp_path / "trial", ignore=shutil.ignore_patterns("runs"))
     file = tmp_path / "trial" / "trial.yaml"
-    (tmp_path / "rules.mk").write_text(dependencies([load(file)], "$(MOCAP_ID)"))
+    (tmp_path / "rules.mk").write_text(make_rules([load(file)], "$(MOCAP_ID)"))
     program = f"MOCAP_ID={sys.executable} -m mocap_id_cli"
     made = call(["make", "-f", "rules.mk", program, "all"], tmp_path)
     assert made.returncode == 0, made.stderr
@@ -175,7 +175,7 @@ def test_a_calibration_is_made_by_its_own_rule(tmp_path: Path) -> None:
     samples = Path(__file__).resolve().parents[2] / "sample_trials"
     for name in ("arm-reach", "curl"):
         shutil.copytree(samples / name, tmp_path / name, ignore=shutil.ignore_patterns("runs"))
-    rules = dependencies([load(tmp_path / name / "trial.yaml") for name in ("arm-reach", "curl")], "mocap-id")
+    rules = make_rules([load(tmp_path / name / "trial.yaml") for name in ("arm-reach", "curl")], "mocap-id")
     chain = str(tmp_path / "arm-reach" / "runs" / "arm-reach" / "chain")
     assert f"{chain}%h5:" in rules
     assert f"{chain}.h5" in rules

@@ -20,7 +20,7 @@ from toy_stages import STAGES, cut, read, tell
 
 from mocap_id.config import load
 from mocap_id.errors import ConfigError, NumericalError, RecordingError, Refused, StoreError
-from mocap_id.runner import LOG_FILE, RUN_LOG, Outcome, dependencies, run, run_stage, run_to
+from mocap_id.runner import LOG_FILE, RUN_LOG, Outcome, make_rules, run, run_stage, run_to
 from mocap_id.stages.base import Context, Outputs, Stage
 from mocap_id.store import Artefact, Folder, Origin, Table
 from mocap_id.store.provenance import SEGMENTS
@@ -490,7 +490,7 @@ def test_provenance_names_files_without_their_folders(bench: Bench) -> None:
 
 def test_rules_name_every_file_and_command(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(bench.file.parent)
-    rules = dependencies([load(bench.file, STAGES)], "mocap-id", STAGES)
+    rules = make_rules([load(bench.file, STAGES)], "mocap-id", STAGES)
     assert "all: runs/toy/summary.json runs/toy/report.html" in rules
     assert "runs/toy/events%parquet: trial.yaml numbers.txt\n\tmocap-id read trial.yaml" in rules
     assert "runs/toy/segments%parquet: trial.yaml runs/toy/events.parquet\n\tmocap-id cut trial.yaml" in rules
@@ -500,7 +500,7 @@ def test_paths_that_make_cannot_handle_are_refused(bench: Bench, tmp_path: Path)
     twin = tmp_path / "twin.yaml"
     twin.write_text(bench.file.read_text())
     with pytest.raises(ConfigError, match="share the folder"):
-        dependencies([load(bench.file, STAGES), load(twin, STAGES)], "mocap-id", STAGES)
+        make_rules([load(bench.file, STAGES), load(twin, STAGES)], "mocap-id", STAGES)
     bench.say(recording="my numbers.txt")
     with pytest.raises(ConfigError, match="rename it"):
-        dependencies([load(bench.file, STAGES)], "mocap-id", STAGES)
+        make_rules([load(bench.file, STAGES)], "mocap-id", STAGES)

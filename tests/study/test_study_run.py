@@ -18,8 +18,8 @@ from small_study import NAME, Ran
 
 from mocap_id.errors import StoreError
 from mocap_id.store import Folder
+from mocap_id.workflows.identified_trial import open_identified_trial
 from mocap_id.workflows.parallel import LocalBackend, TrialRun, run_trials
-from mocap_id.workflows.run_folder import open_identified_trial
 from mocap_id.workflows.study import run_study
 from mocap_id.workflows.study.sit_to_stand import TABLES
 from mocap_id.workflows.study.study import find_remarks, find_same_recordings

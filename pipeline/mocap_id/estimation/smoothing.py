@@ -12,6 +12,12 @@ from typing import Literal
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
+from mocap_id.estimation.alternative_estimators import (
+    average_two_passes,
+    fit_smoothing_spline,
+    smooth_butterworth,
+    smooth_joints,
+)
 from mocap_id.estimation.filter_kernels import Inertial
 from mocap_id.estimation.filter_problem import (
     FilterProblem,
@@ -31,12 +37,6 @@ from mocap_id.estimation.noise import (
     find_determined_angles,
     find_frame_angles,
 )
-from mocap_id.estimation.reference_engines import (
-    average_two_passes,
-    fit_smoothing_spline,
-    smooth_butterworth,
-    smooth_joints,
-)
 from mocap_id.geometry.planar import marker_jacobian, marker_positions, rotate
 
 Method = Literal["rts", "two-filter", "butterworth", "spline"]
@@ -49,7 +49,7 @@ FRAMEWISE: tuple[Method, ...] = ("butterworth", "spline")
 class FilterSettings:
     """Settings of the state estimation in the plane."""
 
-    method: Method = "rts"  # filter and smoother, or one of :mod:`mocap_id.estimation.reference_engines`
+    method: Method = "rts"  # filter and smoother, or one of :mod:`mocap_id.estimation.alternative_estimators`
     butterworth_hz: float = 6.0  # cut-off of ``butterworth``, Hz
     engine: Literal["compiled", "filterpy"] = "compiled"  # filterpy gives the same result a hundred times slower
     marker_sd: float | None = None  # standard deviation of a marker's coordinate, m; None: estimated
@@ -183,7 +183,7 @@ class StateEstimator:
         else:
             forwards, backwards = filter_forwards, smooth_backwards
             if settings.engine == "filterpy":  # slow import, seldom used
-                from mocap_id.estimation.reference_engines import filter_slowly, smooth_slowly  # noqa: PLC0415
+                from mocap_id.estimation.filterpy_engine import filter_slowly, smooth_slowly  # noqa: PLC0415
 
                 forwards, backwards = filter_slowly, smooth_slowly
             if settings.method == "two-filter":

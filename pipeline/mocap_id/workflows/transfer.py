@@ -33,7 +33,7 @@ from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, variance
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.reporting.results.columns import to_finite
 from mocap_id.verdict import Reason
-from mocap_id.workflows.run_folder import IdentifiedTrial, MovingBodies, match_bodies, open_identified_trial
+from mocap_id.workflows.identified_trial import IdentifiedTrial, MovingBodies, match_bodies, open_identified_trial
 
 SERIES = {"Fx": "N", "Fy": "N", "tauz": "N*m", "cop_x": "m"}
 """Units of the compared series by name."""

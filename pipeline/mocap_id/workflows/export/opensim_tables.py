@@ -43,7 +43,8 @@ from mocap_id.workflows.export.tables import (
     opensim_bodies,
     opensim_joints,
 )
-from mocap_id.workflows.run_folder import MovingBodies, RunFolder, read_measured_bodies
+from mocap_id.workflows.identified_trial import MovingBodies, read_measured_bodies
+from mocap_id.workflows.run_folder import RunFolder
 
 _IN_PLANE = ("Fx", "Fy", "tauz")
 _IN_SPACE = ("Fx", "Fy", "Fz", "taux", "tauy", "tauz")

@@ -57,8 +57,9 @@ from mocap_id.stages.trial_keys import get_recording
 from mocap_id.store import Folder
 from mocap_id.store.atomic import converting_errors, write_files
 from mocap_id.store.folder import check_owner, record_file, store_owner
+from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trial, run_trials
-from mocap_id.workflows.run_folder import IdentifiedTrial, find_owner_of_files, open_identified_trial
+from mocap_id.workflows.run_folder import find_owner_of_files
 from mocap_id.workflows.study.study import StudyKind, group_by
 from mocap_id.workflows.trial_outcome import TrialOutcome, number_or_nan, read_summary
 

@@ -37,8 +37,8 @@ from mocap_id.reporting.results.columns import (
 from mocap_id.reporting.study.sit_to_stand import render_cohort_page
 from mocap_id.results import list_quantities
 from mocap_id.store import Folder
+from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.run_folder import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.study.study import StudyKind, find_mean_sd, group_by, named_mean_sd, pool_errors, pool_people
 from mocap_id.workflows.transfer import (
     HELD_OUT,
