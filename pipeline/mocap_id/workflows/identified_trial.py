@@ -20,13 +20,13 @@ from mocap_id import runner
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.identification import Cutoffs
 from mocap_id.dynamics.measured_motion import USUAL, BodyPoses, close_gaps, fill_gaps, filter_motion
-from mocap_id.dynamics.parameter_transfer import BodyFrames
+from mocap_id.dynamics.prediction import BodyFrames
 from mocap_id.dynamics.preparation import LowPass
 from mocap_id.dynamics.priors import ReferencePrior, compute_reference_sd
 from mocap_id.dynamics.regressor import PlanarMotion, move_chain, torque_regressor, wrench_regressor
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import planar
-from mocap_id.kinematics.cluster_poses import measure_cluster
+from mocap_id.kinematics.clusters import measure_cluster
 from mocap_id.stages.identify_dim.segment_fit import bridge_gaps, read_bodies
 from mocap_id.store import Folder, Table
 from mocap_id.store.views import Skeleton, Trajectories, joint_columns

@@ -15,8 +15,8 @@ from mocap_id.config import Trial, load
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.store import ArtefactSet, Folder, Provenance, hash_file
 from mocap_id.store.atomic import write_files
-from mocap_id.store.ownership import Owner, check_owner, hash_path, hash_texts, read_owner, store_owner
-from mocap_id.store.schemas import SCHEMAS
+from mocap_id.store.folder import Owner, check_owner, hash_path, hash_texts, read_owner, store_owner
+from mocap_id.store.provenance import SCHEMAS
 
 if TYPE_CHECKING:
     from mocap_id.reporting.results.result import CommandResult
