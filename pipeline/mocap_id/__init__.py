@@ -16,7 +16,7 @@ _MODULES = {
     "study": "interface.studies",
     "Study": "interface.studies",
     "Figure": "interface.figures",
-    "simulate": "interface.running",
+    "simulate": "interface.simulated",
     "read": "recording.reader",
     "Recording": "recording.model",
     "Plate": "recording.model",

@@ -9,7 +9,7 @@ from mocap_id.interface.run_result import Run as Run
 from mocap_id.interface.run_result import Verdict as Verdict
 from mocap_id.interface.running import open as open
 from mocap_id.interface.running import run as run
-from mocap_id.interface.running import simulate as simulate
+from mocap_id.interface.simulated import simulate as simulate
 from mocap_id.interface.studies import Study as Study
 from mocap_id.interface.studies import study as study
 from mocap_id.recording.model import Plate as Plate
