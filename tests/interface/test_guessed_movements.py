@@ -14,7 +14,7 @@ import mocap_id
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.errors import ConfigError
-from mocap_id.protocols.kind_of_movement import recognise_movement
+from mocap_id.protocols.movement import recognise_movement
 from mocap_id.recording import Recording
 from mocap_id.workflows.recording_trial import make_trial
 from mocap_id.workflows.study.discovery import read_reach
