@@ -357,19 +357,17 @@ def fit_clock(path: Path, declared: str, time: FloatArray, oddities: list[str], 
     declared rate is not positive, or if the two rates differ by more than 2 %.
     """
     stated = parse_rate(path, declared, name)
-    clock = fit_even_clock(path, time, stated, name="the Time column")
-    if stated is not None and abs(clock.rate / stated - 1) > _MAX_RATE_ERROR:
+    start, rate, note = fit_even_clock(path, time, stated, name="the Time column")
+    if stated is not None and abs(rate / stated - 1) > _MAX_RATE_ERROR:
         raise RecordingError(
-            f"{path}: {name} is {declared} Hz, the Time column has {clock.rate:.6g} Hz; times must be in seconds: "
+            f"{path}: {name} is {declared} Hz, the Time column has {rate:.6g} Hz; times must be in seconds: "
             "export it again, or correct the wrong one"
         )
-    if stated is not None and clock.rate != stated:
-        oddities.append(
-            f"{name} is {declared} Hz, the Time column has {clock.rate:.6g} Hz: {clock.rate:.6g} Hz was used"
-        )
-    if clock.rounding_note:
-        oddities.append(f"{path.name}: {clock.rounding_note}")
-    return clock.times(len(time)), clock.rate
+    if stated is not None and rate != stated:
+        oddities.append(f"{name} is {declared} Hz, the Time column has {rate:.6g} Hz: {rate:.6g} Hz was used")
+    if note:
+        oddities.append(f"{path.name}: {note}")
+    return np.round(start + np.arange(len(time)) / rate, 12) + 0.0, rate  # a start of 1e-16 becomes 0, not -0
 
 
 def parse_rate(path: Path, declared: str, name: str) -> float | None:

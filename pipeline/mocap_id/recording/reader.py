@@ -195,7 +195,9 @@ def _read_text_markers(path: Path, parse: Parser, forces: Path | None, options: 
         return assemble_recording(path, markers, None, options, oddities)[0]
     table = read_table(forces)
     columns = find_force_columns(forces, table)
-    force = sum((np.nan_to_num(table.values[:, list(each.force)]) for each in columns), np.zeros((1, 3))).mean(axis=0)
+    force = sum((np.nan_to_num(table.values[:, each["force"]]) for each in columns.values()), np.zeros((1, 3))).mean(
+        axis=0
+    )
     recording, rotation = assemble_recording(path, markers, force, options, oddities)
     oddities += [f"{forces.name}: {note}" for note in table.notes]
     plates = read_mot_plates(forces, table, columns, oddities, rotation=rotation, units=options.force_units)

@@ -101,26 +101,14 @@ def check_times(
         )
 
 
-@dataclass(frozen=True)
-class EvenClock:
-    """Clock with a constant rate: sample k is at ``start + k / rate``."""
-
-    start: float  # time of the first sample, s
-    rate: float  # samples per second
-    rounding_note: str  # note that the time stamps are coarsely rounded; empty if they are not
-
-    def times(self, count: int) -> FloatArray:
-        """Return the times of the first ``count`` samples, s."""
-        return np.round(self.start + np.arange(count) / self.rate, 12) + 0.0  # a start of 1e-16 becomes 0, not -0
-
-
 def fit_even_clock(
     path: Path, time: FloatArray, stated: float | None = None, *, name: str = "the time", fastest: float = MARKER_HZ
-) -> EvenClock:
-    """Fit a clock with a constant rate to time stamps (T,), s, by least squares.
+) -> tuple[float, float, str]:
+    """Fit a clock with a constant rate to time stamps (T,), s, by least squares: sample k is at ``start + k / rate``.
 
-    ``stated`` is the rate declared in the file, Hz; it is used if it agrees with all stamps. ``name`` and ``fastest``
-    are as for :func:`check_times`. Raises RecordingError as this function does, if frames are missing, or if a stamp
+    Returns start, s, rate, Hz, and a note if the stamps are coarsely rounded, else an empty text. ``stated`` is the
+    rate declared in the file, Hz; it is used if it agrees with all stamps. ``name`` and ``fastest`` are as for
+    :func:`check_times`. Raises RecordingError as this function does, if frames are missing, or if a stamp
     deviates by more than 5 % of a frame beyond its rounding.
     """
     check_times(path, time, name, fastest, pauses=True)
@@ -149,7 +137,7 @@ def fit_even_clock(
     rate = 1 / period if stated is None or period != 1 / stated else stated
     largest = float(errors.max()) / period  # in samples
     note = f"its times are rounded by up to {largest:.2f} of a sample: evenly spaced times were used"
-    return EvenClock(middle + float(number[0]) * period, rate, "" if largest <= _MAX_ERROR else note)
+    return middle + float(number[0]) * period, rate, "" if largest <= _MAX_ERROR else note
 
 
 def _estimate_rounding(time: FloatArray) -> FloatArray:

@@ -6,10 +6,11 @@ import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, find_runs
+from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows, find_runs
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.c3d_reader import find_clipped
 from mocap_id.recording.lab_plates import LOADED_N, reverse_force_on_plate
@@ -125,28 +126,14 @@ def read_encoder(path: Path) -> EncoderLog:
     return EncoderLog(time[~rows], position[~rows], velocity[~rows], None if torque is None else torque[~rows], held)
 
 
-@dataclass(frozen=True)
-class ForceLog:
-    """Signals of a force sensor at K evenly spaced times on its own clock."""
-
-    start: float  # time of the first sample, s
-    rate: float  # samples per second
-    force: FloatArray  # (K, 3) in the axes of the file, N; NaN if a cell is empty
-    moment: FloatArray  # (K, 3) about the point of application, N·m; zeros if the file has no moment
-    held: tuple[HeldSamples, ...] = ()  # repeated or interpolated rows, whose force is NaN
-
-    @property
-    def end(self) -> float:
-        """Time of the last sample, s."""
-        return self.start + (len(self.force) - 1) / self.rate
-
-
-def read_force_log(path: Path) -> ForceLog:
-    """Read the log of a force sensor.
+def read_force_log(path: Path) -> tuple[Plate, tuple[HeldSamples, ...]]:
+    """Read the log of a force sensor as a plate in the axes of the file, with evenly spaced times on its own clock.
 
     The columns are ``time_s``, ``Fx_N``, ``Fy_N``, ``Fz_N`` and optionally all of ``Mx_Nm``, ``My_Nm``, ``Mz_Nm``.
-    Their names contain the units, so that no unit is guessed. Raises RecordingError if the file is missing or not such
-    a table, has other columns, or its times are not evenly spaced.
+    Their names contain the units, so that no unit is guessed. The moment is about the point of application, and 0 if
+    the file has none. Samples are NaN if a cell is empty, and in the rows that are also returned, which are repeated
+    or interpolated. Raises RecordingError if the file is missing or not such a table, has other columns, or its times
+    are not evenly spaced.
     """
     table = read_csv(path)
     names = list(table.names)
@@ -174,21 +161,15 @@ def read_force_log(path: Path) -> ForceLog:
     held = list_held(f"the sensor in {path.name}", time, *rows)
     resampled = np.column_stack([np.interp(time, stamps, column) for column in values[:, 1:].T])
     moment = resampled[:, 3:] if len(expected) > len(FORCE) + 1 else np.zeros((len(time), 3))
-    return ForceLog(float(time[0]), float((len(time) - 1) / (time[-1] - time[0])), resampled[:, :3], moment, held)
+    force, rate = resampled[:, :3], float((len(time) - 1) / (time[-1] - time[0]))
+    ok = find_complete_rows(np.hstack([force, moment]))
+    return Plate(0, "sensor", None, force, moment, ok, rate, float(time[0])), held
 
 
-@dataclass(frozen=True)
-class AngleTable:
-    """Joint angles at the K times of the file."""
-
-    time: FloatArray  # (K,) increasing times, s
-    angles: dict[str, FloatArray]  # angles (K,) by column name, rad; NaN if a cell is empty
-
-
-def read_angles(path: Path, columns: Collection[str]) -> AngleTable:
+def read_angles(path: Path, columns: Collection[str]) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Read the given columns of joint angles from a MOT, STO or CSV file.
 
-    The header of a MOT or STO file says whether its angles are in degrees (``inDegrees``). In a CSV file the name of
+    Returns the times (K,), s, and the angles (K,) by column name, rad; NaN if a cell is empty. The header of a MOT or STO file says whether its angles are in degrees (``inDegrees``). In a CSV file the name of
     each column ends in ``_deg`` or ``_rad``, and the first column is ``time`` or ``time_s``, s. Raises ConfigError if
     the file lacks a column. Raises RecordingError if the file is missing or not such a table, its times do not
     increase, or a CSV column name has no unit.
@@ -197,7 +178,7 @@ def read_angles(path: Path, columns: Collection[str]) -> AngleTable:
         motion = read_table(path)
         _check_columns(path, columns, motion.columns)
         factor = np.pi / 180.0 if motion.in_degrees else 1.0
-        return AngleTable(motion.time, {name: motion[name] * factor for name in columns})
+        return motion.time, {name: motion[name] * factor for name in columns}
     table = read_csv(path)
     names = list(table.names)
     if names[0] not in _TIME:
@@ -211,7 +192,7 @@ def read_angles(path: Path, columns: Collection[str]) -> AngleTable:
         if not factors:
             raise RecordingError(f"{path}: column {name} has no unit in its name: the name must end in _deg or _rad")
         angles[name] = values[:, names.index(name, 1)] * factors[0]
-    return AngleTable(values[:, 0], angles)
+    return values[:, 0], angles
 
 
 def _check_columns(path: Path, columns: Collection[str], existing: Collection[str]) -> None:
@@ -225,18 +206,12 @@ _COLUMN = re.compile(r"^(?P<name>.*?)_?(?P<what>[vpm]?)(?P<axis>[xyz])$")
 _WORDS = re.compile(r"ground|force|torque|moment|free|grf|grm|cop|fp|plate|_|\.|-", re.IGNORECASE)
 
 
-@dataclass(frozen=True)
-class ForceColumns:
-    """Name of a plate, and columns of its force, point of application and moment (numbered from 0; None if missing)."""
-
-    name: str
-    force: tuple[int, int, int]
-    point: tuple[int, int, int] | None
-    moment: tuple[int, int, int] | None
+PlateColumns: TypeAlias = dict[str, list[int]]
+"""Numbers of the x, y and z columns of a plate's ``force``, and of ``point`` (of application) and ``moment``, if any."""
 
 
-def find_force_columns(path: Path, table: MotionTable) -> list[ForceColumns]:
-    """Return the columns of each plate of a MOT table.
+def find_force_columns(path: Path, table: MotionTable) -> dict[str, PlateColumns]:
+    """Return the columns of each plate of a MOT table, by the name of the plate, which may be empty.
 
     Accepted names are ``ground_force_1_vx / _px / _mx``, ``1_ground_force_vx``, ``ground_force_vx``,
     ``ground_force_r_vx``, and for the moment ``ground_torque_x``, ``1_ground_torque_x``, ``ground_torque_1_x``. Raises
@@ -265,23 +240,20 @@ def find_force_columns(path: Path, table: MotionTable) -> list[ForceColumns]:
             f"{path}: no column is a ground force ({', '.join(table.columns[:3])} …); expected names such as "
             "ground_force_1_vx, ground_force_1_px, ground_torque_1_x"
         )
-    plates = []
     for name, parts in groups.items():
-        triples: dict[str, tuple[int, int, int]] = {}
         for what in ("force", "point", "moment"):
             axes = parts.get(what, {})
             if axes and set(axes) != set("xyz"):
                 raise RecordingError(f"{path}: the {what} {name or '(unnamed)'} has only the components {sorted(axes)}")
-            if axes:
-                triples[what] = axes["x"], axes["y"], axes["z"]
-        plates.append(ForceColumns(name, triples["force"], triples.get("point"), triples.get("moment")))
-    return plates
+    return {
+        name: {what: [axes[axis] for axis in "xyz"] for what, axes in parts.items()} for name, parts in groups.items()
+    }
 
 
 def read_mot_plates(
     path: Path,
     table: MotionTable,
-    columns: list[ForceColumns],
+    columns: Mapping[str, PlateColumns],
     oddities: list[str],
     *,
     rotation: FloatArray,
@@ -294,24 +266,24 @@ def read_mot_plates(
     """
     newtons = find_force_scale(units.get("force", "N")) or 1.0
     newton_metres = find_moment_scale(units.get("moment", "Nm")) or 1.0
-    clock = fit_even_clock(path, table.time, fastest=SENSOR_HZ)
-    if clock.rounding_note:
-        oddities.append(f"{path.name}: {clock.rounding_note}")
+    start, rate, note = fit_even_clock(path, table.time, fastest=SENSOR_HZ)
+    if note:
+        oddities.append(f"{path.name}: {note}")
     plates = []
-    for index, each in enumerate(columns, start=1):
-        force = table.values[:, each.force] @ rotation.T * newtons
-        if each.point is None:
+    for index, (name, each) in enumerate(columns.items(), start=1):
+        force = table.values[:, each["force"]] @ rotation.T * newtons
+        if "point" not in each:
             moment, problem = np.full_like(force, np.nan), "the table has no point of application"
         else:
             free: FloatArray | float = 0.0
-            if each.moment is None:
-                oddities.append(f"plate {index} ({each.name}): no moment columns, a free moment of 0 was assumed")
+            if "moment" not in each:
+                oddities.append(f"plate {index} ({name}): no moment columns, a free moment of 0 was assumed")
             else:
-                free = table.values[:, each.moment] @ rotation.T * newton_metres
-            moment, problem = np.cross(table.values[:, each.point] @ rotation.T, force) + free, ""
+                free = table.values[:, each["moment"]] @ rotation.T * newton_metres
+            moment, problem = np.cross(table.values[:, each["point"]] @ rotation.T, force) + free, ""
         force, moment = reverse_force_on_plate(index, force, moment, np.isfinite(force[:, 2]), oddities)
         if not np.any(force):
-            oddities.append(f"plate {index} ({each.name}) is zero throughout")
+            oddities.append(f"plate {index} ({name}) is zero throughout")
         if problem:
             oddities.append(f"plate {index} is not used: {problem}")
             force = np.full_like(force, np.nan)
@@ -324,14 +296,12 @@ def read_mot_plates(
         loaded = finite.any() and np.ptp(force[finite, 2]) > LOADED_N
         dead = tuple(
             (table.columns[column], rotation[:, axis])
-            for axis, column in enumerate(each.force)
+            for axis, column in enumerate(each["force"])
             if loaded and np.ptp(table.values[finite, column]) == 0.0
         )
         saturated = full if full.any() else None
         ok = finite & ~full
-        plates.append(
-            Plate(index, "mot", None, force, moment, ok, clock.rate, clock.start, problem, (), saturated, dead)
-        )
+        plates.append(Plate(index, "mot", None, force, moment, ok, rate, start, problem, (), saturated, dead))
     return tuple(plates)
 
 

@@ -376,7 +376,8 @@ def average_signals(
     compared, compare = [], context.trial.compare
     if compare is not None:
         names = context.tree("chain.h5").texts("joints/name")
-        table = recording.read_angles(compare.angles, {name.removeprefix("-") for name in compare.columns.values()})
+        columns = {name.removeprefix("-") for name in compare.columns.values()}
+        stamps, others = recording.read_angles(compare.angles, columns)
         for joint_name, given in compare.columns.items():
             if joint_name not in names:
                 raise ConfigError(
@@ -384,7 +385,7 @@ def average_signals(
                 )
             column, sign = given.removeprefix("-"), -1.0 if given.startswith("-") else 1.0
             number = names.index(joint_name) + 1
-            values = interpolate_at(table.time, sign * table.angles[column], time)
+            values = interpolate_at(stamps, sign * others[column], time)
             agreement = compare_angles(angles[number], values)
             known = bool(np.isfinite(agreement.r))
             compared.append(
