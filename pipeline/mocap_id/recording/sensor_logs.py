@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
@@ -169,10 +169,11 @@ def read_force_log(path: Path) -> tuple[Plate, tuple[HeldSamples, ...]]:
 def read_angles(path: Path, columns: Collection[str]) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Read the given columns of joint angles from a MOT, STO or CSV file.
 
-    Returns the times (K,), s, and the angles (K,) by column name, rad; NaN if a cell is empty. The header of a MOT or STO file says whether its angles are in degrees (``inDegrees``). In a CSV file the name of
-    each column ends in ``_deg`` or ``_rad``, and the first column is ``time`` or ``time_s``, s. Raises ConfigError if
-    the file lacks a column. Raises RecordingError if the file is missing or not such a table, its times do not
-    increase, or a CSV column name has no unit.
+    Returns the times (K,), s, and the angles (K,) by column name, rad; NaN if a cell is empty. The header of a MOT or
+    STO file says whether its angles are in degrees (``inDegrees``). In a CSV file the name of each column ends in
+    ``_deg`` or ``_rad``, and the first column is ``time`` or ``time_s``, s. Raises ConfigError if the file lacks a
+    column. Raises RecordingError if the file is missing or not such a table, its times do not increase, or a CSV
+    column name has no unit.
     """
     if path.suffix.lower() != ".csv":
         motion = read_table(path)
@@ -207,7 +208,7 @@ _WORDS = re.compile(r"ground|force|torque|moment|free|grf|grm|cop|fp|plate|_|\.|
 
 
 PlateColumns: TypeAlias = dict[str, list[int]]
-"""Numbers of the x, y and z columns of a plate's ``force``, and of ``point`` (of application) and ``moment``, if any."""
+"""Numbers of the x, y and z columns of a plate's ``force``, ``point`` of application and ``moment``, if it has them."""
 
 
 def find_force_columns(path: Path, table: MotionTable) -> dict[str, PlateColumns]:
@@ -339,8 +340,8 @@ class BoardLog:
     averaged: float  # width of the moving average that smooths as much as the resampling, s
     interval: float  # median time between two different time stamps, s
     gaps: int  # number of gaps that are too long to be bridged
-    problem: str = ""  # reason why the loads cannot be used, or empty
-    held: tuple[HeldSamples, ...] = ()  # repeated or interpolated rows, which are left out
+    problem: str  # reason why the loads cannot be used, or empty
+    held: tuple[HeldSamples, ...]  # repeated or interpolated rows, which are left out
 
 
 def read_board(path: Path, loads: Path | None = None) -> BoardLog:
@@ -373,10 +374,31 @@ def read_board(path: Path, loads: Path | None = None) -> BoardLog:
     rows = [each & (np.abs(cells).sum(axis=1) > _UNLOADED_KG) for each in find_held(cells, rate)]
     kept = ~rows[0] & ~rows[1]
     newtons = cells[kept] * _GRAVITY
-    log = _resample(time[kept], np.column_stack([newtons.sum(axis=1), newtons @ _ACROSS, newtons @ _ALONG]))
     held = list_held(f"the balance board ({path.name})", time, *rows)
     stretches = [np.searchsorted(time[kept], first) for each in held for first, _ in each.stretches]
-    long = sum(time[kept][k] - time[kept][k - 1] > _LONGEST_GAP_S for k in stretches if 0 < k < kept.sum())
+    filled = sum(time[kept][k] - time[kept][k - 1] > _LONGEST_GAP_S for k in stretches if 0 < k < kept.sum())
+    # Load and moments (K, 3), averaged over a window around times of equal steps
+    stamps, row = np.unique(time[kept], return_inverse=True)
+    values = np.column_stack([newtons.sum(axis=1), newtons @ _ACROSS, newtons @ _ALONG])
+    values = np.stack([np.bincount(row, weights=column) for column in values.T], axis=1) / np.bincount(row)[:, None]
+    interval = float(np.median(np.diff(stamps)))
+    half = max(_WINDOW_S, _INTERVALS * interval) / 2.0
+    even = np.arange(stamps[0] + half, stamps[-1] - half, 1.0 / _RATE)
+    summed = np.zeros_like(values)
+    np.cumsum((values[1:] + values[:-1]) / 2.0 * np.diff(stamps)[:, None], axis=0, out=summed[1:])
+
+    def integral(at: FloatArray) -> FloatArray:
+        low = np.clip(np.searchsorted(stamps, at, side="right") - 1, 0, len(stamps) - 2)
+        past = (at - stamps[low])[:, None]
+        slope = (values[low + 1] - values[low]) / np.diff(stamps)[low][:, None]
+        return np.asarray(summed[low] + past * (values[low] + slope * past / 2.0))
+
+    mean = (integral(even + half) - integral(even - half)) / (2.0 * half)
+    gaps = np.flatnonzero(np.diff(stamps) > _LONGEST_GAP_S)
+    unknown = np.zeros(len(even), dtype=np.bool_)
+    for gap in gaps:
+        unknown |= (even + half > stamps[gap]) & (even - half < stamps[gap + 1])
+    mean[unknown] = np.nan
     # A cell is dead if it does not follow the person although others do.
     problem, varies = "", np.ptp(np.percentile(cells, [1, 99], axis=0), axis=0)
     dead = varies < _DEAD_SHARE * varies.max() if varies.max() > _MOVED_KG else np.ptp(cells, axis=0) == 0.0
@@ -390,7 +412,18 @@ def read_board(path: Path, loads: Path | None = None) -> BoardLog:
             "its column is wrong. Mass, force and centre of pressure would be wrong; check the board with a known "
             "weight on each corner"
         )
-    return replace(log, held=held, gaps=log.gaps - int(long), problem=problem)
+    return BoardLog(
+        start=float(even[0]),
+        rate=_RATE,
+        force=mean[:, 0],
+        moment=mean[:, 1:],
+        ok=~unknown,
+        averaged=float(np.sqrt((2.0 * half) ** 2 + 2.0 * interval**2)),
+        interval=interval,
+        gaps=len(gaps) - int(filled),
+        problem=problem,
+        held=held,
+    )
 
 
 def calibrate_cells(values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -426,33 +459,6 @@ def _read_board_columns(path: Path, first: str) -> FloatArray:
             f"{', '.join(expected)}: the loads in kg at the top left, top right, bottom left and bottom right"
         )
     return table.select(expected)
-
-
-def _resample(time: FloatArray, values: FloatArray) -> BoardLog:
-    """Return load and moments (K, 3) at irregular times (K,), s, averaged over a window around times of equal steps."""
-    stamps, row = np.unique(time, return_inverse=True)
-    count = np.bincount(row)[:, None]
-    values = np.stack([np.bincount(row, weights=column) for column in values.T], axis=1) / count
-    interval = float(np.median(np.diff(stamps)))
-    half = max(_WINDOW_S, _INTERVALS * interval) / 2.0
-    even = np.arange(stamps[0] + half, stamps[-1] - half, 1.0 / _RATE)
-    summed = np.zeros_like(values)
-    np.cumsum((values[1:] + values[:-1]) / 2.0 * np.diff(stamps)[:, None], axis=0, out=summed[1:])
-
-    def integral(at: FloatArray) -> FloatArray:
-        low = np.clip(np.searchsorted(stamps, at, side="right") - 1, 0, len(stamps) - 2)
-        past = (at - stamps[low])[:, None]
-        slope = (values[low + 1] - values[low]) / np.diff(stamps)[low][:, None]
-        return np.asarray(summed[low] + past * (values[low] + slope * past / 2.0))
-
-    mean = (integral(even + half) - integral(even - half)) / (2.0 * half)
-    long = np.flatnonzero(np.diff(stamps) > _LONGEST_GAP_S)
-    unknown = np.zeros(len(even), dtype=np.bool_)
-    for gap in long:
-        unknown |= (even + half > stamps[gap]) & (even - half < stamps[gap + 1])
-    mean[unknown] = np.nan
-    averaged = float(np.sqrt((2.0 * half) ** 2 + 2.0 * interval**2))
-    return BoardLog(float(even[0]), _RATE, mean[:, 0], mean[:, 1:], ~unknown, averaged, interval, len(long))
 
 
 _OWN = ("time_s", "gyro_x", "gyro_y", "gyro_z", "acc_x", "acc_y", "acc_z")
@@ -538,32 +544,35 @@ def read_imu(path: Path, rate: float | None = None) -> ImuLog:
             for k, cell in enumerate(line.split(separator))
             if (found := _HERTZ.fullmatch(cell.replace(",", ".") if separator != "," else cell))
         }
-        log = _read_delsys(path, names, values, declared, rate)
+        time, signals = _read_delsys(path, names, values, declared, rate)
     elif set(names) >= set(_OWN):
-        log = _keep_complete_rows(columns[_OWN[0]], np.stack([columns[name] for name in _OWN[1:]], axis=1))
+        time, signals = columns[_OWN[0]], np.stack([columns[name] for name in _OWN[1:]], axis=1)
     else:
-        log = _read_xsens(path, columns, "\n".join(lines[:start]), rate)
-    if len(log.time) < _IMU_LEAST_ROWS:
-        raise RecordingError(f"{path}: has {len(log.time)} complete rows, expected at least {_IMU_LEAST_ROWS}")
-    check_times(path, log.time, "the time", SENSOR_HZ)
-    if rate is not None:
-        own = 1.0 / float(np.median(np.diff(log.time)))
-        if abs(own / rate - 1.0) > _MAX_RATE_ERROR:
-            raise RecordingError(
-                f"{path}: `rate_hz` is {rate:g} in the configuration, but the times of the file have {own:.6g} Hz; "
-                "remove `rate_hz`"
-            )
-    if np.abs(log.gyro).max() > _FASTEST:
+        signals = np.stack([columns[name] for name in _XSENS], axis=1)
+        dot = any("DeviceTag" in line or "sep=" in line for line in lines[:start])
+        signals[:, :3] *= np.pi / 180 if dot else 1.0
+        time = _read_xsens_times(path, columns, _TICKS["dot" if dot else "mtw"], "\n".join(lines[:start]), rate)
+    complete = np.isfinite(time) & np.isfinite(signals).all(axis=1)
+    time, gyro, acc = time[complete], signals[complete, :3], signals[complete, 3:]
+    if len(time) < _IMU_LEAST_ROWS:
+        raise RecordingError(f"{path}: has {len(time)} complete rows, expected at least {_IMU_LEAST_ROWS}")
+    check_times(path, time, "the time", SENSOR_HZ)
+    own = 1.0 / float(np.median(np.diff(time)))
+    if rate is not None and abs(own / rate - 1.0) > _MAX_RATE_ERROR:
         raise RecordingError(
-            f"{path}: the gyroscope reaches {np.abs(log.gyro).max():.0f} rad/s; degrees per second must be converted "
+            f"{path}: `rate_hz` is {rate:g} in the configuration, but the times of the file have {own:.6g} Hz; "
+            "remove `rate_hz`"
+        )
+    if np.abs(gyro).max() > _FASTEST:
+        raise RecordingError(
+            f"{path}: the gyroscope reaches {np.abs(gyro).max():.0f} rad/s; degrees per second must be converted "
             "to rad/s"
         )
-    rate = 1.0 / float(np.median(np.diff(log.time)))
-    of_gyro, of_acc = find_held(log.gyro, rate), find_held(log.acc, rate)
+    of_gyro, of_acc = find_held(gyro, own), find_held(acc, own)
     again, straight = of_gyro[0] | of_acc[0], of_gyro[1] | of_acc[1]
     kept = ~again & ~straight
-    held = list_held(f"the sensor in {path.name}", log.time, again, straight & ~again)
-    return ImuLog(log.time[kept], log.gyro[kept], log.acc[kept], held)
+    held = list_held(f"the sensor in {path.name}", time, again, straight & ~again)
+    return ImuLog(time[kept], gyro[kept], acc[kept], held)
 
 
 def format_imu_csv(log: ImuLog) -> bytes:
@@ -578,18 +587,13 @@ def _is_header(line: str) -> bool:
     return any(set(layout) <= set(cells) for layout in (_OWN, _XSENS)) or any(map(_DELSYS.match, cells))
 
 
-def _keep_complete_rows(time: FloatArray, values: FloatArray) -> ImuLog:
-    kept = np.isfinite(time) & np.isfinite(values).all(axis=1)
-    return ImuLog(time[kept], values[kept, :3], values[kept, 3:])
-
-
-def _read_xsens(path: Path, columns: dict[str, FloatArray], head: str, rate: float | None) -> ImuLog:
-    kind = "dot" if "DeviceTag" in head or "sep=" in head else "mtw"
-    values = np.stack([columns[name] for name in _XSENS], axis=1)
-    values[:, :3] *= np.pi / 180 if kind == "dot" else 1.0
+def _read_xsens_times(
+    path: Path, columns: dict[str, FloatArray], tick: float, head: str, rate: float | None
+) -> FloatArray:
+    """Return the times of an export of Xsens, s: from SampleTimeFine in steps of ``tick``, s, or from the rate."""
     fine, stated = columns.get("SampleTimeFine"), _IMU_RATE.search(head)
     if fine is not None and np.isfinite(fine).all():
-        return _keep_complete_rows(_unwrap(fine, _WRAPS["SampleTimeFine"]) * _TICKS[kind], values)
+        return _unwrap(fine, _WRAPS["SampleTimeFine"]) * tick
     hertz = rate if stated is None else float(stated[1])
     if hertz is None:
         raise RecordingError(
@@ -597,8 +601,8 @@ def _read_xsens(path: Path, columns: dict[str, FloatArray], head: str, rate: flo
             f"`imus: {{SEGMENT: {{file: {path.name}, rate_hz: …}}}}`"
         )
     check_rate(path, hertz, "its rate", SENSOR_HZ)
-    counter = columns.get("PacketCounter", np.arange(float(len(values))))
-    return _keep_complete_rows(_unwrap(counter, _WRAPS["PacketCounter"]) / hertz, values)
+    counter = columns.get("PacketCounter", np.arange(float(len(columns[_XSENS[0]]))))
+    return _unwrap(counter, _WRAPS["PacketCounter"]) / hertz
 
 
 def _unwrap(counter: FloatArray, wrap: float) -> FloatArray:
@@ -611,8 +615,8 @@ def _unwrap(counter: FloatArray, wrap: float) -> FloatArray:
 
 def _read_delsys(
     path: Path, names: list[str], values: FloatArray, declared: dict[int, float], rate: float | None
-) -> ImuLog:
-    """Return the channels at the times of the gyroscope.
+) -> tuple[FloatArray, FloatArray]:
+    """Return the times (K,) of the gyroscope, s, and the channels (K, 6) at these times.
 
     The last column of times before a channel contains its times. If there is none, ``declared`` are the rates in the
     lines below the names by column, Hz, and ``rate`` is the configured rate.
@@ -664,4 +668,4 @@ def _read_delsys(
     time = channels["gyro_x"][0]
     step = float(np.median(np.diff(time)))
     time = time[(time >= first - step) & (time <= last + step)]
-    return _keep_complete_rows(time, np.stack([np.interp(time, *channels[name]) for name in _OWN[1:]], axis=1))
+    return time, np.stack([np.interp(time, *channels[name]) for name in _OWN[1:]], axis=1)
