@@ -116,7 +116,16 @@ def read_series(path: Path, stream: BinaryIO) -> dict[str, Series]:
             with archive.open("data.json") as text:
                 content = json.loads(text.read(size))
         parts = {POINTS: content} if _is_series(content) else content
-        found = {str(name): _parse_series(str(name), part) for name, part in parts.items() if _is_series(part)}
+        found = {}
+        for name, part in ((str(name), part) for name, part in parts.items() if _is_series(part)):
+            time = np.asarray(part["time"], np.float64)
+            data = {str(key): np.asarray(values, np.float64) for key, values in part["data"].items()}
+            info = part.get("info") or part.get("data_info") or {}  # before version 0.17, `data_info`
+            for key, values in data.items():
+                if len(values) != len(time):
+                    raise ValueError(f"{key} has {len(values)} samples for {len(time)} times")
+            units = {key: str((info.get(key) or {}).get("Unit", "")) for key in data}
+            found[name] = Series(name, time, data, units)
     except (AttributeError, RecursionError, TypeError, ValueError) as error:
         words = str(error).partition("\n")[0][:80]
         raise RecordingError(f"{path}: not a valid file of Kinetics Toolkit ({words}); save it again") from None
@@ -131,16 +140,6 @@ def read_series(path: Path, stream: BinaryIO) -> dict[str, Series]:
 
 def _is_series(part: Any) -> bool:
     return isinstance(part, Mapping) and part.get(CLASS) == SERIES
-
-
-def _parse_series(name: str, part: Mapping[str, Any]) -> Series:
-    time = np.asarray(part["time"], np.float64)
-    data = {str(key): np.asarray(values, np.float64) for key, values in part["data"].items()}
-    info = part.get("info") or part.get("data_info") or {}  # before version 0.17, `data_info`
-    for key, values in data.items():
-        if len(values) != len(time):
-            raise ValueError(f"{key} has {len(values)} samples for {len(time)} times")
-    return Series(name, time, data, {key: str((info.get(key) or {}).get("Unit", "")) for key in data})
 
 
 def _fit_clock(path: Path, series: Series, fastest: float, oddities: list[str]) -> tuple[float, float]:

@@ -22,7 +22,7 @@ from mocap_id.recording.marker_tables import (
     parse_trc,
 )
 from mocap_id.recording.markers import assemble_recording, thin_frames
-from mocap_id.recording.model import Plate, ReadingOptions, Recording, check_axis, nearest_axis, to_z_up
+from mocap_id.recording.model import SCALES, Plate, ReadingOptions, Recording, check_axis, nearest_axis, to_z_up
 from mocap_id.recording.sample_checks import HeldSamples, find_held, list_held
 from mocap_id.recording.sensor_logs import find_force_columns, read_mot_plates
 from mocap_id.recording.text_tables import check_encoding, open_recording, read_table, read_text
@@ -88,7 +88,12 @@ def read(
         A unit or an axis is unknown, or the two files are exchanged or of the wrong format.
     """
     axis = None if vertical is None else check_axis(vertical)
-    options = ReadingOptions(units, axis, force_unit, moment_unit, unit_required)
+    force_units = {what: unit for what, unit in (("force", force_unit), ("moment", moment_unit)) if unit is not None}
+    for what, unit in force_units.items():
+        if SCALES[what](unit) is None:
+            known = "N, kN, mN or lbf" if what == "force" else "Nm, Nmm or ft.lbf"
+            raise ConfigError(f"{what}_unit: {unit!r} is not a unit of {what}; expected a unit such as {known}")
+    options = ReadingOptions(units, axis, force_units, unit_required)
     markers, forces = Path(markers), None if forces is None else Path(forces)
     # The endings of the file names show whether a file is under the wrong key.
     if markers.suffix.lower() in _TABLES:
