@@ -11,7 +11,7 @@ import numpy as np
 from mocap_id.store import hdf5, parquet
 from mocap_id.store.artefacts import Artefact, LongTable, Table, Tree
 from mocap_id.store.atomic import Content, HashedStream
-from mocap_id.store.provenance import Checksum, Origin, Provenance, TableSchema, TreeSchema, convert_as_stored
+from mocap_id.store.provenance import Origin, Provenance, TableSchema, TreeSchema, convert_as_stored
 
 
 def conform(output: Artefact) -> Artefact:
@@ -23,14 +23,8 @@ def conform(output: Artefact) -> Artefact:
 
 def _freeze(artefact: Artefact) -> Artefact:
     """Return an artefact with read-only arrays."""
-    match artefact:
-        case Table():
-            return replace(artefact, columns=_make_read_only(artefact.columns))
-        case LongTable():
-            frames, time = _make_read_only(artefact.frames), _make_read_only(artefact.time)
-            return replace(artefact, frames=frames, time=time, values=_make_read_only(artefact.values))
-        case Tree():
-            return replace(artefact, data=_make_read_only(artefact.data))
+    arrays = {Table: ("columns",), LongTable: ("frames", "time", "values"), Tree: ("data",)}[type(artefact)]
+    return replace(artefact, **{name: _make_read_only(getattr(artefact, name)) for name in arrays})
 
 
 def _make_read_only(data: Any) -> Any:
@@ -42,8 +36,8 @@ def _make_read_only(data: Any) -> Any:
     return {name: _make_read_only(item) for name, item in data.items()} if isinstance(data, Mapping) else data
 
 
-def make_writer(artefact: Artefact, origin: Origin, checksums: dict[str, Checksum]) -> Content:
-    """Return a function that writes an artefact to a stream and adds its checksum to ``checksums``."""
+def make_writer(artefact: Artefact, origin: Origin, checksums: dict[str, tuple[int, str]]) -> Content:
+    """Return a function that writes an artefact to a stream and adds its schema version and hash to ``checksums``."""
     version, file = artefact.schema.version, artefact.schema.file
 
     def write(stream: BinaryIO) -> None:
@@ -52,7 +46,7 @@ def make_writer(artefact: Artefact, origin: Origin, checksums: dict[str, Checksu
             hashed.write(hdf5.encode_tree(artefact, origin))
         else:
             parquet.write(artefact, origin, hashed)
-        checksums[file] = Checksum(version, hashed.hash())
+        checksums[file] = version, hashed.hash()
 
     return write
 

@@ -29,7 +29,7 @@ from mocap_id.store.atomic import (
     resolve_path,
     write_files,
 )
-from mocap_id.store.provenance import INVALID_RECORD, SCHEMAS, Checksum, Document, Origin, Provenance, Record
+from mocap_id.store.provenance import INVALID_RECORD, SCHEMAS, Document, Origin, Provenance, Record
 
 if TYPE_CHECKING:
     from mocap_id.store.artefacts import Artefact, Facts, LongTable, Table, Tree
@@ -68,7 +68,33 @@ class ArtefactSet:
         return self.facts("planar.parquet").get("space") == "3d"
 
 
-class Folder:
+class ArtefactReader:
+    """Base of classes with a method ``read``, which returns the artefact of a file or raises an exception."""
+
+    def read(self, file: str) -> Artefact:
+        """Return an artefact."""
+        raise NotImplementedError
+
+    def table(self, file: str) -> Table:
+        """Return a Parquet artefact; errors as for ``read``."""
+        artefact = self.read(file)
+        assert isinstance(artefact, store.Table)
+        return artefact
+
+    def long(self, file: str) -> LongTable:
+        """Return a Parquet artefact with a row for every frame and marker; errors as for ``read``."""
+        artefact = self.read(file)
+        assert isinstance(artefact, store.LongTable)
+        return artefact
+
+    def tree(self, file: str) -> Tree:
+        """Return an HDF5 artefact; errors as for ``read``."""
+        artefact = self.read(file)
+        assert isinstance(artefact, store.Tree)
+        return artefact
+
+
+class Folder(ArtefactReader):
     """The run folder of a trial; it and its parent folders are created when it is locked.
 
     Each artefact is read once and kept in memory. Outputs of a stage are passed to later stages in the form that
@@ -127,24 +153,6 @@ class Folder:
         artefact = self._load(file)[0]
         return replace(artefact, facts=json.loads(json.dumps(artefact.facts)))  # a copy that may be changed
 
-    def table(self, file: str) -> Table:
-        """Return a Parquet artefact; errors as for :meth:`read`."""
-        artefact = self.read(file)
-        assert isinstance(artefact, store.Table)
-        return artefact
-
-    def long_table(self, file: str) -> LongTable:
-        """Return a Parquet artefact with a row for every frame and marker; errors as for :meth:`read`."""
-        artefact = self.read(file)
-        assert isinstance(artefact, store.LongTable)
-        return artefact
-
-    def tree(self, file: str) -> Tree:
-        """Return an HDF5 artefact; errors as for :meth:`read`."""
-        artefact = self.read(file)
-        assert isinstance(artefact, store.Tree)
-        return artefact
-
     def provenance(self, file: str) -> Provenance:
         """Return the provenance of an artefact; StoreError if the artefact is missing or damaged."""
         return self._load(file)[1]
@@ -200,7 +208,7 @@ class Folder:
 
         contents: dict[str, Content] = {}
         documents: dict[str, str] = {}
-        checksums: dict[str, Checksum] = {}
+        checksums: dict[str, tuple[int, str]] = {}
         for output in outputs:
             if isinstance(output, Document):
                 contents[output.file] = output.content
@@ -296,9 +304,9 @@ class Folder:
         if file in self._verified:
             return True
         checksum = record.artefacts.get(file)
-        if checksum is None or checksum.schema_version != SCHEMAS[file].version or not (self.path / file).exists():
+        if checksum is None or checksum[0] != SCHEMAS[file].version or not (self.path / file).exists():
             return False
-        if self._hash(file) != checksum.digest:
+        if self._hash(file) != checksum[1]:
             raise StoreError(
                 f"{self.path / file} is damaged or was edited: its bytes differ from the bytes that were written. "
                 "Delete it and run again"
@@ -367,26 +375,19 @@ class Owner:
     name: str  # name of the trial or study
     file: Path  # the trial's or study's file, or the folder or page that the results are made from
     contents: tuple[str, ...]  # hashes that identify the recordings; one that is equal is enough
-    recording: Path | None = None  # the recording, if there is only one
-
-
-@dataclass(frozen=True)
-class StoredOwner:
-    """An owner as recorded in a folder of results."""
-
-    name: str
-    file: Path  # absolute
-    contents: tuple[str, ...]
-    recording: str  # name of the recording's file without folders; empty if there are several
-    place: str  # hash of the recording's path relative to the folder; empty if there are several
+    recording: Path | None = None  # the recording, if there is only one; without folders in a record
+    place: str = ""  # only in a record: hash of the recording's path relative to the folder
 
     def describe(self) -> str:
         """Return the name, the file and the recording as text."""
-        return _describe(self.name, self.file, self.recording)
+        return f"`{self.name}` ({self.file}{'' if self.recording is None else f', recording {self.recording}'})"
 
 
-def read_owner(folder: Path, output: str = "") -> StoredOwner | None:
-    """Return the recorded owner of a folder, or of the output of this name in it; None if there is no valid record."""
+def read_owner(folder: Path, output: str = "") -> Owner | None:
+    """Return the recorded owner of a folder, or of the output of this name in it; None if there is no valid record.
+
+    Its file is absolute.
+    """
     try:
         path = resolve_path(folder, _find_record(output))
         found: dict[str, Any] = json.loads(plain_files.read_bytes(path, links=False, largest=_LARGEST))
@@ -394,12 +395,13 @@ def read_owner(folder: Path, output: str = "") -> StoredOwner | None:
         if not all(isinstance(text, str) for text in (*names, *found["contents"])):
             return None
         file = Path(os.path.normpath(folder.resolve() / found["file"]))
-        return StoredOwner(found["name"], file, tuple(found["contents"]), found["recording"], found["place"])
+        recording = Path(found["recording"]) if found["recording"] else None
+        return Owner(found["name"], file, tuple(found["contents"]), recording, found["place"])
     except (StoreError, OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
 
 
-def is_other(stored: StoredOwner, owner: Owner, folder: Path) -> bool:
+def is_other(stored: Owner, owner: Owner, folder: Path) -> bool:
     """Return whether two owners of a folder differ in the content of the recordings, their path and the trial's file.
 
     A trial stays the same if its settings or its recording are edited, or if its files are moved. Trials of one study
@@ -418,8 +420,7 @@ def check_owner(folder: Path, owner: Owner, output: str = "", *, path: Path | No
     """
     stored = read_owner(folder, output)
     if stored is not None and is_other(stored, owner, folder):
-        own = _describe(owner.name, owner.file, "" if owner.recording is None else str(owner.recording))
-        raise StoreError(describe_conflict(path or folder / output, stored.describe(), own))
+        raise StoreError(describe_conflict(path or folder / output, stored.describe(), owner.describe()))
 
 
 def describe_conflict(path: Path, stored: str, found: str) -> str:
@@ -474,7 +475,3 @@ def _make_relative(path: Path, folder: Path) -> str:
         return PurePath(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
     except ValueError:
         return path.resolve().as_posix()
-
-
-def _describe(name: str, file: Path, recording: str) -> str:
-    return f"`{name}` ({file}{f', recording {recording}' if recording else ''})"

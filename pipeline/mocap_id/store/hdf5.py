@@ -1,7 +1,6 @@
 """Trees as HDF5 files: types from the schema, units and provenance in attributes, and an index in the user block.
 
-The HDF5 library writes a tree. Reading does not need the library, because it uses the index in
-the user block.
+The HDF5 library writes a tree. Reading does not need the library, because it uses the index in the user block.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, TypeAlias
 
@@ -26,6 +25,11 @@ from mocap_id.store.provenance import Origin, Provenance, TreeSchema, dumps
 Leaves: TypeAlias = dict[str, np.ndarray[Any, Any]]
 """Arrays by their path in the file; texts are numpy ``U`` arrays, scalars have shape ()."""
 
+Places: TypeAlias = dict[str, tuple[str, tuple[int, ...], int]]
+"""Position of the values of each dataset, by its path: type, shape, and offset of the first byte; in C order.
+
+The type is ``<f8``, ``<i8``, ``|b1``, or ``|S`` and the bytes of each text (UTF-8, padded with NULs)."""
+
 _KINDS = {"float64": "fiu", "int64": "iu", "bool": "b", "str": "UO"}
 _STORED = {"float64": "<f8", "int64": "<i8", "bool": "|b1", "str": "U"}
 
@@ -35,13 +39,13 @@ def encode_tree(tree: Tree, origin: Origin) -> bytes:
     provenance = Provenance(tree.schema.file, tree.schema.version, origin, tree.facts, tree.reasons).encode()
     arrays = {path: _encode_texts(array) for path, array in _find_arrays(tree).items()}
     # The block at the beginning has a size that can index the datasets at any offset.
-    farthest = {path: Place(array.dtype.str, array.shape, _FARTHEST) for path, array in arrays.items()}
+    farthest = {path: (array.dtype.str, array.shape, _FARTHEST) for path, array in arrays.items()}
     needed, size = _HEAD + len(_format_index(farthest, provenance)), _SMALLEST
     while size < needed:
         size *= 2
     import h5py  # noqa: PLC0415  reading does not need it
 
-    stream, places = io.BytesIO(), dict[str, Place]()
+    stream, places = io.BytesIO(), Places()
     with h5py.File(stream, "w", libver=("v108", "v110"), userblock_size=size) as file:  # allows attributes > 64 KiB
         for node in tree.schema.expand_nodes(arrays):
             array = arrays[node.name]
@@ -50,7 +54,7 @@ def encode_tree(tree: Tree, origin: Origin) -> bytes:
             dataset = file.create_dataset(node.name, data=data, track_times=False)
             dataset.attrs["unit"], dataset.attrs["meaning"] = node.unit, node.meaning
             start = dataset.id.get_offset() if array.size else 0
-            places[node.name] = Place(array.dtype.str, array.shape, start)
+            places[node.name] = (array.dtype.str, array.shape, start)
         for key, value in provenance.items():
             file.attrs[key] = value
     rest = _format_index(places, provenance).ljust(size - _HEAD) + stream.getvalue()[size:]
@@ -143,20 +147,6 @@ _PATH = re.compile(r"[^/\0]+(/[^/\0]+){0,7}")
 _DAMAGED = "is damaged or was edited: its content does not match its own hash"
 
 
-@dataclass(frozen=True)
-class Place:
-    """Position of a dataset's values in the file, in C order."""
-
-    dtype: str  # ``<f8``, ``<i8``, ``|b1``, or ``|S`` and the bytes of each text (UTF-8, padded with NULs)
-    shape: tuple[int, ...]
-    start: int  # offset of the first byte
-
-    @property
-    def size(self) -> int:
-        """Number of bytes."""
-        return math.prod(self.shape) * np.dtype(self.dtype).itemsize
-
-
 def read_datasets(content: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, str]]:
     """Return the datasets by path, and the provenance, from the bytes of a file.
 
@@ -172,15 +162,15 @@ def read_datasets(content: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], dict
         raise ValueError(_DAMAGED)
     try:
         index = json.loads(content[_HEAD : content.index(b"\n", _HEAD)])
-        places = {path: Place(dtype, tuple(shape), start) for path, (dtype, shape, start) in index["nodes"].items()}
+        places = {path: (dtype, tuple(shape), start) for path, (dtype, shape, start) in index["nodes"].items()}
         provenance = {key: value for key, value in index["provenance"].items() if isinstance(value, str)}
         _check_places(places, len(content))
         datasets = {}
-        for path, place in places.items():
-            values = np.frombuffer(content, place.dtype, math.prod(place.shape), place.start).reshape(place.shape)
-            if place.dtype == "|b1" and (values.view(np.uint8) > 1).any():
+        for path, (dtype, shape, start) in places.items():
+            values = np.frombuffer(content, dtype, math.prod(shape), start).reshape(shape)
+            if dtype == "|b1" and (values.view(np.uint8) > 1).any():
                 raise ValueError("a truth value that is neither true nor false")
-            datasets[path] = np.char.decode(values, "utf-8") if place.dtype.startswith("|S") else values.copy()
+            datasets[path] = np.char.decode(values, "utf-8") if dtype.startswith("|S") else values.copy()
         return datasets, provenance
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
         raise ValueError(f"is damaged ({first_line(error)[:200]})") from error
@@ -190,23 +180,25 @@ def _format_head(rest: bytes) -> bytes:
     return f"{_TITLE}{hashlib.sha256(rest).hexdigest()}\n".encode()
 
 
-def _format_index(places: Mapping[str, Place], provenance: Mapping[str, str]) -> bytes:
-    nodes = {path: (place.dtype, place.shape, place.start) for path, place in places.items()}
-    return f"{dumps({'nodes': nodes, 'provenance': provenance})}\n".encode()
+def _format_index(places: Places, provenance: Mapping[str, str]) -> bytes:
+    return f"{dumps({'nodes': places, 'provenance': provenance})}\n".encode()
 
 
-def _check_places(places: Mapping[str, Place], length: int) -> None:
+def _check_places(places: Places, length: int) -> None:
     """Raise ValueError unless every dataset lies within ``length`` bytes and no two overlap."""
-    for path, place in places.items():
-        if not _PATH.fullmatch(path) or not _TYPE.fullmatch(place.dtype):
-            raise ValueError(f"a dataset has an invalid name or type: {path[:80]!r}, {place.dtype[:80]!r}")
-        if any(type(number) is not int or not 0 <= number <= _FARTHEST for number in (*place.shape, place.start)):
+    taken = []  # first byte and end of every dataset with values
+    for path, (dtype, shape, start) in places.items():
+        if not _PATH.fullmatch(path) or not _TYPE.fullmatch(dtype):
+            raise ValueError(f"a dataset has an invalid name or type: {path[:80]!r}, {dtype[:80]!r}")
+        if any(type(number) is not int or not 0 <= number <= _FARTHEST for number in (*shape, start)):
             raise ValueError(f"`{path[:80]}` has an invalid shape or offset")
-        if place.start + place.size > length:
+        end = start + math.prod(shape) * np.dtype(dtype).itemsize
+        if end > length:
             raise ValueError(f"`{path[:80]}` ends after the end of the file")
+        if end > start:
+            taken.append((start, end))
     groups = {path[: slash.start()] for path in places for slash in re.finditer("/", path)}
     if groups & places.keys():
         raise ValueError(f"`{min(groups & places.keys())[:80]}` is both a dataset and a group")
-    taken = sorted((place.start, place.start + place.size) for place in places.values() if place.size)
-    if any(start < end for (_, end), (start, _) in pairwise(taken)):
+    if any(start < end for (_, end), (start, _) in pairwise(sorted(taken))):
         raise ValueError("two datasets share bytes")

@@ -122,7 +122,7 @@ class IdentifiedTrial:
         """The trajectories of the markers in the plane."""
         folder = Folder(self.folder)
         segments = folder.table("segments.parquet")
-        return Trajectories(folder.long_table("planar.parquet"), segments.facts.get("bad_stretches", ()))
+        return Trajectories(folder.long("planar.parquet"), segments.facts.get("bad_stretches", ()))
 
     def in_band(self, signal: FloatArray) -> FloatArray:
         """Return a signal (T, ...) in the frequency band in which the trial's model is compared with the plate.
