@@ -115,7 +115,16 @@ def name_markers(
         for number, i in enumerate(unnamed, start=1):
             bare[i] = f"unlabelled-{number}"
     keep = [i for i in range(len(bare)) if i not in set(computed)]
-    labels, repeated = _make_unique([bare[i] for i in keep])
+    labels, counts, taken = list[str](), Counter[str](), {bare[i] for i in keep}
+    for name in (bare[i] for i in keep):
+        counts[name] += 1
+        label, number = name, counts[name]
+        while number > 1 and (label := f"{name}#{number}") in taken:
+            number += 1
+        taken.add(label)
+        counts[name] = number
+        labels.append(label)
+    repeated = sorted(name for name, count in counts.items() if count > 1 and name)
     if repeated:
         oddities.append(f"labels that occur more than once were numbered (A, A#2, …): {', '.join(repeated)}")
     return MarkerNames(tuple(keep), tuple(labels), tuple(oddities), tuple(split[i] for i in keep))
@@ -264,21 +273,6 @@ def _split_prefix(label: str, subjects: Sequence[str]) -> tuple[str, str]:
     return "", label
 
 
-def _make_unique(names: Sequence[str]) -> tuple[list[str], list[str]]:
-    counts: Counter[str] = Counter()
-    taken = set(names)
-    unique = []
-    for name in names:
-        counts[name] += 1
-        candidate, number = name, counts[name]
-        while number > 1 and (candidate := f"{name}#{number}") in taken:
-            number += 1
-        taken.add(candidate)
-        counts[name] = number
-        unique.append(candidate)
-    return unique, sorted(name for name, count in counts.items() if count > 1 and name)
-
-
 def resolve_length_unit(
     path: Path, declared: str, override: str | None, oddities: list[str], *, required: bool = True
 ) -> tuple[str, float]:
@@ -326,7 +320,28 @@ def clean_positions(path: Path, positions: FloatArray, units: str, oddities: lis
     in mm, cm and m. All changes are noted in ``oddities``. Raises RecordingError if the size contradicts the unit.
     """
     _remove_codes(positions, oddities)
-    _check_size(path, positions, units, oddities)
+    # All samples must not be within 2 cm, nor the middle half of them spread over more than 100 m.
+    frames = thin_frames(positions)
+    visible = np.isfinite(frames).all(axis=2)
+    if visible.any():
+        samples = frames[visible]
+        spread = float(np.linalg.norm(np.ptp(np.percentile(samples, [25, 75], axis=0), axis=0)))
+        extent = float(np.linalg.norm(np.ptp(samples, axis=0)))
+        several = int(visible.any(axis=0).sum()) >= 3
+        if not units:
+            written = spread / _MILLIMETRE
+            choices = ", ".join(f"{name} gives {written * LENGTHS[name]:.3g} m" for name in ("mm", "cm", "m"))
+            oddities.append(f"half of the marker samples spread over {written:.4g} in the unit of the file: {choices}")
+        elif spread > _MAX_SPREAD_M or (several and 0 < extent < _MIN_SPREAD_M):
+            size = spread if spread > _MAX_SPREAD_M else extent
+            sizes = {name: size / (find_length_scale(units) or 1.0) * LENGTHS[name] for name in ("mm", "cm", "m")}
+            possible = {name: at for name, at in sizes.items() if _MIN_SPREAD_M <= at <= _MAX_SPREAD_M}
+            fits = ", ".join(f"{name} gives {at:.3g} m" for name, at in possible.items())
+            raise RecordingError(
+                f"{path}: the markers spread over {size:.3g} m when read in {units!r}, expected {_MIN_SPREAD_M} to "
+                f"{_MAX_SPREAD_M:.0f} m; the unit is wrong, set `planarise: {{units: …}}`"
+                + (f": {fits}" if fits else "")
+            )
     marked = np.zeros(4, dtype=np.int64)  # numbers of non-finite, too far, zero and valid samples
     for at in range(0, len(positions), _BLOCK):
         part = positions[at : at + _BLOCK]
@@ -403,34 +418,6 @@ def _remove_codes(positions: FloatArray, oddities: list[str]) -> None:
                 f"{len(frame)} samples of {len(np.unique(marker))} markers are exactly at ({code}) m: this number "
                 "marks missing samples, and they were set to missing"
             )
-
-
-def _check_size(path: Path, positions: FloatArray, units: str, oddities: list[str]) -> None:
-    """Raise RecordingError if all samples are within 2 cm, or the middle half of them spreads over more than 100 m."""
-    frames = thin_frames(positions)
-    visible = np.isfinite(frames).all(axis=2)
-    if not visible.any():
-        return
-    samples = frames[visible]
-    spread = float(np.linalg.norm(np.ptp(np.percentile(samples, [25, 75], axis=0), axis=0)))
-    extent = float(np.linalg.norm(np.ptp(samples, axis=0)))
-    several = int(visible.any(axis=0).sum()) >= 3
-    if not units:
-        written = spread / _MILLIMETRE
-        choices = ", ".join(f"{name} gives {written * LENGTHS[name]:.3g} m" for name in ("mm", "cm", "m"))
-        oddities.append(f"half of the marker samples spread over {written:.4g} in the unit of the file: {choices}")
-        return
-    if spread > _MAX_SPREAD_M or (several and 0 < extent < _MIN_SPREAD_M):
-        size = spread if spread > _MAX_SPREAD_M else extent
-        raw = size / (find_length_scale(units) or 1.0)
-        sizes = {name: raw * LENGTHS[name] for name in ("mm", "cm", "m")}
-        fits = ", ".join(
-            f"{name} gives {at:.3g} m" for name, at in sizes.items() if _MIN_SPREAD_M <= at <= _MAX_SPREAD_M
-        )
-        raise RecordingError(
-            f"{path}: the markers spread over {size:.3g} m when read in {units!r}, expected {_MIN_SPREAD_M} to "
-            f"{_MAX_SPREAD_M:.0f} m; the unit is wrong, set `planarise: {{units: …}}`" + (f": {fits}" if fits else "")
-        )
 
 
 def assemble_recording(

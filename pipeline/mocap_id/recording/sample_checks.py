@@ -1,4 +1,4 @@
-"""Clocks of recordings: the one rule on times and rates of every reader, and the fit of an even clock."""
+"""Checks of samples: times and rates, repeated or interpolated samples, and posture and facing of a body."""
 
 from __future__ import annotations
 
@@ -29,10 +29,7 @@ _MAX_DECIMALS = 9  # finer than any clock; further digits are due to the binary 
 
 
 def check_rate(source: object, rate: float, name: str, fastest: float = MARKER_HZ) -> None:
-    """Raise RecordingError if a rate, Hz, is not that of a recording of a moving person.
-
-    ``source`` is the file, ``name`` says what has this rate, and ``fastest`` is the highest rate of such a signal, Hz.
-    """
+    """Raise RecordingError if a rate, Hz, is not that of a recording of a moving person; ``name`` says what has it."""
     if SLOWEST_HZ * (1 - 1e-6) <= rate <= fastest * (1 + 1e-6):
         return
     raise RecordingError(
@@ -47,8 +44,8 @@ def check_times(
     """Raise RecordingError if times (T,) do not increase, or are not the seconds of a recording of a moving person.
 
     The usual step between two different times must be that of a rate from ``SLOWEST_HZ`` to ``fastest``, Hz. Times in
-    milliseconds, frame numbers or whole seconds are thus refused. ``source`` is the file and ``name`` says what the
-    times are in it, such as ``"`time_s`"``. With ``repeated``, the same time may occur in several rows; with
+    milliseconds, frame numbers or whole seconds are thus refused. ``name`` says what the times are in the file
+    ``source``, such as ``"`time_s`"``. With ``repeated``, the same time may occur in several rows; with
     ``pauses``, the clock may jump forwards by more than ten seconds.
     """
     if len(time) < 2:
@@ -107,9 +104,8 @@ def fit_even_clock(
     """Fit a clock with a constant rate to time stamps (T,), s, by least squares: sample k is at ``start + k / rate``.
 
     Returns start, s, rate, Hz, and a note if the stamps are coarsely rounded, else an empty text. ``stated`` is the
-    rate declared in the file, Hz; it is used if it agrees with all stamps. ``name`` and ``fastest`` are as for
-    :func:`check_times`. Raises RecordingError as this function does, if frames are missing, or if a stamp
-    deviates by more than 5 % of a frame beyond its rounding.
+    rate declared in the file, Hz; it is used if it agrees with all stamps. Raises RecordingError as
+    :func:`check_times`, if frames are missing, or if a stamp deviates by more than 5 % of a frame beyond its rounding.
     """
     check_times(path, time, name, fastest, pauses=True)
     steps = np.diff(time)
@@ -432,32 +428,26 @@ def find_body_facing(positions: FloatArray, direction: FloatArray) -> Facing:
     along = positions[:, :, :2] @ direction
     tall, low = find_upright(positions)
     moves = _measure_spread(positions) > max(0.25 * float(np.nanmax(_measure_spread(positions), initial=0.0)), _SURE_M)
-    heights = _average(positions[:, :, 2])
-    if low.any() and (moves.all() or _compare_means(heights, moves, ~moves) > 0):
-        displacement, rule = _compare_legs(positions, along, tall, low), "knees"
+    displacement, rule = 0.0, "none"
+    if low.any() and (moves.all() or _compare_means(_average(positions[:, :, 2]), moves, ~moves) > 0):
+        rule, heights = "knees", _average(positions[tall][:, :, 2])
+        floor, top = float(np.nanmin(heights)), float(np.nanmax(heights))
+        trunk = top - floor if top - floor > _TRUNK_M else (top - floor) / _PELVIS_SHARE
+        share = (heights - floor) / trunk
+        shift = _average(along[low]) - _average(along[tall])
+        drop = heights - _average(positions[low][:, :, 2])
+        with np.errstate(invalid="ignore"):
+            shanks = (share > _SHANKS[0]) & (share < _SHANKS[1]) & np.isfinite(shift)
+            thighs = (share > _THIGHS[0]) & (share < _THIGHS[1]) & np.isfinite(shift)
+            if shanks.any() and thighs.any():
+                knee_drop = max(float(np.median(drop[shanks] / share[shanks])) * _KNEE, 0.0)  # the shank leans
+                # without the hands, which move farther
+                thighs &= (drop > 0) & (drop < knee_drop + (share - _KNEE) * trunk)
+        if shanks.any() and thighs.any():
+            displacement = float(np.median(shift[shanks]) - np.median(shift[thighs]))
     elif moves.any() and not moves.all():
         displacement, rule = _compare_means(_average(along), moves, ~moves), "reach"
-    else:
-        displacement, rule = 0.0, "none"
     return Facing(displacement > 0, displacement, rule)
-
-
-def _compare_legs(positions: FloatArray, along: FloatArray, tall: BoolArray, low: BoolArray) -> float:
-    """Return the displacement of the shanks relative to the thighs from upright to low, m; 0 without such markers."""
-    heights = _average(positions[tall][:, :, 2])
-    floor, top = float(np.nanmin(heights)), float(np.nanmax(heights))
-    trunk = top - floor if top - floor > _TRUNK_M else (top - floor) / _PELVIS_SHARE
-    share = (heights - floor) / trunk
-    shift = _average(along[low]) - _average(along[tall])
-    drop = heights - _average(positions[low][:, :, 2])
-    with np.errstate(invalid="ignore"):
-        shanks = (share > _SHANKS[0]) & (share < _SHANKS[1]) & np.isfinite(shift)
-        thighs = (share > _THIGHS[0]) & (share < _THIGHS[1]) & np.isfinite(shift)
-        if not (shanks.any() and thighs.any()):
-            return 0.0
-        knee_drop = max(float(np.median(drop[shanks] / share[shanks])) * _KNEE, 0.0)  # the shank leans
-        thighs &= (drop > 0) & (drop < knee_drop + (share - _KNEE) * trunk)  # without the hands, which move farther
-    return float(np.median(shift[shanks]) - np.median(shift[thighs])) if thighs.any() else 0.0
 
 
 def _measure_thinness(points: FloatArray, low: float, high: float) -> float:

@@ -183,7 +183,7 @@ class _Run:
             self.writer.wait()  # its inputs must be on the disk
             self.update_times(stage)
         else:
-            action, key = "computed", self.compute_key(stage, hashes)
+            action, key = "computed", compute_cache_key(self.trial, stage, hashes)
             known = read_refusal(self.trial.out, stage.name, key)
             if known is not None:
                 raise known
@@ -211,7 +211,7 @@ class _Run:
         inputs = {file: self.folder.read(file) for file in stage.inputs if file in hashes}
         settings = self.trial.settings[stage.name]
         context = Context(self.trial.keys, settings, inputs, refused, self.collect_seconds(stage))
-        slice_, key = collect_parameters(self.trial, stage), self.compute_key(stage, hashes, refused)
+        slice_, key = collect_parameters(self.trial, stage), compute_cache_key(self.trial, stage, hashes, refused)
         start = time.perf_counter()
         try:
             with self.report_unexpected():
@@ -307,13 +307,9 @@ class _Run:
             self.writer.wait()  # the inputs must be on the disk
         return self.files.of(stage) | {file: self.folder.key(file) for file in stage.inputs}
 
-    def compute_key(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> str:
-        """Return the cache key of a computation of the stage with the present inputs."""
-        return compute_cache_key(stage, collect_parameters(self.trial, stage), hashes, refused)
-
     def find_current(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> Origin | None:
         """Return the origin of a stage's outputs; None if they are missing, damaged or out of date."""
-        key = self.compute_key(stage, hashes, refused)
+        key = compute_cache_key(self.trial, stage, hashes, refused)
         try:
             origin = self.folder.origin(stage.name, stage.outputs)
         except StoreError as error:

@@ -21,6 +21,9 @@ Facts: TypeAlias = Mapping[str, Any]
 Values: TypeAlias = "np.ndarray[Any, Any]"
 """A column of a table."""
 
+KINDS = {"float64": "fiu", "int64": "iu", "Int64": "iu", "bool": "b", "category": "OU", "str": "OU"}
+"""Kinds of numpy types that an array may have in memory, by the type in the schema."""
+
 Node: TypeAlias = "np.ndarray[Any, Any] | str | float | int | Mapping[str, Node]"
 
 

@@ -76,19 +76,19 @@ class ArtefactReader:
         raise NotImplementedError
 
     def table(self, file: str) -> Table:
-        """Return a Parquet artefact; errors as for ``read``."""
+        """Return a Parquet artefact."""
         artefact = self.read(file)
         assert isinstance(artefact, store.Table)
         return artefact
 
     def long(self, file: str) -> LongTable:
-        """Return a Parquet artefact with a row for every frame and marker; errors as for ``read``."""
+        """Return a Parquet artefact with a row for every frame and marker."""
         artefact = self.read(file)
         assert isinstance(artefact, store.LongTable)
         return artefact
 
     def tree(self, file: str) -> Tree:
-        """Return an HDF5 artefact; errors as for ``read``."""
+        """Return an HDF5 artefact."""
         artefact = self.read(file)
         assert isinstance(artefact, store.Tree)
         return artefact
@@ -285,7 +285,7 @@ class Folder(ArtefactReader):
                     folder.rmdir()
 
     def _list_bookkeeping(self) -> list[Path]:
-        """Return the paths of the files that say who uses the folder, without results."""
+        """Return the paths of the files that only say who uses the folder."""
         return [self.path / name for name in (f"{_HIDDEN}/{LOCK}", f"{_HIDDEN}/{MARKER}", OWNER_FILE)]
 
     def _find_read_record(self, file: str) -> Record | None:
@@ -336,15 +336,14 @@ class Folder(ArtefactReader):
     def _read_record(self, stage: str) -> Record | None:
         try:
             record = Record.decode(plain_files.read_bytes(resolve_path(self.path, record_file(stage)), links=False))
-            sound = all(self._may_be_document(file) for file in record.documents)
+            # A document is in this folder, but it is not an artefact or a record.
+            sound = not any(
+                resolve_path(self.path, file).is_dir() or file in SCHEMAS or file.startswith(_HIDDEN)
+                for file in record.documents
+            )
         except (StoreError, *INVALID_RECORD):
             return None  # without a record, the documents count as not written
         return record if sound else None
-
-    def _may_be_document(self, file: str) -> bool:
-        """Return whether a file of this name may be a document: it is in this folder, but not an artefact or record."""
-        path = resolve_path(self.path, file)
-        return file not in SCHEMAS and not file.startswith(_HIDDEN) and not path.is_dir()
 
     def _find_unchanged(self, documents: Mapping[str, str]) -> list[str]:
         """Return the names of documents that nobody has edited since they were written."""

@@ -18,7 +18,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from mocap_id.errors import first_line
-from mocap_id.store.artefacts import Node, Tree
+from mocap_id.store.artefacts import KINDS, Node, Tree
 from mocap_id.store.parquet import read_provenance
 from mocap_id.store.provenance import Origin, Provenance, TreeSchema, dumps
 
@@ -30,7 +30,6 @@ Places: TypeAlias = dict[str, tuple[str, tuple[int, ...], int]]
 
 The type is ``<f8``, ``<i8``, ``|b1``, or ``|S`` and the bytes of each text (UTF-8, padded with NULs)."""
 
-_KINDS = {"float64": "fiu", "int64": "iu", "bool": "b", "str": "UO"}
 _STORED = {"float64": "<f8", "int64": "<i8", "bool": "|b1", "str": "U"}
 
 
@@ -121,7 +120,7 @@ def _find_mismatches(leaves: Leaves, schema: TreeSchema) -> Iterator[str]:
             yield f"`{node.name}` is missing"
             continue
         array = leaves[node.name]
-        if array.size and array.dtype.kind not in _KINDS[node.dtype]:
+        if array.size and array.dtype.kind not in KINDS[node.dtype]:
             yield f"`{node.name}` has the type {array.dtype}, expected {node.dtype}"
 
 
@@ -164,7 +163,23 @@ def read_datasets(content: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], dict
         index = json.loads(content[_HEAD : content.index(b"\n", _HEAD)])
         places = {path: (dtype, tuple(shape), start) for path, (dtype, shape, start) in index["nodes"].items()}
         provenance = {key: value for key, value in index["provenance"].items() if isinstance(value, str)}
-        _check_places(places, len(content))
+        # Every dataset must lie within the file, and no two may overlap.
+        taken = []  # first byte and end of every dataset with values
+        for path, (dtype, shape, start) in places.items():
+            if not _PATH.fullmatch(path) or not _TYPE.fullmatch(dtype):
+                raise ValueError(f"a dataset has an invalid name or type: {path[:80]!r}, {dtype[:80]!r}")
+            if any(type(number) is not int or not 0 <= number <= _FARTHEST for number in (*shape, start)):
+                raise ValueError(f"`{path[:80]}` has an invalid shape or offset")
+            end = start + math.prod(shape) * np.dtype(dtype).itemsize
+            if end > len(content):
+                raise ValueError(f"`{path[:80]}` ends after the end of the file")
+            if end > start:
+                taken.append((start, end))
+        groups = {path[: slash.start()] for path in places for slash in re.finditer("/", path)}
+        if groups & places.keys():
+            raise ValueError(f"`{min(groups & places.keys())[:80]}` is both a dataset and a group")
+        if any(start < end for (_, end), (start, _) in pairwise(sorted(taken))):
+            raise ValueError("two datasets share bytes")
         datasets = {}
         for path, (dtype, shape, start) in places.items():
             values = np.frombuffer(content, dtype, math.prod(shape), start).reshape(shape)
@@ -182,23 +197,3 @@ def _format_head(rest: bytes) -> bytes:
 
 def _format_index(places: Places, provenance: Mapping[str, str]) -> bytes:
     return f"{dumps({'nodes': places, 'provenance': provenance})}\n".encode()
-
-
-def _check_places(places: Places, length: int) -> None:
-    """Raise ValueError unless every dataset lies within ``length`` bytes and no two overlap."""
-    taken = []  # first byte and end of every dataset with values
-    for path, (dtype, shape, start) in places.items():
-        if not _PATH.fullmatch(path) or not _TYPE.fullmatch(dtype):
-            raise ValueError(f"a dataset has an invalid name or type: {path[:80]!r}, {dtype[:80]!r}")
-        if any(type(number) is not int or not 0 <= number <= _FARTHEST for number in (*shape, start)):
-            raise ValueError(f"`{path[:80]}` has an invalid shape or offset")
-        end = start + math.prod(shape) * np.dtype(dtype).itemsize
-        if end > length:
-            raise ValueError(f"`{path[:80]}` ends after the end of the file")
-        if end > start:
-            taken.append((start, end))
-    groups = {path[: slash.start()] for path in places for slash in re.finditer("/", path)}
-    if groups & places.keys():
-        raise ValueError(f"`{min(groups & places.keys())[:80]}` is both a dataset and a group")
-    if any(start < end for (_, end), (start, _) in pairwise(sorted(taken))):
-        raise ValueError("two datasets share bytes")

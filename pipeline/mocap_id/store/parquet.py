@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 
 from mocap_id.arrays import chunks
 from mocap_id.errors import first_line
-from mocap_id.store.artefacts import LongTable, Table, Values
+from mocap_id.store.artefacts import KINDS, LongTable, Table, Values
 from mocap_id.store.atomic import HashedStream
 from mocap_id.store.provenance import PREFIX, Column, Origin, Provenance, TableSchema
 
@@ -33,7 +33,6 @@ _TYPES = {
     "category": pa.dictionary(pa.int32(), pa.string()),
     "str": pa.string(),
 }
-_KINDS = {"float64": "fiu", "int64": "iu", "Int64": "iu", "bool": "b", "category": "OU", "str": "OU"}
 _STORED = {
     "float64": np.float64,
     "int64": np.int64,
@@ -216,17 +215,11 @@ def expand_columns(schema: TableSchema, names: Sequence[str]) -> Iterator[Column
             matches = (re.fullmatch(pattern, str(name)) for name in names)
             fields: list[dict[str, Any]] = [{"name": match[1]} for match in matches if match]
         else:
-            numbers = {_find_number(column, str(name)) for name in names for column in group}
-            fields = [{"k": k} for k in sorted(number for number in numbers if number is not None)]
+            found = (_compile_pattern(column.name).fullmatch(str(name)) for name in names for column in group)
+            fields = [{"k": k} for k in sorted({int(match[1]) if match.groups() else 0 for match in found if match})]
         for values in fields:
             for column in group:
                 yield replace(column, name=column.name.format(**values))
-
-
-def _find_number(column: Column, name: str) -> int | None:
-    """Return the number k in ``name``; 0 if the column has no ``{k}``, None if it is not a name of this column."""
-    match = _compile_pattern(column.name).fullmatch(name)
-    return None if match is None else int(match[1]) if match.groups() else 0
 
 
 @cache
@@ -241,7 +234,7 @@ def _make_field(column: Column) -> pa.Field:
 def _convert(values: Values, column: Column, file: str) -> Values:
     """Return a contiguous column with its schema's type; ValueError if its own type does not match."""
     found = np.asarray(values)
-    if found.size and found.dtype.kind not in _KINDS[column.dtype]:
+    if found.size and found.dtype.kind not in KINDS[column.dtype]:
         raise ValueError(f"{file}: column {column.name} has the type {found.dtype}, expected {column.dtype}")
     return np.ascontiguousarray(found, dtype=_STORED[column.dtype])
 
