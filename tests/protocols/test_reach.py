@@ -28,7 +28,7 @@ def views(trial: SpatialTrial) -> tuple[SpatialAngles, MeasuredPoses, SpatialSke
     artefacts = trial.artefacts()
     angles, poses, chain = (artefacts[name] for name in ("angles.parquet", "poses.parquet", "chain.h5"))
     assert isinstance(angles, Table) and isinstance(poses, Table) and isinstance(chain, Tree)
-    return SpatialAngles.from_table(angles), MeasuredPoses.from_table(poses), SpatialSkeleton.from_tree(chain)
+    return SpatialAngles(angles), MeasuredPoses(poses), SpatialSkeleton(chain)
 
 
 def test_noise_of_a_skeleton_does_not_make_a_range_larger() -> None:
