@@ -196,8 +196,8 @@ class C3DFile:
     def _find_counts(self, *in_header: int, per_frame: int) -> tuple[int, int, int]:
         """Return the numbers of points, of analog words per frame and of frames that fit the size of the file.
 
-        The file declares each number in several fields, and all combinations are tried. ``in_header`` are the three
-        numbers in the header, and ``per_frame`` are the analog samples per frame there.
+        The file declares each number in several fields, and all combinations are tried. ``in_header`` are those of the
+        header.
         """
         word, available = 4 if self.real else 2, self.size - self.start  # bytes of a number, and of all frames
         channels = (self.words("ANALOG:USED") or [])[:1]
@@ -296,25 +296,20 @@ class C3DFile:
         return raw
 
     def numbers(self, name: str) -> FloatArray | None:
-        """Return a numeric parameter as floats, in its own shape; None if it is missing, empty or text.
-
-        Values of 8 bits are read as unsigned.
-        """
+        """Return a numeric parameter as floats, in its own shape; None if it is missing, empty or text."""
         value = self.parameters.get(name)
         if not isinstance(value, np.ndarray) or value.size == 0:
             return None
+        # Values of 8 bits are read as unsigned.
         return (value.view(np.uint8) if value.dtype == np.int8 else value).astype(np.float64)
 
     def words(self, name: str) -> list[int] | None:
-        """Return a numeric parameter as integers; None if it is missing, empty, text or not finite.
-
-        Values of 8 and 16 bits are read as unsigned.
-        """
+        """Return a numeric parameter as integers; None if it is missing, empty, text or not finite."""
         value = self.parameters.get(name)
         if not isinstance(value, np.ndarray) or value.size == 0 or not np.isfinite(value).all():
             return None
         flat = value.ravel(order="F")
-        if flat.dtype.itemsize <= 2:
+        if flat.dtype.itemsize <= 2:  # read as unsigned
             return [int(word) % (1 << 8 * flat.dtype.itemsize) for word in flat]
         return [int(word) for word in flat]
 
@@ -341,9 +336,8 @@ class C3DFile:
     def read_frames(self, part: slice) -> tuple[FloatArray, FloatArray]:
         """Read the F frames in the slice ``part``; RecordingError if the file has become shorter since it was opened.
 
-        The first array (F, points, 4) contains x, y, z in the unit of the file and the residual of every point. The
-        second array (F, per_frame, channels) contains the analog samples as stored, before offset and scale are
-        applied.
+        Returns x, y, z in the unit of the file and the residual of every point, (F, points, 4), and the analog samples
+        as stored, before offset and scale are applied, (F, per_frame, channels).
         """
         count, size = part.stop - part.start, self.frame_bytes
         raw = self.read_bytes(self.start + part.start * size, self.start + part.stop * size)
@@ -365,9 +359,8 @@ class C3DFile:
     ) -> tuple[FloatArray, FloatArray]:
         """Decode all frames of the trajectories ``keep`` and of the analog ``channels``, numbered from 0.
 
-        The first array (frames, len(keep), 3) contains positions, m; NaN if the residual marks the point as not seen.
-        ``metres`` is the length unit of the file, m. The second array (frames * per_frame, len(channels)) contains the
-        analog samples as stored, before offset and scale are applied.
+        Returns positions (frames, len(keep), 3), m, NaN if the residual marks the point as not seen, and the analog
+        samples as stored (frames * per_frame, len(channels)). ``metres`` is the length unit of the file, m.
         """
         positions = np.empty((self.frames, len(keep), 3))
         counts = np.empty((self.frames, self.per_frame, len(channels)))

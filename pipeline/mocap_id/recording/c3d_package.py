@@ -17,10 +17,7 @@ _FRAMES = 100  # number of frames to compare; this is enough, because a wrong po
 
 
 def compare_with_package(path: Path) -> list[str]:
-    """Return a sentence about each value that the ``c3d`` package reads differently in the first 100 frames.
-
-    Raises RecordingError if the file cannot be read at all.
-    """
+    """Return a sentence about each value that the ``c3d`` package reads differently in the first 100 frames."""
     with open_recording(path) as stream:
         file = C3DFile(path, stream)
         stream.seek(0)

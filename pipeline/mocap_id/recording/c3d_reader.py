@@ -142,7 +142,7 @@ def _find_vertical(
 ) -> str:
     """Return the upward axis: ``override``, else the normal of the plates, else POINT:Y_SCREEN, else Z (assumed).
 
-    The normal counts if it is an axis, the same for all usable plates. It points towards the markers.
+    The normal counts if it is an axis, the same for all usable plates, and points towards the markers.
     """
     declared, axes = parse_axis(file.text("POINT:Y_SCREEN")), set[str | None]()
     for plate in stored:
@@ -448,10 +448,7 @@ class _FilePlate:
         return factors
 
     def _assume(self, quantity: str, own: Sequence[str], scales: Sequence[float | None], force: float) -> float:
-        """Return the factor for channels without a declared unit, and keep a sentence that states the assumption.
-
-        ``force`` is the factor of the forces, if ``quantity`` is another one.
-        """
+        """Return the factor for channels without a declared unit, and keep a sentence that states the assumption."""
         known = {scale: name for scale, name in zip(scales, own, strict=True) if scale is not None}
         if len(known) > 1:
             raise UnusablePlateError(
@@ -480,8 +477,8 @@ class _FilePlate:
     def place(self, rotation: FloatArray, start: float, oddities: list[str]) -> Plate:
         """Return the plate in the lab with the wrench of the ground on the body; add notes to ``oddities``.
 
-        ``rotation`` (3, 3) rotates vectors from the file's axes to the axes of the lab (Z up). ``start`` is the time of
-        the first analog sample, s.
+        ``rotation`` (3, 3) turns from the axes of the file to those of the lab; ``start`` is the first sample's time,
+        s.
         """
         rate = self.file.per_frame * self.file.rate
         assumptions = tuple(f"plate {self.index}: {text}" for text in self.assumptions)
@@ -527,10 +524,9 @@ class _FilePlate:
 def find_saturated(counts: FloatArray, offset: FloatArray, bits: int | None) -> BoolArray:
     """Return for each of K samples whether any of the C channels is saturated.
 
-    ``counts`` (K, C) are the samples as stored, in most files counts of the converter. ``offset`` (C,) are the counts
-    at zero input, about half the range for unsigned converters. ``bits`` is the resolution (ANALOG:BITS), None if not
-    declared. If the counts are integers, the limits of the converter follow from its resolution. If they are not,
-    :func:`find_clipped` judges each channel.
+    ``counts`` (K, C) are the samples as stored, ``offset`` (C,) those at zero input, about half the range for unsigned
+    converters, and ``bits`` is the resolution (ANALOG:BITS), None if not declared. From it follow the limits of the
+    converter if the samples are integers; otherwise :func:`find_clipped` judges each channel.
     """
     flags = np.zeros(len(counts), bool)
     for stored, zero in zip(counts.T, offset, strict=True):
@@ -553,9 +549,7 @@ def find_clipped(column: FloatArray) -> BoolArray:
     """Return for each sample (K,) whether it is clipped: it equals an extreme that occurs at least 8 times in a row.
 
     Extremes near zero are not judged, nor is a channel that often repeats other values, because it is coarse or at
-    rest.
-
-    ``column`` (K,) is the signal minus its zero level; NaN if missing.
+    rest. ``column`` (K,) is the signal minus its zero level; NaN if missing.
     """
     flags = np.zeros(len(column), bool)
     low, high = float(np.nanmin(column)), float(np.nanmax(column))

@@ -25,11 +25,7 @@ _SPIKE = 5.0  # largest weight of a sample for the sign, in median loads
 
 @dataclass(frozen=True)
 class PlateSignals:
-    """Channels of one plate of type 1 to 4 and its geometry, SI units.
-
-    The plate frame is right-handed with z down. The sign convention is that of the channels; :func:`is_force_on_plate`
-    decides whether they measure the force on the plate or on the body.
-    """
+    """Channels of one plate of type 1 to 4 and its geometry, SI units; its frame is right-handed with z down."""
 
     kind: int  # FORCE_PLATFORM:TYPE
     # (K, C). Type 1: Fx Fy Fz (N), CoPx CoPy (m), Tz (N·m). Types 2 and 4: Fx Fy Fz (N), Mx My Mz (N·m), after
@@ -175,8 +171,7 @@ def reverse_force_on_plate(
 ) -> tuple[FloatArray, FloatArray]:
     """Return force and moment (K, 3) of the ground on the body; those of the body on the plate are reversed.
 
-    The vertical force of the valid samples, ``ok`` (K,), decides. If the signs are reversed, a note is added to
-    ``oddities``.
+    The vertical force of the valid samples, ``ok`` (K,), decides; a reversal is noted in ``oddities``.
     """
     if not is_force_on_plate(force[ok, 2]):
         return force, moment
@@ -199,10 +194,7 @@ def is_force_on_plate(vertical: FloatArray) -> bool:
 
 
 def compute_centre_of_pressure(plate: Plate, wrench: Plate | PlateSamples) -> FloatArray:
-    """Return the centre of pressure (K, 2) of ``wrench`` on the surface of ``plate``, in lab axes, m.
-
-    It is NaN if the vertical force is at most 20 N.
-    """
+    """Return the centre of pressure (K, 2) of ``wrench`` on ``plate`` in the lab, m; NaN below a load of 20 N."""
     centre = np.zeros(3) if plate.centre is None else plate.centre
     about = wrench.moment - np.cross(centre, wrench.force)
     vertical = np.where(wrench.force[:, 2] > LOADED_N, wrench.force[:, 2], np.nan)

@@ -72,10 +72,9 @@ def name_markers(
 ) -> MarkerNames:
     """Select the markers among the trajectories and give each a unique name without the name of a person.
 
-    ``raw`` are the labels of all trajectories in the file, possibly empty. ``outputs`` are labels of trajectories that
-    the file declares not to be markers (POINT:ANGLES …). ``subjects`` are names of subjects and label prefixes that the
-    file declares. These names are removed from the start of labels, as is everything up to a colon; no message contains
-    them. With ``apart``, every label says the number of its subject.
+    ``raw`` are the labels of all trajectories, possibly empty, and ``outputs`` those that the file declares not to be
+    markers (POINT:ANGLES …). The names of ``subjects`` that the file declares are removed from the start of labels, as
+    is everything up to a colon; no message contains them. With ``apart``, every label says the number of its subject.
     """
     known = sorted({name.strip() for name in subjects if name.strip()}, key=len, reverse=True)
     split = [_split_prefix(strip_padding(text), known) for text in raw]
@@ -219,8 +218,8 @@ def leave_out_objects(naming: MarkerNames, positions: FloatArray) -> tuple[Marke
 def _separate_repeated_labels(naming: MarkerNames, frames: FloatArray) -> MarkerNames:
     """Return the names with a prefix for each person, if two or more people have the same labels without a colon.
 
-    Either labels occur several times, or they begin with several words and a separator. Trajectories of one label are
-    those of several people if at least five labels occur so, all usually far apart, and if every person bends.
+    Either labels occur several times, or they begin with several words and a separator. They are those of several
+    people if at least five labels occur so, all usually far apart, and if every person bends.
     """
     if any(prefix for prefix, _ in naming.parts):
         return naming
@@ -249,10 +248,7 @@ def _separate_repeated_labels(naming: MarkerNames, frames: FloatArray) -> Marker
 
 
 def _measure_distance_changes(positions: FloatArray) -> FloatArray:
-    """Return by how much the distance of each pair of markers (F, M, 3) changes between usual extremes, m.
-
-    The extremes are the quantiles 12 and 88 %. Pairs that are never seen together are left out.
-    """
+    """Return by how much the distance of each pair of markers (F, M, 3) changes between 12 and 88 % quantiles, m."""
     first, second = np.triu_indices(positions.shape[1], 1)
     distance = np.linalg.norm(positions[:, first] - positions[:, second], axis=2)
     distance = distance[:, np.isfinite(distance).any(axis=0)]
@@ -276,12 +272,10 @@ def _split_prefix(label: str, subjects: Sequence[str]) -> tuple[str, str]:
 def resolve_length_unit(
     path: Path, declared: str, override: str | None, oddities: list[str], *, required: bool = True
 ) -> tuple[str, float]:
-    """Return the length unit to use and its size in metres.
+    """Return the length unit to use and its size in metres; contradictions are noted in ``oddities``.
 
-    ``declared`` is the unit in the file, possibly empty; ``override`` is the unit in the configuration, which has
-    priority. If no unit is known and ``required`` is false, the unit is empty and lengths are read as millimetres. If
-    ``required`` is true, RecordingError is raised. Raises ConfigError if ``override`` is not a unit of length.
-    Contradictions are noted in ``oddities``.
+    ``declared`` is the unit in the file, possibly empty; ``override`` in the configuration has priority. If neither is
+    known, RecordingError is raised, or unless ``required`` the unit is empty and lengths are read as millimetres.
     """
     name = strip_padding(declared)
     if override is not None:
@@ -316,8 +310,8 @@ def rotate_z_up(positions: FloatArray, up: str) -> None:
 def clean_positions(path: Path, positions: FloatArray, units: str, oddities: list[str]) -> None:
     """Set impossible samples of positions (F, M, 3), m, to NaN in place, and check the space that the markers occupy.
 
-    ``units`` is the length unit of the file; if it is empty, the size of this space is not checked, and a note gives it
-    in mm, cm and m. All changes are noted in ``oddities``. Raises RecordingError if the size contradicts the unit.
+    If ``units`` of the file is empty, a note gives this space in mm, cm and m; otherwise RecordingError is raised if it
+    contradicts the unit.
     """
     _remove_codes(positions, oddities)
     # All samples must not be within 2 cm, nor the middle half of them spread over more than 100 m.
@@ -425,8 +419,7 @@ def assemble_recording(
 ) -> tuple[Recording, FloatArray]:
     """Return a table as a recording without plates, and the rotation (3, 3) from the axes of the file to Z up.
 
-    ``force`` (3,) is the mean ground force in the axes of the file; it is None if there are no plates. Notes are added
-    to ``oddities``.
+    ``force`` (3,) is the mean ground force in the axes of the file, None without plates.
     """
     required = options.unit_required
     unit, metres = resolve_length_unit(path, table.units, options.units, oddities, required=required)

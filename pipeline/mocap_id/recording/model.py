@@ -191,10 +191,7 @@ def to_z_up(axis: str) -> FloatArray:
 
 
 def nearest_axis(vector: FloatArray, least_cosine: float = 0.95) -> str | None:
-    """Return the name of the axis, with its sign, that is nearly parallel to a vector (3,); None if no axis is.
-
-    ``least_cosine`` is the cosine of the largest accepted angle between the vector and the axis.
-    """
+    """Return the signed name of the axis to which a vector (3,) is nearly parallel; None if to none."""
     length = float(np.linalg.norm(vector))
     if not np.isfinite(length) or length == 0.0:
         return None

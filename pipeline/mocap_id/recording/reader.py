@@ -144,9 +144,8 @@ def _leave_out_held(recording: Recording) -> Recording:
     """Return the recording without repeated or interpolated samples of markers and plates.
 
     Frames that are repeated as a whole are left to the search for repeated frames, and a single marker that stands
-    still to the search for bad samples, which compares it with the markers beside it. That search is misled by a
-    segment whose markers all stand still. A plate without load may repeat its samples, because software sets them to
-    zero.
+    still to the search for bad samples, which a segment whose markers all stand still would mislead. A plate without
+    load may repeat its samples, because software sets them to zero.
     """
     held: list[HeldSamples] = []
     seen, same = (np.zeros(len(recording.time), dtype=np.int64) for _ in range(2))
@@ -227,8 +226,7 @@ def _read_text_markers(path: Path, parse: Parser, forces: Path | None, options: 
 def _compare_axes(recording: Recording, plates: Sequence[Plate], force: FloatArray, forces: Path) -> None:
     """Raise RecordingError if the markers stand along another axis than that of the mean ground force (3,).
 
-    A person who stands on plates is above the centre of pressure. Here, the markers are far beside it, along the
-    direction in which they extend most.
+    They are then not above the centre of pressure, but far beside it along the direction in which they extend most.
     """
     samples, wrench = len(plates[0].ok), np.zeros((2, len(plates[0].ok), 3))
     for plate in plates:

@@ -139,8 +139,8 @@ def fit_even_clock(
 def _estimate_rounding(time: FloatArray) -> FloatArray:
     """Return the largest possible rounding error (T,) of each time stamp (T,), s, from the number of its digits.
 
-    All stamps have the same number of decimals or the same number of significant digits. Because trailing zeros are
-    lost, the stamps with the most digits determine this number.
+    All stamps have the same number of decimals or of significant digits; those with the most digits determine it,
+    because trailing zeros are lost.
     """
     decimals = np.full(len(time), _MAX_DECIMALS)
     for digits in range(_MAX_DECIMALS - 1, -1, -1):
@@ -222,8 +222,7 @@ def _keep_impossible(
 ) -> BoolArray:
     """Return which rows (K,) are in runs of ``least`` or more rows ``alike`` that no sensor can have measured.
 
-    ``steps`` (K, n) are the differences from the row before, and ``rounding`` (n,) is the smallest difference. If the
-    values ``lines`` (K, n) are given, each run must be on a line.
+    ``steps`` (K, n) are the differences from the row before. If ``lines`` (K, n) are given, each run must be on a line.
     """
     bends = np.full(steps.shape, np.nan)
     bends[:-1] = np.diff(steps, axis=0)
@@ -305,10 +304,7 @@ def list_held(sensor: str, time: FloatArray, held: BoolArray, straight: BoolArra
 
 
 def describe_held(found: Sequence[HeldSamples], start: float = -np.inf, end: float = np.inf) -> tuple[Reason, ...]:
-    """Return a reason with the sensors that have such stretches between two times, s.
-
-    It is a caution if a stretch is long, or if a sensor has many such samples.
-    """
+    """Return a reason with the sensors that have such stretches between two times, s; a caution if they are long."""
     found = [each for each in found if any(first <= end and last >= start for first, last in each.stretches)]
     if not found:
         return ()
@@ -382,7 +378,7 @@ def measure_body_height(positions: FloatArray) -> FloatArray:
 def find_upright(positions: FloatArray) -> tuple[BoolArray, BoolArray]:
     """Return for each frame whether the body is upright, (F,), and whether it is low, (F,).
 
-    If the height of the body changes by less than 15 cm, it is upright in all frames with visible markers.
+    If its height changes by less than 15 cm, it is upright in all frames with visible markers.
     """
     height = measure_body_height(positions)
     finite = np.isfinite(height)

@@ -73,10 +73,9 @@ class EncoderLog:
 def read_encoder(path: Path) -> EncoderLog:
     """Read an encoder log.
 
-    The columns are ``time_s``, ``position_rad``, ``velocity_rad_s`` and optionally ``torque_Nm``. Their names contain
-    the units, so that no unit is guessed. Raises RecordingError if the file is missing or not such a table, has other
-    columns or empty cells, or its times do not increase. It is also raised if the velocity is not the derivative of the
-    position.
+    The columns are ``time_s``, ``position_rad``, ``velocity_rad_s`` and optionally ``torque_Nm``, so that no unit is
+    guessed. Raises RecordingError if the file is missing or not such a table, has other columns or empty cells, its
+    times do not increase, or the velocity is not the derivative of the position.
     """
     table = read_csv(path)
     names = list(table.names)
@@ -215,8 +214,7 @@ def find_force_columns(path: Path, table: MotionTable) -> dict[str, PlateColumns
     """Return the columns of each plate of a MOT table, by the name of the plate, which may be empty.
 
     Accepted names are ``ground_force_1_vx / _px / _mx``, ``1_ground_force_vx``, ``ground_force_vx``,
-    ``ground_force_r_vx``, and for the moment ``ground_torque_x``, ``1_ground_torque_x``, ``ground_torque_1_x``. Raises
-    RecordingError if there is no force column, if a force lacks a component, or if two columns are the same quantity.
+    ``ground_force_r_vx``, and for the moment ``ground_torque_x``, ``1_ground_torque_x``, ``ground_torque_1_x``.
     """
     found: dict[str, dict[str, dict[str, int]]] = {}
     for index, column in enumerate(table.columns):
@@ -262,8 +260,8 @@ def read_mot_plates(
 ) -> tuple[Plate, ...]:
     """Return the plates of a MOT table in the lab, and add notes to ``oddities``.
 
-    A plate without a point of application is unusable. ``rotation`` (3, 3) rotates vectors from the table's axes to the
-    axes of the lab (Z up). The units of the table are m, N and N·m unless ``units`` configures others.
+    ``rotation`` (3, 3) turns from the table's axes to those of the lab. The units are m, N and N·m unless ``units`` has
+    others.
     """
     newtons = find_force_scale(units.get("force", "N")) or 1.0
     newton_metres = find_moment_scale(units.get("moment", "Nm")) or 1.0
@@ -618,8 +616,8 @@ def _read_delsys(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the times (K,) of the gyroscope, s, and the channels (K, 6) at these times.
 
-    The last column of times before a channel contains its times. If there is none, ``declared`` are the rates in the
-    lines below the names by column, Hz, and ``rate`` is the configured rate.
+    The last column of times before a channel contains its times. If there is none, its rate is in ``declared`` by
+    column, from the lines below the names, or is the configured ``rate``, Hz.
     """
     channels: dict[str, tuple[FloatArray, FloatArray]] = {}
     sensors = {match["sensor"].strip() for name in names if (match := _DELSYS.match(name))}

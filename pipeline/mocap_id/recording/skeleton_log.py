@@ -162,10 +162,7 @@ def _read_csv_rows(path: Path) -> tuple[tuple[str, ...], FloatArray, FloatArray,
 
 
 def _leave_out_short_rows(table: TextTable, values: FloatArray) -> list[Reason]:
-    """Set rows with fewer cells than others to NaN, in place: their cells may belong to other columns.
-
-    Raises RecordingError if most rows are like this.
-    """
+    """Set rows with fewer cells than others to NaN, in place: their cells may belong to other columns."""
     cells = np.array([len(line.split(table.separator)) for line in table.lines if line.strip()], dtype=np.int64)
     short = cells < len(table.names)
     if not short.any():
@@ -252,8 +249,7 @@ _SIDES = (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"))
 def check_depth(path: Path, positions: FloatArray, oddities: list[str]) -> None:
     """Raise RecordingError if the positions (K, M, 3) of a body have no extent along one axis, m.
 
-    Rows without depth, and joints that are exactly at 0 along an axis from which they are usually far, become NaN in
-    place, with a note.
+    Rows without depth, and joints at exactly 0 along an axis from which they are usually far, become NaN, with a note.
     """
     if positions.shape[1] < _BODY:
         return
@@ -308,7 +304,6 @@ def undo_exchanges(
     """Exchange left and right joints back, in place, where the file exchanges them for some time.
 
     Two joints exchange their places from one row to the next, which no body does. The labels in most rows are right.
-    Positions (K, M, 3) are in m at the times (K,), s; ``inferred`` (K, M) belongs to them.
     """
     exchanged: dict[str, BoolArray] = {}
     for left, right in pair_sides(labels):
@@ -345,8 +340,7 @@ def find_other_person(path: Path, time: FloatArray, positions: FloatArray) -> tu
     """Set the rows of another person to NaN, in place, and return a reason if there are any.
 
     A camera that takes another person for the recorded one moves all joints at once, and changes the lengths of all
-    bones. The person with most rows is the recorded one. Positions (K, M, 3) are in m at the times (K,), s. Raises
-    RecordingError if less than half of the rows remain.
+    bones. The person with most rows is the recorded one; RecordingError if less than half of the rows remain.
     """
     if positions.shape[1] < _BODY:
         return ()

@@ -79,10 +79,7 @@ def _silent(step: Step) -> None:
 
 
 def run(trial: Trial, stages: Sequence[Stage] = STAGES, progress: Progress = _silent) -> Outcome:
-    """Run all stages that are not up to date.
-
-    Raises the errors of :mod:`mocap_id.errors`. A refusal is not raised; it is part of the outcome.
-    """
+    """Run all stages that are not up to date; a refusal is not raised, but part of the outcome."""
     with _start_run(trial, stages, progress) as this_run:
         return this_run.run_stages(stages)
 
@@ -90,8 +87,7 @@ def run(trial: Trial, stages: Sequence[Stage] = STAGES, progress: Progress = _si
 def run_stage(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progress: Progress = _silent) -> Outcome:
     """Run one stage on existing artefacts, unless its outputs are up to date.
 
-    Raises StoreError if an artefact that the stage reads is missing, or was made with other settings or files; other
-    errors as for :func:`run`.
+    Raises StoreError if an artefact that it reads is missing, or was made with other settings or files.
     """
     stage = next(stage for stage in stages if stage.name == name)
     with _start_run(trial, stages, progress) as this_run:
@@ -102,10 +98,7 @@ def run_stage(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progres
 def run_to(
     trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progress: Progress = _silent, wait: float = 0.0
 ) -> Outcome:
-    """Run the stages up to the stage ``name``, after waiting up to ``wait`` seconds for another run of the trial.
-
-    Errors and refusals are as for :func:`run`.
-    """
+    """Run the stages up to the stage ``name``, after waiting up to ``wait`` seconds for another run of the trial."""
     last = next(k for k, stage in enumerate(stages) if stage.name == name)
     with _start_run(trial, stages, progress, wait) as this_run:
         return this_run.run_stages(stages[: last + 1])

@@ -227,8 +227,7 @@ class Folder(ArtefactReader):
     def origin(self, stage: str, files: Sequence[str]) -> Origin | None:
         """Return the origin of a stage's outputs; None unless all exist, are intact and come from one computation.
 
-        ``files`` are the names of the outputs; a name without a schema is a document. Raises StoreError if an artefact
-        is damaged.
+        A name in ``files`` without a schema is a document. Raises StoreError if an artefact is damaged.
         """
         record = self._read_record(stage)
         if record is None or not all((self.path / file).is_file() for file in files):
@@ -289,10 +288,7 @@ class Folder(ArtefactReader):
         return [self.path / name for name in (f"{_HIDDEN}/{LOCK}", f"{_HIDDEN}/{MARKER}", OWNER_FILE)]
 
     def _find_read_record(self, file: str) -> Record | None:
-        """Return the record that lists an artefact; None if there is no such record with the present schema version.
-
-        Raises StoreError if the file's bytes are not the bytes that were written.
-        """
+        """Return the present record that lists an artefact, or None; StoreError if the artefact is damaged."""
         for path in sorted((self.path / _HIDDEN).glob("*.json")) if file not in self._verified else ():
             record = self._read_record(path.stem)
             if record is not None and self._verify(file, record):
@@ -413,10 +409,7 @@ def is_other(stored: Owner, owner: Owner, folder: Path) -> bool:
 
 
 def check_owner(folder: Path, owner: Owner, output: str = "", *, path: Path | None = None) -> None:
-    """Raise StoreError if a folder, or the output of this name in it, belongs to another recording.
-
-    The message names ``path``, by default the path of the output.
-    """
+    """Raise StoreError if a folder, or the output of this name in it, belongs to another recording; it names ``path``."""
     stored = read_owner(folder, output)
     if stored is not None and is_other(stored, owner, folder):
         raise StoreError(describe_conflict(path or folder / output, stored.describe(), owner.describe()))

@@ -74,8 +74,7 @@ def _encode_texts(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 def decode_tree(content: bytes, schema: TreeSchema) -> tuple[Tree, Provenance]:
     """Read a tree from the bytes of an HDF5 file and check it against its hash and its schema.
 
-    Raises ValueError if the file is damaged, from another program or of another schema. The message has no subject,
-    because the caller writes the file name before it.
+    Raises ValueError without a subject, because the caller writes the file name before it.
     """
     leaves, metadata = read_datasets(content)
     provenance = read_provenance(metadata, schema)
@@ -86,10 +85,7 @@ def decode_tree(content: bytes, schema: TreeSchema) -> tuple[Tree, Provenance]:
 
 
 def conform_tree(tree: Tree) -> Tree:
-    """Return a tree with exactly the nodes and types of its schema, as :func:`decode_tree` would return it.
-
-    Raises ValueError if a node is missing, unknown or of another type.
-    """
+    """Return a tree with exactly the nodes and types of its schema, as from its file; ValueError if they differ."""
     return replace(tree, data=_nest(_find_arrays(tree)))
 
 
@@ -147,11 +143,9 @@ _DAMAGED = "is damaged or was edited: its content does not match its own hash"
 
 
 def read_datasets(content: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, str]]:
-    """Return the datasets by path, and the provenance, from the bytes of a file.
+    """Return the datasets by path, and the provenance, from the bytes of a file; errors as for :func:`decode_tree`.
 
-    Texts are numpy ``U`` arrays, scalars have shape (). The hash is checked first, then that every dataset lies within
-    the file. Raises ValueError if the file is damaged or from another program. The message has no subject, because the
-    caller writes the file name before it.
+    Texts are numpy ``U`` arrays, scalars have shape (). The hash is checked before anything else.
     """
     if not content.startswith(_TITLE.encode()):
         if content.startswith(_HDF5):

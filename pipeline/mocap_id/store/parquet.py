@@ -74,10 +74,7 @@ def to_arrow(table: Table | LongTable) -> pa.Table:
 
 
 def conform_table(table: Table | LongTable) -> Table | LongTable:
-    """Return a table with exactly the columns, types and order of its schema, as :func:`decode_table` would return it.
-
-    Raises ValueError if a column is missing, unknown or of another type.
-    """
+    """Return a table with exactly the columns, types and order of its schema, as from its file; else ValueError."""
     columns, file = _find_columns(table), table.schema.file
     if isinstance(table, LongTable) != table.schema.long:
         raise ValueError(f"{file}: expected a {'LongTable' if table.schema.long else 'Table'}")
@@ -91,9 +88,8 @@ def conform_table(table: Table | LongTable) -> Table | LongTable:
 def decode_table(content: bytes | BinaryIO, schema: TableSchema) -> tuple[Table | LongTable, Provenance]:
     """Read a table from a Parquet file, given as bytes or as a stream, and check its schema and checksums.
 
-    Columns are read one by one, so that the table is never in memory twice. Raises ValueError if the file is damaged,
-    from another program or of another schema. The message has no subject, because the caller writes the file name
-    before it.
+    Columns are read one by one, so that the table is never in memory twice. Raises ValueError without a subject,
+    because the caller writes the file name before it.
     """
     stream = io.BytesIO(content) if isinstance(content, bytes) else content
     size = stream.seek(0, io.SEEK_END)
@@ -161,11 +157,7 @@ def _check_size(found: pq.FileMetaData, schema: pa.Schema, limit: int) -> None:
 
 
 def read_provenance(metadata: dict[str, str], schema: Any) -> Provenance:
-    """Read the provenance from a file's metadata and check its schema.
-
-    Raises ValueError if the provenance is missing, damaged or of another schema. The message has no subject, because
-    the caller writes the file name before it.
-    """
+    """Read the provenance from a file's metadata and check its schema; ValueError without a subject."""
     if PREFIX + "schema" not in metadata:
         raise ValueError("was not written by mocap-id: it has no provenance")
     try:
