@@ -105,7 +105,16 @@ def decimate(plate: Plate, times: FloatArray, rate: float) -> PlateSamples:
     low = np.minimum(centre.astype(np.int64), last - 1)
     part = (centre - low)[:, None]
     single = samples[low] * (1 - part) + samples[low + 1] * part
-    mean = np.where((half > 1e-9)[:, None], _average_intervals(samples, centre, half), single)
+    integral = np.zeros_like(samples)
+    np.cumsum((samples[1:] + samples[:-1]) / 2, axis=0, out=integral[1:])
+
+    def primitive(at: FloatArray) -> FloatArray:
+        low = np.minimum(at.astype(np.int64), last - 1)
+        part = (at - low)[:, None]
+        return np.asarray(integral[low] + samples[low] * part + (samples[low + 1] - samples[low]) * part**2 / 2)
+
+    average = (primitive(centre + half) - primitive(centre - half)) / np.maximum(2 * half, 1e-12)[:, None]
+    mean = np.where((half > 1e-9)[:, None], average, single)
     # An average is invalid if one of its samples is.
     count = np.concatenate([[0], np.cumsum(~plate.ok)])
     first = np.floor(centre - half + _ROUNDING).astype(np.int64)
@@ -150,20 +159,6 @@ def compute_averaging_width(analog_rate: float | None, rate: float) -> float:
     if analog_rate is None or analog_rate / rate <= _FASTER:
         return 0.0
     return float(np.sqrt(rate**-2 + 2.0 * analog_rate**-2))
-
-
-def _average_intervals(samples: FloatArray, centre: FloatArray, half: FloatArray) -> FloatArray:
-    """Return the mean of the piecewise linear signal over ``centre`` ± ``half``, both (F,) in samples."""
-    integral = np.zeros_like(samples)
-    np.cumsum((samples[1:] + samples[:-1]) / 2, axis=0, out=integral[1:])
-
-    def primitive(at: FloatArray) -> FloatArray:
-        low = np.minimum(at.astype(np.int64), len(samples) - 2)
-        part = (at - low)[:, None]
-        return np.asarray(integral[low] + samples[low] * part + (samples[low + 1] - samples[low]) * part**2 / 2)
-
-    width = np.maximum(2 * half, 1e-12)[:, None]
-    return np.asarray((primitive(centre + half) - primitive(centre - half)) / width)
 
 
 def reverse_force_on_plate(

@@ -353,7 +353,13 @@ def find_other_person(path: Path, time: FloatArray, positions: FloatArray) -> tu
     apart = np.diff(stamps)
     least = max(_JUMP_M, _JUMP_RATIO * float(np.nanquantile(steps, 0.9)))
     jumps = np.nan_to_num(steps) > least + _SPEED * np.maximum(apart - np.median(apart), 0.0)
-    bones = _measure_bones(body)
+    # Bones: the logarithms (K, B) of those distances between joints that change least
+    first, second = np.triu_indices(body.shape[1], 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        bones = np.log(np.linalg.norm(body[:, first] - body[:, second], axis=2))
+        bones = bones[:, np.isfinite(bones).any(axis=0)]  # some joints are never seen together
+        scatter = np.nanmedian(np.abs(bones - np.nanmedian(bones, axis=0)), axis=0)
+    bones = bones[:, np.argsort(scatter)[: 2 * body.shape[1]]]
     jumps |= _find_steps(bones)
     if not jumps.any():
         return ()
@@ -397,16 +403,6 @@ def find_other_person(path: Path, time: FloatArray, positions: FloatArray) -> tu
         "with one person in view"
     )
     return (Reason("skeleton-other-person", message, share, 0.0),)
-
-
-def _measure_bones(body: FloatArray) -> FloatArray:
-    """Return the logarithms of those distances (K, B) between joints that change least."""
-    first, second = np.triu_indices(body.shape[1], 1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        lengths = np.log(np.linalg.norm(body[:, first] - body[:, second], axis=2))
-        lengths = lengths[:, np.isfinite(lengths).any(axis=0)]  # some joints are never seen together
-        scatter = np.nanmedian(np.abs(lengths - np.nanmedian(lengths, axis=0)), axis=0)
-    return np.asarray(lengths[:, np.argsort(scatter)[: 2 * body.shape[1]]])
 
 
 def _find_steps(bones: FloatArray) -> BoolArray:

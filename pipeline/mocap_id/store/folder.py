@@ -409,7 +409,7 @@ def is_other(stored: Owner, owner: Owner, folder: Path) -> bool:
 
 
 def check_owner(folder: Path, owner: Owner, output: str = "", *, path: Path | None = None) -> None:
-    """Raise StoreError if a folder, or the output of this name in it, belongs to another recording; it names ``path``."""
+    """Raise StoreError with ``path`` if a folder, or the output of this name in it, belongs to another recording."""
     stored = read_owner(folder, output)
     if stored is not None and is_other(stored, owner, folder):
         raise StoreError(describe_conflict(path or folder / output, stored.describe(), owner.describe()))

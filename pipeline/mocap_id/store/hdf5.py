@@ -90,7 +90,7 @@ def conform_tree(tree: Tree) -> Tree:
 
 
 def _find_arrays(tree: Tree) -> Leaves:
-    """Return the arrays of a tree by path, with the types of the schema; ValueError as for :func:`conform_tree`."""
+    """Return the arrays of a tree by path, with the types of the schema; ValueError if they differ."""
     leaves = dict(_flatten(tree.data, ""))
     problem = "; ".join(_find_mismatches(leaves, tree.schema))
     unknown = sorted(set(leaves) - {node.name for node in tree.schema.expand_nodes(leaves)})
