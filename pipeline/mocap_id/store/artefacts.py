@@ -218,3 +218,18 @@ class Tree:
 
 
 Artefact: TypeAlias = Table | LongTable | Tree
+
+
+def freeze(artefact: Artefact) -> Artefact:
+    """Return an artefact with read-only arrays."""
+    arrays = {Table: ("columns",), LongTable: ("frames", "time", "values"), Tree: ("data",)}[type(artefact)]
+    return replace(artefact, **{name: _make_read_only(getattr(artefact, name)) for name in arrays})
+
+
+def _make_read_only(data: Any) -> Any:
+    """Return read-only views of an array, or of all arrays in a mapping."""
+    if isinstance(data, np.ndarray):
+        view = data.view()
+        view.flags.writeable = False
+        return view
+    return {name: _make_read_only(item) for name, item in data.items()} if isinstance(data, Mapping) else data

@@ -8,9 +8,10 @@ import os
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from os import utime
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from filelock import SoftFileLock, Timeout
 
@@ -20,6 +21,7 @@ from mocap_id.store.atomic import (
     LOCK,
     MARKER,
     Content,
+    HashedStream,
     converting_errors,
     create_lock,
     hash_bytes,
@@ -29,7 +31,16 @@ from mocap_id.store.atomic import (
     resolve_path,
     write_files,
 )
-from mocap_id.store.provenance import INVALID_RECORD, SCHEMAS, Document, Origin, Provenance, Record
+from mocap_id.store.provenance import (
+    INVALID_RECORD,
+    SCHEMAS,
+    Document,
+    Origin,
+    Provenance,
+    Record,
+    TreeSchema,
+    convert_as_stored,
+)
 
 if TYPE_CHECKING:
     from mocap_id.store.artefacts import Artefact, Facts, LongTable, Table, Tree
@@ -171,9 +182,16 @@ class Folder(ArtefactReader):
 
         Raises ValueError if an artefact does not match its schema.
         """
-        from mocap_id.store.encoding import conform  # noqa: PLC0415  slow import, and often nothing is computed
+        from mocap_id.store import artefacts, hdf5, parquet  # noqa: PLC0415  slow, and often nothing is computed
 
-        kept = [output if isinstance(output, Document) else conform(output) for output in outputs]
+        kept: list[Artefact | Document] = []
+        for output in outputs:
+            if isinstance(output, Document):
+                kept.append(output)
+                continue
+            typed = hdf5.conform_tree(output) if isinstance(output, artefacts.Tree) else parquet.conform_table(output)
+            facts, reasons = convert_as_stored(output.facts, output.reasons)
+            kept.append(artefacts.freeze(replace(typed, facts=facts, reasons=reasons)))
         for output in kept:
             if not isinstance(output, Document):
                 schema = output.schema
@@ -204,17 +222,26 @@ class Folder(ArtefactReader):
 
         Documents of an earlier run of the stage that are not among these outputs are deleted.
         """
-        from mocap_id.store.encoding import make_writer  # noqa: PLC0415
+        from mocap_id.store import artefacts, hdf5, parquet  # noqa: PLC0415
 
         contents: dict[str, Content] = {}
         documents: dict[str, str] = {}
         checksums: dict[str, tuple[int, str]] = {}
+
+        def write(artefact: Artefact, stream: BinaryIO) -> None:
+            hashed = HashedStream(stream)
+            if isinstance(artefact, artefacts.Tree):
+                hashed.write(hdf5.encode_tree(artefact, origin))
+            else:
+                parquet.write(artefact, origin, hashed)
+            checksums[artefact.schema.file] = artefact.schema.version, hashed.hash()
+
         for output in outputs:
             if isinstance(output, Document):
                 contents[output.file] = output.content
                 documents[output.file] = hash_bytes(output.content)
             else:
-                contents[output.schema.file] = make_writer(output, origin, checksums)
+                contents[output.schema.file] = partial(write, output)
         before = self.documents(origin.stage)
         record = Record(origin, documents, checksums)
         # The record is written last, when the checksums are known.
@@ -312,13 +339,18 @@ class Folder(ArtefactReader):
 
     def _load(self, file: str) -> tuple[Artefact, Provenance]:
         if file not in self._read:
-            from mocap_id.store.encoding import decode  # noqa: PLC0415
+            from mocap_id.store import artefacts, hdf5, parquet  # noqa: PLC0415
 
             self._find_read_record(file)
             path, schema = self.path / file, SCHEMAS[file]
             try:
                 with plain_files.open_file(path, links=False) as stream:
-                    self._read[file] = decode(stream, schema)
+                    artefact: Artefact
+                    if isinstance(schema, TreeSchema):
+                        artefact, provenance = hdf5.decode_tree(stream.read(), schema)
+                    else:
+                        artefact, provenance = parquet.decode_table(stream, schema)
+                self._read[file] = artefacts.freeze(artefact), provenance
             except ValueError as error:
                 raise StoreError(f"{path} {error}. Delete it and run again") from error
             except FileNotFoundError as error:
