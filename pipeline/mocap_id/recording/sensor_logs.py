@@ -37,7 +37,7 @@ from mocap_id.recording.text_tables import (
 
 TIME, POSITION, VELOCITY, TORQUE = "time_s", "position_rad", "velocity_rad_s", "torque_Nm"
 
-_MIN_ROWS = 20
+_LEAST_ROWS = 20  # of an encoder or a balance board
 _SPAN = 0.1  # s; over this time the integrated velocity must match the change of position
 _ACCEPTED_RATIO = (0.8, 1.25)  # accepted ratio of the change of position to the integrated velocity
 _MIN_MOVEMENT = 0.05  # rad; a smaller movement is not checked
@@ -86,8 +86,8 @@ def read_encoder(path: Path) -> EncoderLog:
         )
     columns = dict(zip(names, table.numbers().T.copy(), strict=True))
     time, position, velocity = (columns[name] for name in (TIME, POSITION, VELOCITY))
-    if len(time) < _MIN_ROWS:
-        raise RecordingError(f"{path}: has {len(time)} rows, expected at least {_MIN_ROWS}")
+    if len(time) < _LEAST_ROWS:
+        raise RecordingError(f"{path}: has {len(time)} rows, expected at least {_LEAST_ROWS}")
     for name in (TIME, POSITION, VELOCITY):
         empty = np.flatnonzero(~np.isfinite(columns[name]))
         if len(empty):
@@ -316,7 +316,6 @@ _ALONG = np.array([1.0, 1.0, -1.0, -1.0]) * _DEPTH_M / 2.0  # m, position of eac
 _RATE = 200.0  # Hz, after resampling
 _WINDOW_S, _INTERVALS = 0.025, 2.0  # the window is as long as the larger of 25 ms and 2 intervals
 _LONGEST_GAP_S = 0.15  # in a longer gap the load is not known
-_LEAST_ROWS = 20
 _LARGEST_KG = 400.0
 _MOVED_KG, _DEAD_SHARE = 5.0, 0.1
 """If the load of a cell varies by more than the first value, kg, each cell varies by at least this fraction of it; in

@@ -74,7 +74,13 @@ class TextTable:
                 arrow.ConvertOptions(column_types=dict.fromkeys(columns, pa.float64())),
             )
         except pa.ArrowInvalid as error:
-            raise RecordingError(f"{self.path}: not a table of numbers: {self._explain_error(str(error))}") from None
+            match, found = _ARROW_ERROR.search(str(error)), " ".join(str(error).split())[:160]
+            if match is not None:
+                name, line = self.names[int(match[1])], self._line_number(int(match[2]) - 1)
+                found = f"`{name}` is {match[3].strip()[:40]!r} in line {line}; expected a number or an empty cell"
+                if _DECIMAL_COMMA.fullmatch(match[3].strip()):
+                    found += ". Its numbers have decimal commas: export it with decimal points"
+            raise RecordingError(f"{self.path}: not a table of numbers: {found}") from None
         if len(table) != len(rows):
             raise RecordingError(
                 f"{self.path}: {len(rows)} lines follow the column names, but they were read as {len(table)} rows: a "
@@ -162,17 +168,6 @@ class TextTable:
     def _line_number(self, row: int) -> int:
         """Return the line number of a row in the file, from 1."""
         return [number for number, line in enumerate(self.lines, self.first) if line.strip()][row]
-
-    def _explain_error(self, arrow_message: str) -> str:
-        """Return a text that says which cell is not a number, from Arrow's message."""
-        match = _ARROW_ERROR.search(arrow_message)
-        if match is None:
-            return " ".join(arrow_message.split())[:160]
-        name, line = self.names[int(match[1])], self._line_number(int(match[2]) - 1)
-        remedy = ""
-        if _DECIMAL_COMMA.fullmatch(match[3].strip()):
-            remedy = ". Its numbers have decimal commas: export it with decimal points"
-        return f"`{name}` is {match[3].strip()[:40]!r} in line {line}; expected a number or an empty cell{remedy}"
 
 
 @dataclass(frozen=True)

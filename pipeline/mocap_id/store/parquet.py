@@ -118,10 +118,8 @@ def _read_table(file: pq.ParquetFile, schema: TableSchema, provenance: Provenanc
     if not schema.long:
         columns = {name: _to_array(_read_column(file, name), kinds.get(name)) for name in names}
         return Table(schema, columns, provenance.facts, provenance.reasons)
-    frame, (codes, texts) = (
-        _to_array(_read_column(file, "frame"), "int64"),
-        _read_categories(_read_column(file, "marker")),
-    )
+    frame = _to_array(_read_column(file, "frame"), "int64")
+    codes, texts = _read_categories(_read_column(file, "marker"))
     markers = int(np.argmax(frame != frame[0])) if len(frame) and frame[-1] != frame[0] else len(frame)
     count, rest = divmod(len(frame), max(markers, 1))
     first = slice(None, None, max(markers, 1))  # first row of every frame
