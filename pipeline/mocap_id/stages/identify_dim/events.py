@@ -376,8 +376,8 @@ def average_signals(
     compared, compare = [], context.trial.compare
     if compare is not None:
         names = context.tree("chain.h5").texts("joints/name")
-        columns = {name.removeprefix("-") for name in compare.columns.values()}
-        stamps, others = recording.read_angles(compare.angles, columns)
+        wanted = {name.removeprefix("-") for name in compare.columns.values()}
+        stamps, others = recording.read_angles(compare.angles, wanted)
         for joint_name, given in compare.columns.items():
             if joint_name not in names:
                 raise ConfigError(
