@@ -166,7 +166,7 @@ def measure_tuned_angles(case: Case) -> Outcome:
     noise = 0.01
     facts = case.trial.table("states.parquet").facts
     sigma_v = float(np.exp(np.mean(np.log(facts["sigma_v"]))))
-    chain = Skeleton.from_tree(case.trial.tree("chain.h5"))
+    chain = Skeleton(case.trial.tree("chain.h5"))
     reach = float(np.sum(chain.local[chain.marker_segment == chain.marker_segment.max()] ** 2))
     sd = math.hypot(facts["marker_sd_m"], noise * math.sqrt(reach))
     return case.largest(case.run("angle-noise", case.every, noise, sigma_v=sigma_v, marker_sd=sd)[0])

@@ -70,7 +70,7 @@ def measure(task: tuple[Any, int, int]) -> tuple[bool, harness.Comparison]:
 def _read_skeleton(file: Path) -> SpatialSkeleton:
     tree = open_run(file).tree("chain.h5")
     assert tree is not None
-    return SpatialSkeleton.from_tree(tree)
+    return SpatialSkeleton(tree)
 
 
 def _find_frames(skeleton: SpatialSkeleton, truth: Mapping[str, Any]) -> list[FloatArray]:

@@ -43,10 +43,21 @@ def open_file(path: Path, *, links: bool = True) -> Iterator[BinaryIO]:
     except UnicodeError as error:
         raise OSError(errno.EINVAL, "its name cannot be written on this system", str(path)) from error
     except OSError as error:
-        raise _with_cause(path, error, links) from None
+        if error.errno == errno.ELOOP:
+            why = "it is a symbolic link" if not links and path.is_symlink() else "its symbolic links form a loop"
+            raise OSError(errno.ELOOP, why, str(path)) from None
+        if error.errno == errno.ENXIO:
+            raise OSError(errno.ENXIO, "it is a socket, or a device that does not exist", str(path)) from None
+        raise
     with os.fdopen(descriptor, "rb") as stream:
         before = os.fstat(descriptor)
-        _check_regular(path, before)
+        if stat.S_ISDIR(before.st_mode):
+            raise IsADirectoryError(errno.EISDIR, "it is a folder", str(path))
+        if not stat.S_ISREG(before.st_mode):
+            kind = next((text for is_kind, text in _KINDS if is_kind(before.st_mode)), "it is not a regular file")
+            raise OSError(errno.EINVAL, kind, str(path))
+        if before.st_size > LARGEST:
+            raise OSError(errno.EFBIG, f"it has {before.st_size} bytes, more than any recording", str(path))
         yield stream
         after = os.fstat(descriptor)
         if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
@@ -68,30 +79,8 @@ def read_bytes(path: Path, *, links: bool = True, largest: int = LARGEST) -> byt
         return content
 
 
-def _check_regular(path: Path, status: os.stat_result) -> None:
-    if stat.S_ISDIR(status.st_mode):
-        raise IsADirectoryError(errno.EISDIR, "it is a folder", str(path))
-    if not stat.S_ISREG(status.st_mode):
-        kind = next(
-            (description for is_kind, description in _KINDS if is_kind(status.st_mode)), "it is not a regular file"
-        )
-        raise OSError(errno.EINVAL, kind, str(path))
-    if status.st_size > LARGEST:
-        raise OSError(errno.EFBIG, f"it has {status.st_size} bytes, more than any recording", str(path))
-
-
 def _changed_error(path: Path) -> ChangedError:
     return ChangedError(errno.EAGAIN, "it changed while it was being read: wait until it is complete", str(path))
-
-
-def _with_cause(path: Path, error: OSError, links: bool) -> OSError:
-    """Return a system error with a clearer message if the cause is known, or else the error itself."""
-    if error.errno == errno.ELOOP:
-        why = "it is a symbolic link" if not links and path.is_symlink() else "its symbolic links form a loop"
-        return OSError(errno.ELOOP, why, str(path))
-    if error.errno == errno.ENXIO:
-        return OSError(errno.ENXIO, "it is a socket, or a device that does not exist", str(path))
-    return error
 
 
 def suggest(path: Path) -> str:

@@ -122,7 +122,7 @@ def read_folder(folder: Folder, name: str, source: Path, tip: str | None, quanti
     check_provenance(folder, ("chain.h5", "states.parquet"))
     chain, states = folder.read("chain.h5"), folder.read("states.parquet")
     assert isinstance(chain, Tree) and isinstance(states, Table)
-    skeleton = Skeleton.from_tree(chain)
+    skeleton = Skeleton(chain)
     centres, covariance = skeleton.centres, skeleton.covariance
     tip_name, local, error = _find_tip(skeleton, chain.numbers("markers/residual"), tip, source)
     notes = []

@@ -59,4 +59,4 @@ def test_two_runs_are_compared(tmp_path: Path) -> None:
 
 def test_a_chain_in_space_is_never_read_as_one_in_the_plane() -> None:
     with pytest.raises(StoreError, match="space: 3d"):
-        Skeleton.from_tree(SpatialTrial(frames=60).tree())
+        Skeleton(SpatialTrial(frames=60).tree())

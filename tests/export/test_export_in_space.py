@@ -37,7 +37,7 @@ def exported(trial: SpatialTrial, folder: Path, **changed: Any) -> ExportFiles:
 
 
 def joints_of(trial: SpatialTrial) -> list[ModelJoint]:
-    return model_joints(SpatialSkeleton.from_tree(trial.tree()), MeasuredPoses.from_table(trial.poses()))
+    return model_joints(SpatialSkeleton(trial.tree()), MeasuredPoses(trial.poses()))
 
 
 def turned(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:

@@ -43,11 +43,11 @@ def test_modelled_markers_read_back(exported) -> None:
 
 def test_angles_read_back(exported) -> None:
     done = exported()
-    back = read_angles(done.file("_angles.mot"), ["joint_1_angle", "joint_2_angle"])
+    time, angles = read_angles(done.file("_angles.mot"), ["joint_1_angle", "joint_2_angle"])
     states = done.table("states")
     for j in (1, 2):
-        np.testing.assert_allclose(back.angles[f"joint_{j}_angle"], states[f"theta_{j}"], atol=1e-9)
-    np.testing.assert_allclose(back.time, states["time"], atol=1e-9)
+        np.testing.assert_allclose(angles[f"joint_{j}_angle"], states[f"theta_{j}"], atol=1e-9)
+    np.testing.assert_allclose(time, states["time"], atol=1e-9)
 
 
 def test_states_and_torques_read_back(exported) -> None:

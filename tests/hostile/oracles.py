@@ -280,9 +280,9 @@ def _read_csv(bench: Bench, case: Case) -> str:
         recording.read_board(path)
         return ""
     if case.name == "force.csv":
-        count = len(recording.read_force_log(path).force)
+        count = len(recording.read_force_log(path)[0].force)
     elif case.name == "angles.csv":
-        count = len(recording.read_angles(path, ["knee_deg", "hip_rad"]).time)
+        count = len(recording.read_angles(path, ["knee_deg", "hip_rad"])[0])
     else:
         count = len(recording.read_encoder(path).time)
     return "" if count == rows else f"{count} rows read of {rows}"

@@ -174,7 +174,7 @@ def test_logs_of_a_calibration_without_common_time_are_named(place: Path) -> Non
     late.write_text("\n".join([head, *(f"{float(t) + 1000:.6f},{rest}" for t, rest in times), ""]), "utf-8")
     calibration = keys.calibration.model_copy(update={"imus": {**keys.calibration.imus, "torso": late}})
     trial = keys.model_copy(update={"calibration": calibration})
-    skeleton = Skeleton.from_tree(Folder(place / "calibration/runs/calibration").tree("chain.h5"))
+    skeleton = Skeleton(Folder(place / "calibration/runs/calibration").tree("chain.h5"))
     with pytest.raises(RecordingError, match=r"late_torso\.csv.*0\.0 s in common.*use logs of one recording"):
         _calibrate_chain(Context(trial, None, {}), skeleton)
 

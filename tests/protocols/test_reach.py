@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +30,14 @@ def views(trial: SpatialTrial) -> tuple[SpatialAngles, MeasuredPoses, SpatialSke
     artefacts = trial.artefacts()
     angles, poses, chain = (artefacts[name] for name in ("angles.parquet", "poses.parquet", "chain.h5"))
     assert isinstance(angles, Table) and isinstance(poses, Table) and isinstance(chain, Tree)
-    return SpatialAngles.from_table(angles), MeasuredPoses.from_table(poses), SpatialSkeleton.from_tree(chain)
+    return SpatialAngles(angles), MeasuredPoses(poses), SpatialSkeleton(chain)
+
+
+def altered(view: Any, **fields: Any) -> Any:
+    """Return a copy of a view with other values of these fields."""
+    other = copy(view)
+    vars(other).update(fields)
+    return other
 
 
 def test_noise_of_a_skeleton_does_not_make_a_range_larger() -> None:
@@ -42,7 +51,7 @@ def test_noise_of_a_skeleton_does_not_make_a_range_larger() -> None:
         held = np.repeat(rng.normal(0, noise, len(angles.time) // 30 + 1), 30)[: len(angles.time)]
         mean = angles.mean.copy()
         mean[:, flexion, 0] += held
-        noisy = replace(angles, mean=mean, sd=sd)
+        noisy = altered(angles, mean=mean, sd=sd)
         for widths, skeleton in ((plain, False), (corrected, True)):
             found = measure_ranges(noisy, poses, skeleton=skeleton)["elbow_flexion"]
             widths.append(found.high - found.low - (true.high - true.low))
@@ -55,7 +64,7 @@ def test_noise_of_a_skeleton_does_not_make_a_range_larger() -> None:
 def test_a_range_smaller_than_the_noise_is_empty() -> None:
     angles, poses, _ = views(SpatialTrial())
     sd = np.full_like(angles.sd, 3.0)
-    found = measure_ranges(replace(angles, sd=sd), poses, skeleton=True)["elbow_flexion"]
+    found = measure_ranges(altered(angles, sd=sd), poses, skeleton=True)["elbow_flexion"]
     assert found.low == found.high
 
 
@@ -66,7 +75,7 @@ def test_single_samples_and_the_gimbal_move_no_end() -> None:
     flexion, plane = angles.names.index("elbow_flexion"), angles.names.index("shoulder_plane")
     wrong[200:203, flexion, 0] += 2.0
     wrong[angles.near_gimbal, plane, 0] += 1.0
-    after = measure_ranges(replace(angles, mean=wrong), poses)
+    after = measure_ranges(altered(angles, mean=wrong), poses)
     assert after["elbow_flexion"].high == pytest.approx(before["elbow_flexion"].high, abs=0.01)
     assert after["shoulder_plane"] == before["shoulder_plane"]
     assert 0 < before["shoulder_plane"].used_share < before["elbow_flexion"].used_share <= 1
@@ -115,9 +124,9 @@ def test_a_trial_without_what_is_needed_says_what_is_missing(lost: str) -> None:
     if lost in angles.names:
         kept = [k for k, name in enumerate(angles.names) if name != lost]
         names = tuple(angles.names[k] for k in kept)
-        angles = replace(angles, names=names, mean=angles.mean[:, kept])
+        angles = altered(angles, names=names, mean=angles.mean[:, kept])
     if lost == "forearm":
-        poses = replace(poses, segments=("thorax", "upper_arm", "lower", "hand"))
+        poses = altered(poses, segments=("thorax", "upper_arm", "lower", "hand"))
     with pytest.raises(UnknownReach, match=lost.replace("_", " ")):
         measure_arm(angles, poses, skeleton)
 
@@ -182,11 +191,11 @@ def test_a_chain_that_is_no_arm_has_no_reach() -> None:
     loose = poses.origin.copy()
     loose[:, upper, 1] += 0.2 * np.sin(poses.time)
     with pytest.raises(UnknownReach, match="moves by"):
-        measure_arm(angles, replace(poses, origin=loose), skeleton)
+        measure_arm(angles, altered(poses, origin=loose), skeleton)
     short = poses.origin.copy()
     short[:, lower] = 0.6 * short[:, upper] + 0.4 * short[:, lower]
     with pytest.raises(UnknownReach, match="expected a ratio"):
-        measure_arm(angles, replace(poses, origin=short), skeleton)
+        measure_arm(angles, altered(poses, origin=short), skeleton)
 
 
 def test_segments_that_are_never_seen_together_are_named() -> None:
@@ -195,7 +204,7 @@ def test_segments_that_are_never_seen_together_are_named() -> None:
         lost = poses.origin.copy()
         lost[:, poses.segments.index(name)] = np.nan
         with pytest.raises(UnknownReach, match=pair):
-            measure_arm(angles, replace(poses, origin=lost), skeleton)
+            measure_arm(angles, altered(poses, origin=lost), skeleton)
     plain = views(SpatialTrial(arm=False))
     with pytest.raises(UnknownReach, match="no thorax"):
         measure_arm(*plain)

@@ -65,7 +65,7 @@ def test_both_joints_are_identified(tmp_path: Path, seed: int, amplitude: float)
     for stage in ("planarise", "segment", "fit-joints", "ukf-smooth", "identify-dim"):
         assert run_stage(trial, stage).refused is None
     folder = Folder(trial.out)
-    skeleton = Skeleton.from_tree(folder.read("chain.h5"))
+    skeleton = Skeleton(folder.read("chain.h5"))
     assert len(skeleton.centres) == 2
     assert np.hypot(*skeleton.centres[1]) == pytest.approx(UPPER, abs=0.002)
     states, base = folder.read("states.parquet"), folder.read("dynamics.h5").data["base"]

@@ -19,7 +19,7 @@ from recording_cases import body, build_c3d, save
 
 from mocap_id import recording
 from mocap_id.errors import RecordingError
-from mocap_id.recording.c3d_file import decode_frames, find_layout, open_c3d, read_channel_scales
+from mocap_id.recording.c3d_file import C3DFile
 from mocap_id.recording.c3d_package import compare_with_package
 
 INTEL, DEC, MIPS = 84, 85, 86
@@ -30,10 +30,9 @@ UNREADABLE = ("FP1.C3D", "PiG_Motion-FlatFoot-One.c3d", "evart.c3d", "kyowadengy
 
 def ours(data: bytes) -> tuple[np.ndarray, np.ndarray]:
     """Return positions in file units, and analog samples (frames * per_frame, channels) in units."""
-    file = open_c3d(Path("x.c3d"), io.BytesIO(data))
-    layout = find_layout(file)
-    points, counts = decode_frames(file, layout, range(layout.points), range(layout.channels))
-    offset, scale = read_channel_scales(file, layout)
+    file = C3DFile(Path("x.c3d"), io.BytesIO(data))
+    points, counts = file.decode_frames(range(file.points), range(file.channels))
+    offset, scale = file.read_channel_scales()
     return points, (counts - offset) * scale
 
 
@@ -154,11 +153,10 @@ def test_the_block_size_has_no_influence(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_a_file_that_is_truncated_while_it_is_read(tmp_path: Path) -> None:
     stream = io.BytesIO(made(INTEL, -1.0))
-    file = open_c3d(Path("x.c3d"), stream)
-    layout = find_layout(file)
-    stream.truncate(layout.start + 100)
+    file = C3DFile(Path("x.c3d"), stream)
+    stream.truncate(file.start + 100)
     with pytest.raises(RecordingError, match=r"x.c3d: it changed while it was being read"):
-        decode_frames(file, layout, range(layout.points), ())
+        file.decode_frames(range(file.points), ())
 
 
 def test_reading_needs_little_more_memory_than_the_positions(tmp_path: Path) -> None:

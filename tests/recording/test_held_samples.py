@@ -161,10 +161,10 @@ def test_rows_of_a_balance_board_are_a_gap_but_not_a_failure_of_its_radio(tmp_pa
 def test_rows_of_a_force_sensor_are_missing(tmp_path: Path) -> None:
     force = np.round(movement(3, noise=0.2, size=40.0), 4)
     rows = np.column_stack([TIME, fill(force, 400, 450)])
-    log = read_force_log(write_rows(tmp_path / "hand.csv", "time_s,Fx_N,Fy_N,Fz_N", rows))
+    log, stretches = read_force_log(write_rows(tmp_path / "hand.csv", "time_s,Fx_N,Fy_N,Fz_N", rows))
     assert np.isnan(log.force[400:450]).all()
     assert np.isfinite(np.delete(log.force, np.arange(399, 451), axis=0)).all()
-    assert len(log.held) == 1
+    assert len(stretches) == 1
 
 
 def test_an_encoder_may_repeat_its_angle_only_at_rest(tmp_path: Path) -> None:

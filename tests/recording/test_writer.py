@@ -64,14 +64,14 @@ def test_another_library_reads_the_same(tmp_path: Path) -> None:
 
 
 def test_missing_markers_are_written_as_residual_minus_one(tmp_path: Path) -> None:
-    from mocap_id.recording.c3d_file import find_layout, open_c3d, read_frames
+    from mocap_id.recording.c3d_file import C3DFile
 
     labels, positions = trial()
     path = tmp_path / "trial.c3d"
     recording.write_c3d(path, labels, positions, RATE)
     with path.open("rb") as stream:
-        file = open_c3d(path, stream)
-        ((stored,), _) = read_frames(file, find_layout(file), slice(15, 16))
+        file = C3DFile(path, stream)
+        ((stored,), _) = file.read_frames(slice(15, 16))
     np.testing.assert_array_equal(stored[3], [0, 0, 0, -1])
     assert (np.delete(stored, 3, axis=0)[:, 3] == 0).all()
 

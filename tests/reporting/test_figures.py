@@ -270,7 +270,7 @@ def test_known_reference_parameters_are_regrouped_to_base_parameters() -> None:
     regrouping[0, [0, 1, 2]] = 1.0
     regrouping[1, [2, 3]] = 1.0  # the fourth has no reference
     data = dict(tree.data) | {"base": dict(tree.data["base"]) | {"regrouping": regrouping}}
-    reference = IdentifiedDynamics.from_tree(type(tree)(tree.schema, data)).base_reference
+    reference = IdentifiedDynamics(type(tree)(tree.schema, data)).base_reference
     assert reference[0] == pytest.approx(0.5 + 1.5 + 2.5) and np.isnan(reference[1])
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import sys
-from dataclasses import replace
 from typing import Any
 
 import h5py
@@ -128,8 +127,9 @@ def test_a_wrong_place_in_the_index_is_not_written(monkeypatch: pytest.MonkeyPat
     """With a wrong place the file could not be read, so it must not be written."""
     format_index = hdf5._format_index
 
-    def elsewhere(places: dict[str, hdf5.Place], provenance: dict[str, str]) -> bytes:
-        return format_index({path: replace(place, start=place.start ^ 8) for path, place in places.items()}, provenance)
+    def elsewhere(places: hdf5.Places, provenance: dict[str, str]) -> bytes:
+        wrong = {path: (dtype, shape, start ^ 8) for path, (dtype, shape, start) in places.items()}
+        return format_index(wrong, provenance)
 
     monkeypatch.setattr(hdf5, "_format_index", elsewhere)
     with pytest.raises(ValueError, match="is damaged"):

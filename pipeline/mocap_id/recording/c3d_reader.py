@@ -11,15 +11,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
-from mocap_id.recording.c3d_file import (
-    PROCESSORS,
-    C3DFile,
-    Layout,
-    decode_frames,
-    find_layout,
-    open_c3d,
-    read_channel_scales,
-)
+from mocap_id.recording.c3d_file import PROCESSORS, C3DFile
 from mocap_id.recording.lab_plates import (
     LOADED_N,
     PlateSignals,
@@ -81,15 +73,14 @@ _CHANNELS = {kind: len(quantities) for kind, quantities in _QUANTITIES.items()}
 
 def read_c3d(path: Path, stream: BinaryIO, options: ReadingOptions) -> Recording:
     """Read an open C3D file; parameters and errors as for :func:`mocap_id.recording.read`."""
-    file = open_c3d(path, stream)
-    layout = find_layout(file)
-    oddities = list(layout.oddities)
+    file = C3DFile(path, stream)
+    oddities = file.oddities
     declared, required = file.text("POINT:UNITS"), options.unit_required
     unit, metres = resolve_length_unit(path, declared, options.units, oddities, required=required)
     names = [*file.strings("SUBJECTS:NAMES"), *file.strings("SUBJECTS:LABEL_PREFIXES")]
     subjects = [name.strip() for name in names if name.strip()]
     labels = [label for name in file.parts("POINT:LABELS") for label in file.strings(name)]  # LABELS2 and so on
-    labels = [*labels[: layout.points], *[""] * (layout.points - len(labels))]
+    labels = [*labels[: file.points], *[""] * (file.points - len(labels))]
     groups = [*_OUTPUT_GROUPS, *(name.strip().upper() for name in file.strings("POINT:TYPE_GROUPS")[::2])]
     outputs = [
         label.strip()
@@ -100,7 +91,7 @@ def read_c3d(path: Path, stream: BinaryIO, options: ReadingOptions) -> Recording
         if label.strip()
     ]
     naming = name_markers(labels, outputs, subjects)
-    positions, counts = decode_frames(file, layout, naming.keep, _list_plate_channels(file, layout), metres)
+    positions, counts = file.decode_frames(naming.keep, _list_plate_channels(file), metres)
     clean_positions(path, positions, unit, oddities)
     naming, positions = leave_out_objects(naming, positions)
     oddities += naming.oddities
@@ -115,30 +106,30 @@ def read_c3d(path: Path, stream: BinaryIO, options: ReadingOptions) -> Recording
     known = max(min(used, len(kinds), _MAX_PLATES), 0)
     stored = []
     for index, kind in enumerate(kinds[:known], start=1):
-        stored.append(_FilePlate(file, layout, metres, options.force_units, index, kind))
+        stored.append(_FilePlate(file, metres, options.force_units, index, kind))
         stored[-1].read(counts)
     if used > known:
         problem = f"FORCE_PLATFORM:USED declares {used} plates and TYPE {len(kinds)}; {known} were read"
-        stored.append(_FilePlate(file, layout, metres, options.force_units, known + 1, 0, problem))
+        stored.append(_FilePlate(file, metres, options.force_units, known + 1, 0, problem))
         stored[-1].ok = np.zeros(len(counts), dtype=np.bool_)
     del counts  # large in a long recording
     up = _find_vertical(file, stored, positions, options.vertical, oddities)
     rotate_z_up(positions, up)
-    frames = layout.first + np.arange(layout.frames)
-    time = (frames - min(layout.first, 1)) / layout.rate
-    start, rotation, rate = float(time[0]), to_z_up(up), layout.per_frame * layout.rate
+    frames = file.first + np.arange(file.frames)
+    time = (frames - min(file.first, 1)) / file.rate
+    start, rotation, rate = float(time[0]), to_z_up(up), file.per_frame * file.rate
     plates = tuple(plate.place(rotation, start, oddities) for plate in stored)
     return Recording(
         files=(path,),
-        format=f"C3D ({PROCESSORS[file.processor]}, {'real' if layout.real else 'integer'})",
+        format=f"C3D ({PROCESSORS[file.processor]}, {'real' if file.real else 'integer'})",
         labels=naming.labels,
         positions=positions,
         frames=frames.astype(np.int64),
         time=time,
-        rate=layout.rate,
+        rate=file.rate,
         units=unit,
         vertical=up,
-        analog_rate=rate if layout.channels else None,
+        analog_rate=rate if file.channels else None,
         plates=plates,
         oddities=tuple(oddities),
         left_out=naming.left_out,
@@ -151,7 +142,7 @@ def _find_vertical(
 ) -> str:
     """Return the upward axis: ``override``, else the normal of the plates, else POINT:Y_SCREEN, else Z (assumed).
 
-    The normal counts if it is an axis, the same for all usable plates. It points towards the markers.
+    The normal counts if it is an axis, the same for all usable plates, and points towards the markers.
     """
     declared, axes = parse_axis(file.text("POINT:Y_SCREEN")), set[str | None]()
     for plate in stored:
@@ -180,11 +171,11 @@ def _find_vertical(
     return "Z"
 
 
-def _list_plate_channels(file: C3DFile, layout: Layout) -> tuple[int, ...]:
+def _list_plate_channels(file: C3DFile) -> tuple[int, ...]:
     """Return the analog channels of force plates, numbered from 0; other channels, such as EMG, are not read."""
     named = file.numbers("FORCE_PLATFORM:CHANNEL")
     numbers = set() if named is None else {int(channel) for channel in named.ravel() if np.isfinite(channel)}
-    return tuple(channel for channel in range(layout.channels) if channel + 1 in numbers)
+    return tuple(channel for channel in range(file.channels) if channel + 1 in numbers)
 
 
 class UnusablePlateError(Exception):
@@ -196,7 +187,6 @@ class _FilePlate:
     """Force plate as stored in the file, with K samples, and the notes on it."""
 
     file: C3DFile
-    layout: Layout
     metres: float  # size of POINT:UNITS, m, which is the unit of CORNERS and ORIGIN
     units: Mapping[str, str]  # configured units of force and moment
     index: int  # number in the file, counted from 1
@@ -209,16 +199,11 @@ class _FilePlate:
     oddities: list[str] = field(default_factory=list)  # notes, as in ``Recording``
     assumptions: list[str] = field(default_factory=list)  # as in ``Plate``
 
-    def read(self, counts: FloatArray) -> None:
+    def read(self, stored: FloatArray) -> None:
         """Read the signals from the samples of the channels as stored; set ``problem`` if the plate cannot be used."""
-        self.ok = np.zeros(len(counts), dtype=np.bool_)
+        self.ok = np.zeros(len(stored), dtype=np.bool_)
         try:
-            columns = self._find_columns()
-            corners = self._read_parameter("CORNERS", (3, 4)).T * self.metres
-            origin = self._read_origin()
-            values = self._read_samples(counts, columns)
-            channels = self._convert_to_si(self._subtract_baseline(values), columns)
-            self.dead = self._find_dead_channels(values[self.ok], channels[self.ok], columns)
+            self._read_signals(stored)
         except UnusablePlateError as why:
             self.problem, self.assumptions = str(why), []
             return
@@ -230,7 +215,53 @@ class _FilePlate:
             )
         if not self.ok.all():
             self._note(f"{int((~self.ok).sum())} analog samples are saturated or not finite")
-        self.signals = PlateSignals(self.kind, channels, origin, corners, self.layout.per_frame * self.layout.rate)
+
+    def _read_signals(self, stored: FloatArray) -> None:
+        columns = self._find_columns()
+        corners = self._read_parameter("CORNERS", (3, 4)).T * self.metres
+        # The origin has negative z; the opposite vector of some old files is reversed.
+        origin = np.zeros(3)
+        if self.kind != 1:
+            origin = self._read_parameter("ORIGIN", (3,)) * self.metres
+            if origin[2] > 0:
+                self._note(
+                    f"ORIGIN points the wrong way (z = {origin[2]:.4f} m, expected below 0): the sign was corrected"
+                )
+                origin = origin * [1, 1, -1] if self.kind == 3 else -origin
+        if self.kind == 3:
+            origin = np.abs(origin) * [1, 1, -1]
+            if not np.all(np.abs(origin[:2]) > 0):
+                raise UnusablePlateError("ORIGIN has no sensor distances, which a type 3 plate needs")
+        # Scaled samples (K, C), NaN if not finite
+        offset, scale = (each[columns] for each in self.file.read_channel_scales())
+        if not np.isfinite(scale).all():
+            raise UnusablePlateError("ANALOG:SCALE is missing for some of its channels")
+        read = _list_plate_channels(self.file)
+        counts = stored[:, [read.index(column) for column in columns]]
+        values = counts - offset
+        with np.errstate(over="ignore", invalid="ignore"):
+            values *= scale
+        values[~np.isfinite(values)] = np.nan
+        finite = np.isfinite(values).all(axis=1)
+        if not finite.any():
+            raise UnusablePlateError("no sample has numbers in all channels of the plate")
+        bits = self.file.words("ANALOG:BITS")
+        full = find_saturated(counts, offset, bits[0] if bits else None)
+        if not (finite & ~full).any():
+            raise UnusablePlateError("all of its samples are saturated or not finite")
+        self.ok, self.saturated = np.asarray(finite & ~full), full if full.any() else None
+        # Channels in N, m and N·m
+        channels = self._subtract_baseline(values)
+        if self.kind == 4:
+            if self.units:
+                self._note("its CAL_MATRIX gives N and N·mm: the units in the configuration were ignored")
+            channels = self._apply_matrix(channels, scale)
+        else:
+            units = [unit for name in self.file.parts("ANALOG:UNITS") for unit in self.file.strings(name)]
+            declared = [units[column] if column < len(units) else "" for column in columns]
+            channels = channels * self._find_scales(declared)
+        self.dead = self._find_dead_channels(values[self.ok], channels[self.ok], columns)
+        self.signals = PlateSignals(self.kind, channels, origin, corners, self.file.per_frame * self.file.rate)
 
     def _note(self, oddity: str) -> None:
         self.oddities.append(f"plate {self.index}: {oddity}")
@@ -239,7 +270,7 @@ class _FilePlate:
         """Return the analog channels of the plate, numbered from 0."""
         if self.kind not in _CHANNELS:
             raise UnusablePlateError(f"type {self.kind} is not supported (1, 2, 3 and 4 are)")
-        if not self.layout.channels:
+        if not self.file.channels:
             raise UnusablePlateError("the file contains no analog channels")
         kinds = self.file.words("FORCE_PLATFORM:TYPE") or []
         channel_map = self.file.numbers("FORCE_PLATFORM:CHANNEL")
@@ -255,9 +286,9 @@ class _FilePlate:
             raise UnusablePlateError(f"FORCE_PLATFORM:CHANNEL describes only {plates} plates")
         channels = [int(channel) for channel in channel_map[: _CHANNELS[self.kind], self.index - 1]]
         for channel in channels:
-            if not 1 <= channel <= self.layout.channels:
+            if not 1 <= channel <= self.file.channels:
                 raise UnusablePlateError(
-                    f"FORCE_PLATFORM:CHANNEL names channel {channel}, the file has {self.layout.channels}"
+                    f"FORCE_PLATFORM:CHANNEL names channel {channel}, the file has {self.file.channels}"
                 )
         if len(set(channels)) < len(channels):
             raise UnusablePlateError(f"FORCE_PLATFORM:CHANNEL names a channel twice: {channels}")
@@ -279,41 +310,6 @@ class _FilePlate:
         if not np.isfinite(part).all():
             raise UnusablePlateError(f"FORCE_PLATFORM:{name} is not finite")
         return part.reshape(shape, order="F")
-
-    def _read_origin(self) -> FloatArray:
-        """Return ORIGIN (3,) with negative z, m; 0 for type 1. The opposite vector of some old files is reversed."""
-        if self.kind == 1:
-            return np.zeros(3)
-        origin = self._read_parameter("ORIGIN", (3,)) * self.metres
-        if origin[2] > 0:
-            self._note(f"ORIGIN points the wrong way (z = {origin[2]:.4f} m, expected below 0): the sign was corrected")
-            origin = origin * [1, 1, -1] if self.kind == 3 else -origin
-        if self.kind == 3:
-            origin = np.abs(origin) * [1, 1, -1]
-            if not np.all(np.abs(origin[:2]) > 0):
-                raise UnusablePlateError("ORIGIN has no sensor distances, which a type 3 plate needs")
-        return np.asarray(origin)
-
-    def _read_samples(self, stored: FloatArray, columns: list[int]) -> FloatArray:
-        """Return the scaled samples (K, C), NaN if not finite, and set which are ``ok`` and ``saturated``."""
-        offset, scale = (each[columns] for each in read_channel_scales(self.file, self.layout))
-        if not np.isfinite(scale).all():
-            raise UnusablePlateError("ANALOG:SCALE is missing for some of its channels")
-        read = _list_plate_channels(self.file, self.layout)
-        counts = stored[:, [read.index(column) for column in columns]]
-        values = counts - offset
-        with np.errstate(over="ignore", invalid="ignore"):
-            values *= scale
-        values[~np.isfinite(values)] = np.nan
-        finite = np.isfinite(values).all(axis=1)
-        if not finite.any():
-            raise UnusablePlateError("no sample has numbers in all channels of the plate")
-        bits = self.file.words("ANALOG:BITS")
-        full = find_saturated(counts, offset, bits[0] if bits else None)
-        if not (finite & ~full).any():
-            raise UnusablePlateError("all of its samples are saturated or not finite")
-        self.ok, self.saturated = np.asarray(finite & ~full), full if full.any() else None
-        return values
 
     def _find_dead_channels(
         self, values: FloatArray, channels: FloatArray, columns: list[int]
@@ -352,9 +348,9 @@ class _FilePlate:
         """Return ``channels`` (K, C), minus their mean over the baseline frames (ZERO) if these are unloaded."""
         zero = self.file.words("FORCE_PLATFORM:ZERO") or [0, 0]
         first, last = max(zero[0], 1), zero[-1]
-        if self.kind == 1 or len(zero) < 2 or last <= first or last > self.layout.frames:
+        if self.kind == 1 or len(zero) < 2 or last <= first or last > self.file.frames:
             return channels
-        part = slice((first - 1) * self.layout.per_frame, last * self.layout.per_frame)
+        part = slice((first - 1) * self.file.per_frame, last * self.file.per_frame)
         finite: BoolArray = np.asarray(np.isfinite(channels).all(axis=1))
         good = channels[part][finite[part]]
         if 2 * len(good) < len(channels[part]):
@@ -378,16 +374,6 @@ class _FilePlate:
             "baseline was not subtracted"
         )
         return channels
-
-    def _convert_to_si(self, channels: FloatArray, columns: list[int]) -> FloatArray:
-        """Return the channels (K, C) in N, m and N·m."""
-        if self.kind == 4:
-            if self.units:
-                self._note("its CAL_MATRIX gives N and N·mm: the units in the configuration were ignored")
-            return self._apply_matrix(channels, read_channel_scales(self.file, self.layout)[1][columns])
-        units = [unit for name in self.file.parts("ANALOG:UNITS") for unit in self.file.strings(name)]
-        declared = [units[column] if column < len(units) else "" for column in columns]
-        return np.asarray(channels * self._find_scales(declared))
 
     def _apply_matrix(self, channels: FloatArray, scale: FloatArray) -> FloatArray:
         """Apply the 6 × 6 matrix of a type 4 plate, which gives N and N·mm, and return the channels (K, 6) in SI units.
@@ -462,10 +448,7 @@ class _FilePlate:
         return factors
 
     def _assume(self, quantity: str, own: Sequence[str], scales: Sequence[float | None], force: float) -> float:
-        """Return the factor for channels without a declared unit, and keep a sentence that states the assumption.
-
-        ``force`` is the factor of the forces, if ``quantity`` is another one.
-        """
+        """Return the factor for channels without a declared unit, and keep a sentence that states the assumption."""
         known = {scale: name for scale, name in zip(scales, own, strict=True) if scale is not None}
         if len(known) > 1:
             raise UnusablePlateError(
@@ -494,10 +477,10 @@ class _FilePlate:
     def place(self, rotation: FloatArray, start: float, oddities: list[str]) -> Plate:
         """Return the plate in the lab with the wrench of the ground on the body; add notes to ``oddities``.
 
-        ``rotation`` (3, 3) rotates vectors from the file's axes to the axes of the lab (Z up). ``start`` is the time of
-        the first analog sample, s.
+        ``rotation`` (3, 3) turns from the axes of the file to those of the lab; ``start`` is the first sample's time,
+        s.
         """
-        rate = self.layout.per_frame * self.layout.rate
+        rate = self.file.per_frame * self.file.rate
         assumptions = tuple(f"plate {self.index}: {text}" for text in self.assumptions)
         oddities += [*self.oddities, *assumptions]
         kind, signals, problem = f"type {self.kind}", self.signals, self.problem
@@ -541,10 +524,9 @@ class _FilePlate:
 def find_saturated(counts: FloatArray, offset: FloatArray, bits: int | None) -> BoolArray:
     """Return for each of K samples whether any of the C channels is saturated.
 
-    ``counts`` (K, C) are the samples as stored, in most files counts of the converter. ``offset`` (C,) are the counts
-    at zero input, about half the range for unsigned converters. ``bits`` is the resolution (ANALOG:BITS), None if not
-    declared. If the counts are integers, the limits of the converter follow from its resolution. If they are not,
-    :func:`find_clipped` judges each channel.
+    ``counts`` (K, C) are the samples as stored, ``offset`` (C,) those at zero input, about half the range for unsigned
+    converters, and ``bits`` is the resolution (ANALOG:BITS), None if not declared. From it follow the limits of the
+    converter if the samples are integers; otherwise :func:`find_clipped` judges each channel.
     """
     flags = np.zeros(len(counts), bool)
     for stored, zero in zip(counts.T, offset, strict=True):
@@ -567,9 +549,7 @@ def find_clipped(column: FloatArray) -> BoolArray:
     """Return for each sample (K,) whether it is clipped: it equals an extreme that occurs at least 8 times in a row.
 
     Extremes near zero are not judged, nor is a channel that often repeats other values, because it is coarse or at
-    rest.
-
-    ``column`` (K,) is the signal minus its zero level; NaN if missing.
+    rest. ``column`` (K,) is the signal minus its zero level; NaN if missing.
     """
     flags = np.zeros(len(column), bool)
     low, high = float(np.nanmin(column)), float(np.nanmax(column))

@@ -28,7 +28,7 @@ from mocap_id.recording.model import (
     find_moment_scale,
     rotate_plate,
 )
-from mocap_id.recording.sample_checks import MARKER_HZ, SENSOR_HZ, EvenClock, fit_even_clock
+from mocap_id.recording.sample_checks import MARKER_HZ, SENSOR_HZ, fit_even_clock
 
 MAGIC = b"PK\x03\x04"
 CLASS, SERIES = "class__", "ktk.TimeSeries"
@@ -76,15 +76,15 @@ def read_ktk(path: Path, stream: BinaryIO, options: ReadingOptions) -> Recording
             f"expected the markers in a TimeSeries named {POINTS!r}, as from `ktk.read_c3d`"
         )
     points = chosen[0]
-    clock = _fit_clock(path, points, MARKER_HZ, oddities)
+    start, rate = _fit_clock(path, points, MARKER_HZ, oddities)
     labels = points.points
     declared = {points.units[name] for name in labels}
     if len({find_length_scale(unit) for unit in declared}) > 1:
         raise RecordingError(f"{path}: the points have different units: {', '.join(sorted(map(repr, declared)))}")
     positions = np.stack([points.data[label][:, :3] for label in labels], axis=1)
     numbers = np.arange(len(positions))
-    frames = numbers + max(round(clock.start * clock.rate), 0) + 1
-    time, rate = clock.start + numbers / clock.rate, float(f"{clock.rate:.9g}")
+    frames = numbers + max(round(start * rate), 0) + 1
+    time, rate = start + numbers / rate, float(f"{rate:.9g}")
     table = MarkerTable("Kinetics Toolkit", labels, frames, time, positions, rate, min(declared), "Z")
     plates = _read_plates(path, series[PLATES], options.force_units, oddities) if PLATES in series else []
     force = sum((np.nan_to_num(plate.force).mean(axis=0) for plate in plates), np.zeros(3))
@@ -116,7 +116,16 @@ def read_series(path: Path, stream: BinaryIO) -> dict[str, Series]:
             with archive.open("data.json") as text:
                 content = json.loads(text.read(size))
         parts = {POINTS: content} if _is_series(content) else content
-        found = {str(name): _parse_series(str(name), part) for name, part in parts.items() if _is_series(part)}
+        found = {}
+        for name, part in ((str(name), part) for name, part in parts.items() if _is_series(part)):
+            time = np.asarray(part["time"], np.float64)
+            data = {str(key): np.asarray(values, np.float64) for key, values in part["data"].items()}
+            info = part.get("info") or part.get("data_info") or {}  # before version 0.17, `data_info`
+            for key, values in data.items():
+                if len(values) != len(time):
+                    raise ValueError(f"{key} has {len(values)} samples for {len(time)} times")
+            units = {key: str((info.get(key) or {}).get("Unit", "")) for key in data}
+            found[name] = Series(name, time, data, units)
     except (AttributeError, RecursionError, TypeError, ValueError) as error:
         words = str(error).partition("\n")[0][:80]
         raise RecordingError(f"{path}: not a valid file of Kinetics Toolkit ({words}); save it again") from None
@@ -133,30 +142,21 @@ def _is_series(part: Any) -> bool:
     return isinstance(part, Mapping) and part.get(CLASS) == SERIES
 
 
-def _parse_series(name: str, part: Mapping[str, Any]) -> Series:
-    time = np.asarray(part["time"], np.float64)
-    data = {str(key): np.asarray(values, np.float64) for key, values in part["data"].items()}
-    info = part.get("info") or part.get("data_info") or {}  # before version 0.17, `data_info`
-    for key, values in data.items():
-        if len(values) != len(time):
-            raise ValueError(f"{key} has {len(values)} samples for {len(time)} times")
-    return Series(name, time, data, {key: str((info.get(key) or {}).get("Unit", "")) for key in data})
-
-
-def _fit_clock(path: Path, series: Series, fastest: float, oddities: list[str]) -> EvenClock:
-    clock = fit_even_clock(path, series.time, name=f"the time of {series.name}", fastest=fastest)
-    if clock.rounding_note:
-        oddities.append(f"{series.name}: {clock.rounding_note}")
-    return clock
+def _fit_clock(path: Path, series: Series, fastest: float, oddities: list[str]) -> tuple[float, float]:
+    start, rate, note = fit_even_clock(path, series.time, name=f"the time of {series.name}", fastest=fastest)
+    if note:
+        oddities.append(f"{series.name}: {note}")
+    return start, rate
 
 
 def _read_plates(path: Path, series: Series, units: Mapping[str, str], oddities: list[str]) -> list[Plate]:
     """Return the platforms in the axes of the file, with moments about the origin."""
     names = [match[1] for name in series.data if (match := _FORCE.fullmatch(name))]
-    clock = _fit_clock(path, series, SENSOR_HZ, oddities) if names else None
+    if not names:
+        return []
+    start, rate = _fit_clock(path, series, SENSOR_HZ, oddities)
     plates = []
     for index, name in enumerate(names, 1):
-        assert clock is not None
         force = _read_vector(path, series, f"{name}_Force", find_force_scale, units.get("force"))
         corners = [f"{name}_Corner{k}" for k in (1, 2, 3, 4)]
         known = all(corner in series.data for corner in corners)
@@ -175,7 +175,7 @@ def _read_plates(path: Path, series: Series, units: Mapping[str, str], oddities:
             )
         about = np.cross(point, force) + moment
         ok = np.asarray(np.isfinite(np.hstack([force, about])).all(axis=1))
-        plates.append(Plate(index, "Kinetics Toolkit", corner, force, about, ok, clock.rate, clock.start))
+        plates.append(Plate(index, "Kinetics Toolkit", corner, force, about, ok, rate, start))
     return plates
 
 

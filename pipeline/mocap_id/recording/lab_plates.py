@@ -25,11 +25,7 @@ _SPIKE = 5.0  # largest weight of a sample for the sign, in median loads
 
 @dataclass(frozen=True)
 class PlateSignals:
-    """Channels of one plate of type 1 to 4 and its geometry, SI units.
-
-    The plate frame is right-handed with z down. The sign convention is that of the channels; :func:`is_force_on_plate`
-    decides whether they measure the force on the plate or on the body.
-    """
+    """Channels of one plate of type 1 to 4 and its geometry, SI units; its frame is right-handed with z down."""
 
     kind: int  # FORCE_PLATFORM:TYPE
     # (K, C). Type 1: Fx Fy Fz (N), CoPx CoPy (m), Tz (N·m). Types 2 and 4: Fx Fy Fz (N), Mx My Mz (N·m), after
@@ -109,7 +105,16 @@ def decimate(plate: Plate, times: FloatArray, rate: float) -> PlateSamples:
     low = np.minimum(centre.astype(np.int64), last - 1)
     part = (centre - low)[:, None]
     single = samples[low] * (1 - part) + samples[low + 1] * part
-    mean = np.where((half > 1e-9)[:, None], _average_intervals(samples, centre, half), single)
+    integral = np.zeros_like(samples)
+    np.cumsum((samples[1:] + samples[:-1]) / 2, axis=0, out=integral[1:])
+
+    def primitive(at: FloatArray) -> FloatArray:
+        low = np.minimum(at.astype(np.int64), last - 1)
+        part = (at - low)[:, None]
+        return np.asarray(integral[low] + samples[low] * part + (samples[low + 1] - samples[low]) * part**2 / 2)
+
+    average = (primitive(centre + half) - primitive(centre - half)) / np.maximum(2 * half, 1e-12)[:, None]
+    mean = np.where((half > 1e-9)[:, None], average, single)
     # An average is invalid if one of its samples is.
     count = np.concatenate([[0], np.cumsum(~plate.ok)])
     first = np.floor(centre - half + _ROUNDING).astype(np.int64)
@@ -156,27 +161,12 @@ def compute_averaging_width(analog_rate: float | None, rate: float) -> float:
     return float(np.sqrt(rate**-2 + 2.0 * analog_rate**-2))
 
 
-def _average_intervals(samples: FloatArray, centre: FloatArray, half: FloatArray) -> FloatArray:
-    """Return the mean of the piecewise linear signal over ``centre`` ± ``half``, both (F,) in samples."""
-    integral = np.zeros_like(samples)
-    np.cumsum((samples[1:] + samples[:-1]) / 2, axis=0, out=integral[1:])
-
-    def primitive(at: FloatArray) -> FloatArray:
-        low = np.minimum(at.astype(np.int64), len(samples) - 2)
-        part = (at - low)[:, None]
-        return np.asarray(integral[low] + samples[low] * part + (samples[low + 1] - samples[low]) * part**2 / 2)
-
-    width = np.maximum(2 * half, 1e-12)[:, None]
-    return np.asarray((primitive(centre + half) - primitive(centre - half)) / width)
-
-
 def reverse_force_on_plate(
     index: int, force: FloatArray, moment: FloatArray, ok: BoolArray, oddities: list[str]
 ) -> tuple[FloatArray, FloatArray]:
     """Return force and moment (K, 3) of the ground on the body; those of the body on the plate are reversed.
 
-    The vertical force of the valid samples, ``ok`` (K,), decides. If the signs are reversed, a note is added to
-    ``oddities``.
+    The vertical force of the valid samples, ``ok`` (K,), decides; a reversal is noted in ``oddities``.
     """
     if not is_force_on_plate(force[ok, 2]):
         return force, moment
@@ -199,10 +189,7 @@ def is_force_on_plate(vertical: FloatArray) -> bool:
 
 
 def compute_centre_of_pressure(plate: Plate, wrench: Plate | PlateSamples) -> FloatArray:
-    """Return the centre of pressure (K, 2) of ``wrench`` on the surface of ``plate``, in lab axes, m.
-
-    It is NaN if the vertical force is at most 20 N.
-    """
+    """Return the centre of pressure (K, 2) of ``wrench`` on ``plate`` in the lab, m; NaN below a load of 20 N."""
     centre = np.zeros(3) if plate.centre is None else plate.centre
     about = wrench.moment - np.cross(centre, wrench.force)
     vertical = np.where(wrench.force[:, 2] > LOADED_N, wrench.force[:, 2], np.nan)

@@ -49,8 +49,7 @@ def parse_trc(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     """Parse the text of a TRC file.
 
     The number of markers follows from NumMarkers, the line with names, the line with X1 Y1 Z1 … and the widest row. If
-    they contradict each other, the number on which all of them but one agree is used, with a note in ``oddities``.
-    Raises RecordingError if the text is not a TRC file, contradicts itself or is truncated.
+    they contradict each other, the number on which all of them but one agree is used, with a note.
     """
     # The lines of the header are found by their content; lines may be missing or added.
     lines = split_lines(text)
@@ -132,9 +131,8 @@ def _find_labels(
     """Return the marker names of a TRC file in the order of the columns.
 
     Names usually start three columns apart. If they do not, they belong to the columns in their order, provided that
-    every other line has as many markers as there are names. ``cells`` are the cells of the line with the names, with
-    ``spaces`` between them; ``numbers`` are the numbers of markers in other lines, and ``widest`` is the number of
-    cells in the widest row.
+    every other line has as many markers (``numbers``) as there are names. ``widest`` is the number of cells in the
+    widest row.
     """
     spaced = list(cells) if spaces else list(cells[::3])
     listed = [cell for cell in cells if cell]
@@ -177,8 +175,7 @@ def _find_labels(
 def parse_qtm(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     """Parse the text of a QTM motion data file (TSV, 3D data), whose positions are in mm.
 
-    Source: Qualisys Track Manager manual, "Motion data (.tsv)". Raises RecordingError if the file contains other data,
-    its header is incomplete, or its rows contradict the header.
+    Source: Qualisys Track Manager manual, "Motion data (.tsv)".
     """
     lines = split_lines(text)
     # The first row of numbers is after the last key and after any line of column names, which contain words.
@@ -251,8 +248,7 @@ def parse_qtm(path: Path, text: str, oddities: list[str]) -> MarkerTable:
 def parse_motive(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     """Parse the text of a Motive CSV export: measured markers only, not markers that Motive computed from bodies.
 
-    Source: OptiTrack documentation, "Data Export: CSV". Raises RecordingError if there are no measured markers, the
-    coordinates are local, or rows and header contradict each other.
+    Source: OptiTrack documentation, "Data Export: CSV".
     """
     lines = split_lines(text)
     first = next((k for k, line in enumerate(lines[:_HEADER_LINES]) if line.lower().startswith("frame,")), None)
@@ -298,8 +294,7 @@ def parse_motive(path: Path, text: str, oddities: list[str]) -> MarkerTable:
 def parse_nexus(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     """Parse the section ``Trajectories`` of a Nexus ASCII export; commas, semicolons or tabs separate its cells.
 
-    Source: Vicon Nexus user guide, "Export ASCII". Raises RecordingError if there is no such section, or if its lines
-    contradict each other.
+    Source: Vicon Nexus user guide, "Export ASCII".
     """
     lines = split_lines(text)
     sections = {line.strip(_PADDING).lower(): k for k, line in enumerate(lines) if line[:1].isalpha()}
@@ -352,24 +347,21 @@ def parse_nexus(path: Path, text: str, oddities: list[str]) -> MarkerTable:
 def fit_clock(path: Path, declared: str, time: FloatArray, oddities: list[str], name: str) -> tuple[FloatArray, float]:
     """Return evenly spaced times (F,) fitted to a time column (F,), s, and the frame rate, Hz.
 
-    ``declared`` is the rate in the header, possibly not a number; ``name`` is its name in the header. Differences are
-    noted in ``oddities``. Raises RecordingError if the times do not increase, are uneven or not in seconds, if the
-    declared rate is not positive, or if the two rates differ by more than 2 %.
+    ``declared`` is the rate in the header, possibly not a number, and ``name`` its name. RecordingError if they differ
+    by more than 2 %.
     """
     stated = parse_rate(path, declared, name)
-    clock = fit_even_clock(path, time, stated, name="the Time column")
-    if stated is not None and abs(clock.rate / stated - 1) > _MAX_RATE_ERROR:
+    start, rate, note = fit_even_clock(path, time, stated, name="the Time column")
+    if stated is not None and abs(rate / stated - 1) > _MAX_RATE_ERROR:
         raise RecordingError(
-            f"{path}: {name} is {declared} Hz, the Time column has {clock.rate:.6g} Hz; times must be in seconds: "
+            f"{path}: {name} is {declared} Hz, the Time column has {rate:.6g} Hz; times must be in seconds: "
             "export it again, or correct the wrong one"
         )
-    if stated is not None and clock.rate != stated:
-        oddities.append(
-            f"{name} is {declared} Hz, the Time column has {clock.rate:.6g} Hz: {clock.rate:.6g} Hz was used"
-        )
-    if clock.rounding_note:
-        oddities.append(f"{path.name}: {clock.rounding_note}")
-    return clock.times(len(time)), clock.rate
+    if stated is not None and rate != stated:
+        oddities.append(f"{name} is {declared} Hz, the Time column has {rate:.6g} Hz: {rate:.6g} Hz was used")
+    if note:
+        oddities.append(f"{path.name}: {note}")
+    return np.round(start + np.arange(len(time)) / rate, 12) + 0.0, rate  # a start of 1e-16 becomes 0, not -0
 
 
 def parse_rate(path: Path, declared: str, name: str) -> float | None:
@@ -384,10 +376,7 @@ def parse_rate(path: Path, declared: str, name: str) -> float | None:
 
 
 def check_frame_numbers(path: Path, column: FloatArray, *, consecutive: bool) -> IntArray:
-    """Return frame numbers (F,) as integers.
-
-    Raises RecordingError if a number is missing or too large, or if the numbers must be consecutive and are not.
-    """
+    """Return frame numbers (F,) as integers; RecordingError if one is missing, too large or not the next one."""
     bad = ~np.isfinite(column) | (np.abs(column) >= _MAX_FRAME_NUMBER)
     if bad.any():
         row = int(np.flatnonzero(bad)[0])

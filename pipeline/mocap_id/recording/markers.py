@@ -72,10 +72,9 @@ def name_markers(
 ) -> MarkerNames:
     """Select the markers among the trajectories and give each a unique name without the name of a person.
 
-    ``raw`` are the labels of all trajectories in the file, possibly empty. ``outputs`` are labels of trajectories that
-    the file declares not to be markers (POINT:ANGLES …). ``subjects`` are names of subjects and label prefixes that the
-    file declares. These names are removed from the start of labels, as is everything up to a colon; no message contains
-    them. With ``apart``, every label says the number of its subject.
+    ``raw`` are the labels of all trajectories, possibly empty, and ``outputs`` those that the file declares not to be
+    markers (POINT:ANGLES …). The names of ``subjects`` that the file declares are removed from the start of labels, as
+    is everything up to a colon; no message contains them. With ``apart``, every label says the number of its subject.
     """
     known = sorted({name.strip() for name in subjects if name.strip()}, key=len, reverse=True)
     split = [_split_prefix(strip_padding(text), known) for text in raw]
@@ -115,7 +114,16 @@ def name_markers(
         for number, i in enumerate(unnamed, start=1):
             bare[i] = f"unlabelled-{number}"
     keep = [i for i in range(len(bare)) if i not in set(computed)]
-    labels, repeated = _make_unique([bare[i] for i in keep])
+    labels, counts, taken = list[str](), Counter[str](), {bare[i] for i in keep}
+    for name in (bare[i] for i in keep):
+        counts[name] += 1
+        label, number = name, counts[name]
+        while number > 1 and (label := f"{name}#{number}") in taken:
+            number += 1
+        taken.add(label)
+        counts[name] = number
+        labels.append(label)
+    repeated = sorted(name for name, count in counts.items() if count > 1 and name)
     if repeated:
         oddities.append(f"labels that occur more than once were numbered (A, A#2, …): {', '.join(repeated)}")
     return MarkerNames(tuple(keep), tuple(labels), tuple(oddities), tuple(split[i] for i in keep))
@@ -210,8 +218,8 @@ def leave_out_objects(naming: MarkerNames, positions: FloatArray) -> tuple[Marke
 def _separate_repeated_labels(naming: MarkerNames, frames: FloatArray) -> MarkerNames:
     """Return the names with a prefix for each person, if two or more people have the same labels without a colon.
 
-    Either labels occur several times, or they begin with several words and a separator. Trajectories of one label are
-    those of several people if at least five labels occur so, all usually far apart, and if every person bends.
+    Either labels occur several times, or they begin with several words and a separator. They are those of several
+    people if at least five labels occur so, all usually far apart, and if every person bends.
     """
     if any(prefix for prefix, _ in naming.parts):
         return naming
@@ -240,10 +248,7 @@ def _separate_repeated_labels(naming: MarkerNames, frames: FloatArray) -> Marker
 
 
 def _measure_distance_changes(positions: FloatArray) -> FloatArray:
-    """Return by how much the distance of each pair of markers (F, M, 3) changes between usual extremes, m.
-
-    The extremes are the quantiles 12 and 88 %. Pairs that are never seen together are left out.
-    """
+    """Return by how much the distance of each pair of markers (F, M, 3) changes between 12 and 88 % quantiles, m."""
     first, second = np.triu_indices(positions.shape[1], 1)
     distance = np.linalg.norm(positions[:, first] - positions[:, second], axis=2)
     distance = distance[:, np.isfinite(distance).any(axis=0)]
@@ -264,30 +269,13 @@ def _split_prefix(label: str, subjects: Sequence[str]) -> tuple[str, str]:
     return "", label
 
 
-def _make_unique(names: Sequence[str]) -> tuple[list[str], list[str]]:
-    counts: Counter[str] = Counter()
-    taken = set(names)
-    unique = []
-    for name in names:
-        counts[name] += 1
-        candidate, number = name, counts[name]
-        while number > 1 and (candidate := f"{name}#{number}") in taken:
-            number += 1
-        taken.add(candidate)
-        counts[name] = number
-        unique.append(candidate)
-    return unique, sorted(name for name, count in counts.items() if count > 1 and name)
-
-
 def resolve_length_unit(
     path: Path, declared: str, override: str | None, oddities: list[str], *, required: bool = True
 ) -> tuple[str, float]:
-    """Return the length unit to use and its size in metres.
+    """Return the length unit to use and its size in metres; contradictions are noted in ``oddities``.
 
-    ``declared`` is the unit in the file, possibly empty; ``override`` is the unit in the configuration, which has
-    priority. If no unit is known and ``required`` is false, the unit is empty and lengths are read as millimetres. If
-    ``required`` is true, RecordingError is raised. Raises ConfigError if ``override`` is not a unit of length.
-    Contradictions are noted in ``oddities``.
+    ``declared`` is the unit in the file, possibly empty; ``override`` in the configuration has priority. If neither is
+    known, RecordingError is raised, or unless ``required`` the unit is empty and lengths are read as millimetres.
     """
     name = strip_padding(declared)
     if override is not None:
@@ -322,11 +310,32 @@ def rotate_z_up(positions: FloatArray, up: str) -> None:
 def clean_positions(path: Path, positions: FloatArray, units: str, oddities: list[str]) -> None:
     """Set impossible samples of positions (F, M, 3), m, to NaN in place, and check the space that the markers occupy.
 
-    ``units`` is the length unit of the file; if it is empty, the size of this space is not checked, and a note gives it
-    in mm, cm and m. All changes are noted in ``oddities``. Raises RecordingError if the size contradicts the unit.
+    If ``units`` of the file is empty, a note gives this space in mm, cm and m; otherwise RecordingError is raised if it
+    contradicts the unit.
     """
     _remove_codes(positions, oddities)
-    _check_size(path, positions, units, oddities)
+    # All samples must not be within 2 cm, nor the middle half of them spread over more than 100 m.
+    frames = thin_frames(positions)
+    visible = np.isfinite(frames).all(axis=2)
+    if visible.any():
+        samples = frames[visible]
+        spread = float(np.linalg.norm(np.ptp(np.percentile(samples, [25, 75], axis=0), axis=0)))
+        extent = float(np.linalg.norm(np.ptp(samples, axis=0)))
+        several = int(visible.any(axis=0).sum()) >= 3
+        if not units:
+            written = spread / _MILLIMETRE
+            choices = ", ".join(f"{name} gives {written * LENGTHS[name]:.3g} m" for name in ("mm", "cm", "m"))
+            oddities.append(f"half of the marker samples spread over {written:.4g} in the unit of the file: {choices}")
+        elif spread > _MAX_SPREAD_M or (several and 0 < extent < _MIN_SPREAD_M):
+            size = spread if spread > _MAX_SPREAD_M else extent
+            sizes = {name: size / (find_length_scale(units) or 1.0) * LENGTHS[name] for name in ("mm", "cm", "m")}
+            possible = {name: at for name, at in sizes.items() if _MIN_SPREAD_M <= at <= _MAX_SPREAD_M}
+            fits = ", ".join(f"{name} gives {at:.3g} m" for name, at in possible.items())
+            raise RecordingError(
+                f"{path}: the markers spread over {size:.3g} m when read in {units!r}, expected {_MIN_SPREAD_M} to "
+                f"{_MAX_SPREAD_M:.0f} m; the unit is wrong, set `planarise: {{units: …}}`"
+                + (f": {fits}" if fits else "")
+            )
     marked = np.zeros(4, dtype=np.int64)  # numbers of non-finite, too far, zero and valid samples
     for at in range(0, len(positions), _BLOCK):
         part = positions[at : at + _BLOCK]
@@ -405,41 +414,12 @@ def _remove_codes(positions: FloatArray, oddities: list[str]) -> None:
             )
 
 
-def _check_size(path: Path, positions: FloatArray, units: str, oddities: list[str]) -> None:
-    """Raise RecordingError if all samples are within 2 cm, or the middle half of them spreads over more than 100 m."""
-    frames = thin_frames(positions)
-    visible = np.isfinite(frames).all(axis=2)
-    if not visible.any():
-        return
-    samples = frames[visible]
-    spread = float(np.linalg.norm(np.ptp(np.percentile(samples, [25, 75], axis=0), axis=0)))
-    extent = float(np.linalg.norm(np.ptp(samples, axis=0)))
-    several = int(visible.any(axis=0).sum()) >= 3
-    if not units:
-        written = spread / _MILLIMETRE
-        choices = ", ".join(f"{name} gives {written * LENGTHS[name]:.3g} m" for name in ("mm", "cm", "m"))
-        oddities.append(f"half of the marker samples spread over {written:.4g} in the unit of the file: {choices}")
-        return
-    if spread > _MAX_SPREAD_M or (several and 0 < extent < _MIN_SPREAD_M):
-        size = spread if spread > _MAX_SPREAD_M else extent
-        raw = size / (find_length_scale(units) or 1.0)
-        sizes = {name: raw * LENGTHS[name] for name in ("mm", "cm", "m")}
-        fits = ", ".join(
-            f"{name} gives {at:.3g} m" for name, at in sizes.items() if _MIN_SPREAD_M <= at <= _MAX_SPREAD_M
-        )
-        raise RecordingError(
-            f"{path}: the markers spread over {size:.3g} m when read in {units!r}, expected {_MIN_SPREAD_M} to "
-            f"{_MAX_SPREAD_M:.0f} m; the unit is wrong, set `planarise: {{units: …}}`" + (f": {fits}" if fits else "")
-        )
-
-
 def assemble_recording(
     path: Path, table: MarkerTable, force: FloatArray | None, options: ReadingOptions, oddities: list[str]
 ) -> tuple[Recording, FloatArray]:
     """Return a table as a recording without plates, and the rotation (3, 3) from the axes of the file to Z up.
 
-    ``force`` (3,) is the mean ground force in the axes of the file; it is None if there are no plates. Notes are added
-    to ``oddities``.
+    ``force`` (3,) is the mean ground force in the axes of the file, None without plates.
     """
     required = options.unit_required
     unit, metres = resolve_length_unit(path, table.units, options.units, oddities, required=required)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -136,25 +136,12 @@ SCALES: dict[str, Callable[[str], float | None]] = {
 
 @dataclass(frozen=True)
 class ReadingOptions:
-    """Options of :func:`mocap_id.recording.read`; ConfigError if a unit of force or moment is unknown."""
+    """Options of :func:`mocap_id.recording.read`, whose values it has checked."""
 
     units: str | None
-    vertical: str | None  # checked by :func:`mocap_id.recording.model.check_axis`
-    force_unit: str | None
-    moment_unit: str | None
+    vertical: str | None
+    force_units: Mapping[str, str]  # configured units of force and moment by quantity, in place of those in the file
     unit_required: bool
-
-    def __post_init__(self) -> None:
-        for what, known in (("force", "N, kN, mN or lbf"), ("moment", "Nm, Nmm or ft.lbf")):
-            unit = self.force_units.get(what)
-            if unit is not None and SCALES[what](unit) is None:
-                raise ConfigError(f"{what}_unit: {unit!r} is not a unit of {what}; expected a unit such as {known}")
-
-    @property
-    def force_units(self) -> dict[str, str]:
-        """Configured units of force and moment by quantity, which replace the units in the file."""
-        given = {"force": self.force_unit, "moment": self.moment_unit}
-        return {what: unit for what, unit in given.items() if unit is not None}
 
 
 AXES = ("X", "Y", "Z")
@@ -204,10 +191,7 @@ def to_z_up(axis: str) -> FloatArray:
 
 
 def nearest_axis(vector: FloatArray, least_cosine: float = 0.95) -> str | None:
-    """Return the name of the axis, with its sign, that is nearly parallel to a vector (3,); None if no axis is.
-
-    ``least_cosine`` is the cosine of the largest accepted angle between the vector and the axis.
-    """
+    """Return the signed name of the axis to which a vector (3,) is nearly parallel; None if to none."""
     length = float(np.linalg.norm(vector))
     if not np.isfinite(length) or length == 0.0:
         return None

@@ -22,7 +22,7 @@ from mocap_id.recording.marker_tables import (
     parse_trc,
 )
 from mocap_id.recording.markers import assemble_recording, thin_frames
-from mocap_id.recording.model import Plate, ReadingOptions, Recording, check_axis, nearest_axis, to_z_up
+from mocap_id.recording.model import SCALES, Plate, ReadingOptions, Recording, check_axis, nearest_axis, to_z_up
 from mocap_id.recording.sample_checks import HeldSamples, find_held, list_held
 from mocap_id.recording.sensor_logs import find_force_columns, read_mot_plates
 from mocap_id.recording.text_tables import check_encoding, open_recording, read_table, read_text
@@ -88,7 +88,12 @@ def read(
         A unit or an axis is unknown, or the two files are exchanged or of the wrong format.
     """
     axis = None if vertical is None else check_axis(vertical)
-    options = ReadingOptions(units, axis, force_unit, moment_unit, unit_required)
+    force_units = {what: unit for what, unit in (("force", force_unit), ("moment", moment_unit)) if unit is not None}
+    for what, unit in force_units.items():
+        if SCALES[what](unit) is None:
+            known = "N, kN, mN or lbf" if what == "force" else "Nm, Nmm or ft.lbf"
+            raise ConfigError(f"{what}_unit: {unit!r} is not a unit of {what}; expected a unit such as {known}")
+    options = ReadingOptions(units, axis, force_units, unit_required)
     markers, forces = Path(markers), None if forces is None else Path(forces)
     # The endings of the file names show whether a file is under the wrong key.
     if markers.suffix.lower() in _TABLES:
@@ -139,9 +144,8 @@ def _leave_out_held(recording: Recording) -> Recording:
     """Return the recording without repeated or interpolated samples of markers and plates.
 
     Frames that are repeated as a whole are left to the search for repeated frames, and a single marker that stands
-    still to the search for bad samples, which compares it with the markers beside it. That search is misled by a
-    segment whose markers all stand still. A plate without load may repeat its samples, because software sets them to
-    zero.
+    still to the search for bad samples, which a segment whose markers all stand still would mislead. A plate without
+    load may repeat its samples, because software sets them to zero.
     """
     held: list[HeldSamples] = []
     seen, same = (np.zeros(len(recording.time), dtype=np.int64) for _ in range(2))
@@ -195,7 +199,9 @@ def _read_text_markers(path: Path, parse: Parser, forces: Path | None, options: 
         return assemble_recording(path, markers, None, options, oddities)[0]
     table = read_table(forces)
     columns = find_force_columns(forces, table)
-    force = sum((np.nan_to_num(table.values[:, list(each.force)]) for each in columns), np.zeros((1, 3))).mean(axis=0)
+    force = sum((np.nan_to_num(table.values[:, each["force"]]) for each in columns.values()), np.zeros((1, 3))).mean(
+        axis=0
+    )
     recording, rotation = assemble_recording(path, markers, force, options, oddities)
     oddities += [f"{forces.name}: {note}" for note in table.notes]
     plates = read_mot_plates(forces, table, columns, oddities, rotation=rotation, units=options.force_units)
@@ -220,8 +226,7 @@ def _read_text_markers(path: Path, parse: Parser, forces: Path | None, options: 
 def _compare_axes(recording: Recording, plates: Sequence[Plate], force: FloatArray, forces: Path) -> None:
     """Raise RecordingError if the markers stand along another axis than that of the mean ground force (3,).
 
-    A person who stands on plates is above the centre of pressure. Here, the markers are far beside it, along the
-    direction in which they extend most.
+    They are then not above the centre of pressure, but far beside it along the direction in which they extend most.
     """
     samples, wrench = len(plates[0].ok), np.zeros((2, len(plates[0].ok), 3))
     for plate in plates:

@@ -1,4 +1,4 @@
-"""Clocks of recordings: the one rule on times and rates of every reader, and the fit of an even clock."""
+"""Checks of samples: times and rates, repeated or interpolated samples, and posture and facing of a body."""
 
 from __future__ import annotations
 
@@ -29,10 +29,7 @@ _MAX_DECIMALS = 9  # finer than any clock; further digits are due to the binary 
 
 
 def check_rate(source: object, rate: float, name: str, fastest: float = MARKER_HZ) -> None:
-    """Raise RecordingError if a rate, Hz, is not that of a recording of a moving person.
-
-    ``source`` is the file, ``name`` says what has this rate, and ``fastest`` is the highest rate of such a signal, Hz.
-    """
+    """Raise RecordingError if a rate, Hz, is not that of a recording of a moving person; ``name`` says what has it."""
     if SLOWEST_HZ * (1 - 1e-6) <= rate <= fastest * (1 + 1e-6):
         return
     raise RecordingError(
@@ -47,8 +44,8 @@ def check_times(
     """Raise RecordingError if times (T,) do not increase, or are not the seconds of a recording of a moving person.
 
     The usual step between two different times must be that of a rate from ``SLOWEST_HZ`` to ``fastest``, Hz. Times in
-    milliseconds, frame numbers or whole seconds are thus refused. ``source`` is the file and ``name`` says what the
-    times are in it, such as ``"`time_s`"``. With ``repeated``, the same time may occur in several rows; with
+    milliseconds, frame numbers or whole seconds are thus refused. ``name`` says what the times are in the file
+    ``source``, such as ``"`time_s`"``. With ``repeated``, the same time may occur in several rows; with
     ``pauses``, the clock may jump forwards by more than ten seconds.
     """
     if len(time) < 2:
@@ -101,27 +98,14 @@ def check_times(
         )
 
 
-@dataclass(frozen=True)
-class EvenClock:
-    """Clock with a constant rate: sample k is at ``start + k / rate``."""
-
-    start: float  # time of the first sample, s
-    rate: float  # samples per second
-    rounding_note: str  # note that the time stamps are coarsely rounded; empty if they are not
-
-    def times(self, count: int) -> FloatArray:
-        """Return the times of the first ``count`` samples, s."""
-        return np.round(self.start + np.arange(count) / self.rate, 12) + 0.0  # a start of 1e-16 becomes 0, not -0
-
-
 def fit_even_clock(
     path: Path, time: FloatArray, stated: float | None = None, *, name: str = "the time", fastest: float = MARKER_HZ
-) -> EvenClock:
-    """Fit a clock with a constant rate to time stamps (T,), s, by least squares.
+) -> tuple[float, float, str]:
+    """Fit a clock with a constant rate to time stamps (T,), s, by least squares: sample k is at ``start + k / rate``.
 
-    ``stated`` is the rate declared in the file, Hz; it is used if it agrees with all stamps. ``name`` and ``fastest``
-    are as for :func:`check_times`. Raises RecordingError as this function does, if frames are missing, or if a stamp
-    deviates by more than 5 % of a frame beyond its rounding.
+    Returns start, s, rate, Hz, and a note if the stamps are coarsely rounded, else an empty text. ``stated`` is the
+    rate declared in the file, Hz; it is used if it agrees with all stamps. Raises RecordingError as
+    :func:`check_times`, if frames are missing, or if a stamp deviates by more than 5 % of a frame beyond its rounding.
     """
     check_times(path, time, name, fastest, pauses=True)
     steps = np.diff(time)
@@ -149,14 +133,14 @@ def fit_even_clock(
     rate = 1 / period if stated is None or period != 1 / stated else stated
     largest = float(errors.max()) / period  # in samples
     note = f"its times are rounded by up to {largest:.2f} of a sample: evenly spaced times were used"
-    return EvenClock(middle + float(number[0]) * period, rate, "" if largest <= _MAX_ERROR else note)
+    return middle + float(number[0]) * period, rate, "" if largest <= _MAX_ERROR else note
 
 
 def _estimate_rounding(time: FloatArray) -> FloatArray:
     """Return the largest possible rounding error (T,) of each time stamp (T,), s, from the number of its digits.
 
-    All stamps have the same number of decimals or the same number of significant digits. Because trailing zeros are
-    lost, the stamps with the most digits determine this number.
+    All stamps have the same number of decimals or of significant digits; those with the most digits determine it,
+    because trailing zeros are lost.
     """
     decimals = np.full(len(time), _MAX_DECIMALS)
     for digits in range(_MAX_DECIMALS - 1, -1, -1):
@@ -238,8 +222,7 @@ def _keep_impossible(
 ) -> BoolArray:
     """Return which rows (K,) are in runs of ``least`` or more rows ``alike`` that no sensor can have measured.
 
-    ``steps`` (K, n) are the differences from the row before, and ``rounding`` (n,) is the smallest difference. If the
-    values ``lines`` (K, n) are given, each run must be on a line.
+    ``steps`` (K, n) are the differences from the row before. If ``lines`` (K, n) are given, each run must be on a line.
     """
     bends = np.full(steps.shape, np.nan)
     bends[:-1] = np.diff(steps, axis=0)
@@ -321,10 +304,7 @@ def list_held(sensor: str, time: FloatArray, held: BoolArray, straight: BoolArra
 
 
 def describe_held(found: Sequence[HeldSamples], start: float = -np.inf, end: float = np.inf) -> tuple[Reason, ...]:
-    """Return a reason with the sensors that have such stretches between two times, s.
-
-    It is a caution if a stretch is long, or if a sensor has many such samples.
-    """
+    """Return a reason with the sensors that have such stretches between two times, s; a caution if they are long."""
     found = [each for each in found if any(first <= end and last >= start for first, last in each.stretches)]
     if not found:
         return ()
@@ -398,7 +378,7 @@ def measure_body_height(positions: FloatArray) -> FloatArray:
 def find_upright(positions: FloatArray) -> tuple[BoolArray, BoolArray]:
     """Return for each frame whether the body is upright, (F,), and whether it is low, (F,).
 
-    If the height of the body changes by less than 15 cm, it is upright in all frames with visible markers.
+    If its height changes by less than 15 cm, it is upright in all frames with visible markers.
     """
     height = measure_body_height(positions)
     finite = np.isfinite(height)
@@ -444,32 +424,26 @@ def find_body_facing(positions: FloatArray, direction: FloatArray) -> Facing:
     along = positions[:, :, :2] @ direction
     tall, low = find_upright(positions)
     moves = _measure_spread(positions) > max(0.25 * float(np.nanmax(_measure_spread(positions), initial=0.0)), _SURE_M)
-    heights = _average(positions[:, :, 2])
-    if low.any() and (moves.all() or _compare_means(heights, moves, ~moves) > 0):
-        displacement, rule = _compare_legs(positions, along, tall, low), "knees"
+    displacement, rule = 0.0, "none"
+    if low.any() and (moves.all() or _compare_means(_average(positions[:, :, 2]), moves, ~moves) > 0):
+        rule, heights = "knees", _average(positions[tall][:, :, 2])
+        floor, top = float(np.nanmin(heights)), float(np.nanmax(heights))
+        trunk = top - floor if top - floor > _TRUNK_M else (top - floor) / _PELVIS_SHARE
+        share = (heights - floor) / trunk
+        shift = _average(along[low]) - _average(along[tall])
+        drop = heights - _average(positions[low][:, :, 2])
+        with np.errstate(invalid="ignore"):
+            shanks = (share > _SHANKS[0]) & (share < _SHANKS[1]) & np.isfinite(shift)
+            thighs = (share > _THIGHS[0]) & (share < _THIGHS[1]) & np.isfinite(shift)
+            if shanks.any() and thighs.any():
+                knee_drop = max(float(np.median(drop[shanks] / share[shanks])) * _KNEE, 0.0)  # the shank leans
+                # without the hands, which move farther
+                thighs &= (drop > 0) & (drop < knee_drop + (share - _KNEE) * trunk)
+        if shanks.any() and thighs.any():
+            displacement = float(np.median(shift[shanks]) - np.median(shift[thighs]))
     elif moves.any() and not moves.all():
         displacement, rule = _compare_means(_average(along), moves, ~moves), "reach"
-    else:
-        displacement, rule = 0.0, "none"
     return Facing(displacement > 0, displacement, rule)
-
-
-def _compare_legs(positions: FloatArray, along: FloatArray, tall: BoolArray, low: BoolArray) -> float:
-    """Return the displacement of the shanks relative to the thighs from upright to low, m; 0 without such markers."""
-    heights = _average(positions[tall][:, :, 2])
-    floor, top = float(np.nanmin(heights)), float(np.nanmax(heights))
-    trunk = top - floor if top - floor > _TRUNK_M else (top - floor) / _PELVIS_SHARE
-    share = (heights - floor) / trunk
-    shift = _average(along[low]) - _average(along[tall])
-    drop = heights - _average(positions[low][:, :, 2])
-    with np.errstate(invalid="ignore"):
-        shanks = (share > _SHANKS[0]) & (share < _SHANKS[1]) & np.isfinite(shift)
-        thighs = (share > _THIGHS[0]) & (share < _THIGHS[1]) & np.isfinite(shift)
-        if not (shanks.any() and thighs.any()):
-            return 0.0
-        knee_drop = max(float(np.median(drop[shanks] / share[shanks])) * _KNEE, 0.0)  # the shank leans
-        thighs &= (drop > 0) & (drop < knee_drop + (share - _KNEE) * trunk)  # without the hands, which move farther
-    return float(np.median(shift[shanks]) - np.median(shift[thighs])) if thighs.any() else 0.0
 
 
 def _measure_thinness(points: FloatArray, low: float, high: float) -> float:

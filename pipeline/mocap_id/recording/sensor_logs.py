@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, find_runs
+from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows, find_runs
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.c3d_reader import find_clipped
 from mocap_id.recording.lab_plates import LOADED_N, reverse_force_on_plate
@@ -36,7 +37,7 @@ from mocap_id.recording.text_tables import (
 
 TIME, POSITION, VELOCITY, TORQUE = "time_s", "position_rad", "velocity_rad_s", "torque_Nm"
 
-_MIN_ROWS = 20
+_LEAST_ROWS = 20  # of an encoder or a balance board
 _SPAN = 0.1  # s; over this time the integrated velocity must match the change of position
 _ACCEPTED_RATIO = (0.8, 1.25)  # accepted ratio of the change of position to the integrated velocity
 _MIN_MOVEMENT = 0.05  # rad; a smaller movement is not checked
@@ -72,10 +73,9 @@ class EncoderLog:
 def read_encoder(path: Path) -> EncoderLog:
     """Read an encoder log.
 
-    The columns are ``time_s``, ``position_rad``, ``velocity_rad_s`` and optionally ``torque_Nm``. Their names contain
-    the units, so that no unit is guessed. Raises RecordingError if the file is missing or not such a table, has other
-    columns or empty cells, or its times do not increase. It is also raised if the velocity is not the derivative of the
-    position.
+    The columns are ``time_s``, ``position_rad``, ``velocity_rad_s`` and optionally ``torque_Nm``, so that no unit is
+    guessed. Raises RecordingError if the file is missing or not such a table, has other columns or empty cells, its
+    times do not increase, or the velocity is not the derivative of the position.
     """
     table = read_csv(path)
     names = list(table.names)
@@ -86,8 +86,8 @@ def read_encoder(path: Path) -> EncoderLog:
         )
     columns = dict(zip(names, table.numbers().T.copy(), strict=True))
     time, position, velocity = (columns[name] for name in (TIME, POSITION, VELOCITY))
-    if len(time) < _MIN_ROWS:
-        raise RecordingError(f"{path}: has {len(time)} rows, expected at least {_MIN_ROWS}")
+    if len(time) < _LEAST_ROWS:
+        raise RecordingError(f"{path}: has {len(time)} rows, expected at least {_LEAST_ROWS}")
     for name in (TIME, POSITION, VELOCITY):
         empty = np.flatnonzero(~np.isfinite(columns[name]))
         if len(empty):
@@ -125,28 +125,14 @@ def read_encoder(path: Path) -> EncoderLog:
     return EncoderLog(time[~rows], position[~rows], velocity[~rows], None if torque is None else torque[~rows], held)
 
 
-@dataclass(frozen=True)
-class ForceLog:
-    """Signals of a force sensor at K evenly spaced times on its own clock."""
-
-    start: float  # time of the first sample, s
-    rate: float  # samples per second
-    force: FloatArray  # (K, 3) in the axes of the file, N; NaN if a cell is empty
-    moment: FloatArray  # (K, 3) about the point of application, N·m; zeros if the file has no moment
-    held: tuple[HeldSamples, ...] = ()  # repeated or interpolated rows, whose force is NaN
-
-    @property
-    def end(self) -> float:
-        """Time of the last sample, s."""
-        return self.start + (len(self.force) - 1) / self.rate
-
-
-def read_force_log(path: Path) -> ForceLog:
-    """Read the log of a force sensor.
+def read_force_log(path: Path) -> tuple[Plate, tuple[HeldSamples, ...]]:
+    """Read the log of a force sensor as a plate in the axes of the file, with evenly spaced times on its own clock.
 
     The columns are ``time_s``, ``Fx_N``, ``Fy_N``, ``Fz_N`` and optionally all of ``Mx_Nm``, ``My_Nm``, ``Mz_Nm``.
-    Their names contain the units, so that no unit is guessed. Raises RecordingError if the file is missing or not such
-    a table, has other columns, or its times are not evenly spaced.
+    Their names contain the units, so that no unit is guessed. The moment is about the point of application, and 0 if
+    the file has none. Samples are NaN if a cell is empty, and in the rows that are also returned, which are repeated
+    or interpolated. Raises RecordingError if the file is missing or not such a table, has other columns, or its times
+    are not evenly spaced.
     """
     table = read_csv(path)
     names = list(table.names)
@@ -174,30 +160,25 @@ def read_force_log(path: Path) -> ForceLog:
     held = list_held(f"the sensor in {path.name}", time, *rows)
     resampled = np.column_stack([np.interp(time, stamps, column) for column in values[:, 1:].T])
     moment = resampled[:, 3:] if len(expected) > len(FORCE) + 1 else np.zeros((len(time), 3))
-    return ForceLog(float(time[0]), float((len(time) - 1) / (time[-1] - time[0])), resampled[:, :3], moment, held)
+    force, rate = resampled[:, :3], float((len(time) - 1) / (time[-1] - time[0]))
+    ok = find_complete_rows(np.hstack([force, moment]))
+    return Plate(0, "sensor", None, force, moment, ok, rate, float(time[0])), held
 
 
-@dataclass(frozen=True)
-class AngleTable:
-    """Joint angles at the K times of the file."""
-
-    time: FloatArray  # (K,) increasing times, s
-    angles: dict[str, FloatArray]  # angles (K,) by column name, rad; NaN if a cell is empty
-
-
-def read_angles(path: Path, columns: Collection[str]) -> AngleTable:
+def read_angles(path: Path, columns: Collection[str]) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Read the given columns of joint angles from a MOT, STO or CSV file.
 
-    The header of a MOT or STO file says whether its angles are in degrees (``inDegrees``). In a CSV file the name of
-    each column ends in ``_deg`` or ``_rad``, and the first column is ``time`` or ``time_s``, s. Raises ConfigError if
-    the file lacks a column. Raises RecordingError if the file is missing or not such a table, its times do not
-    increase, or a CSV column name has no unit.
+    Returns the times (K,), s, and the angles (K,) by column name, rad; NaN if a cell is empty. The header of a MOT or
+    STO file says whether its angles are in degrees (``inDegrees``). In a CSV file the name of each column ends in
+    ``_deg`` or ``_rad``, and the first column is ``time`` or ``time_s``, s. Raises ConfigError if the file lacks a
+    column. Raises RecordingError if the file is missing or not such a table, its times do not increase, or a CSV
+    column name has no unit.
     """
     if path.suffix.lower() != ".csv":
         motion = read_table(path)
         _check_columns(path, columns, motion.columns)
         factor = np.pi / 180.0 if motion.in_degrees else 1.0
-        return AngleTable(motion.time, {name: motion[name] * factor for name in columns})
+        return motion.time, {name: motion[name] * factor for name in columns}
     table = read_csv(path)
     names = list(table.names)
     if names[0] not in _TIME:
@@ -211,7 +192,7 @@ def read_angles(path: Path, columns: Collection[str]) -> AngleTable:
         if not factors:
             raise RecordingError(f"{path}: column {name} has no unit in its name: the name must end in _deg or _rad")
         angles[name] = values[:, names.index(name, 1)] * factors[0]
-    return AngleTable(values[:, 0], angles)
+    return values[:, 0], angles
 
 
 def _check_columns(path: Path, columns: Collection[str], existing: Collection[str]) -> None:
@@ -225,22 +206,15 @@ _COLUMN = re.compile(r"^(?P<name>.*?)_?(?P<what>[vpm]?)(?P<axis>[xyz])$")
 _WORDS = re.compile(r"ground|force|torque|moment|free|grf|grm|cop|fp|plate|_|\.|-", re.IGNORECASE)
 
 
-@dataclass(frozen=True)
-class ForceColumns:
-    """Name of a plate, and columns of its force, point of application and moment (numbered from 0; None if missing)."""
-
-    name: str
-    force: tuple[int, int, int]
-    point: tuple[int, int, int] | None
-    moment: tuple[int, int, int] | None
+PlateColumns: TypeAlias = dict[str, list[int]]
+"""Numbers of the x, y and z columns of a plate's ``force``, ``point`` of application and ``moment``, if it has them."""
 
 
-def find_force_columns(path: Path, table: MotionTable) -> list[ForceColumns]:
-    """Return the columns of each plate of a MOT table.
+def find_force_columns(path: Path, table: MotionTable) -> dict[str, PlateColumns]:
+    """Return the columns of each plate of a MOT table, by the name of the plate, which may be empty.
 
     Accepted names are ``ground_force_1_vx / _px / _mx``, ``1_ground_force_vx``, ``ground_force_vx``,
-    ``ground_force_r_vx``, and for the moment ``ground_torque_x``, ``1_ground_torque_x``, ``ground_torque_1_x``. Raises
-    RecordingError if there is no force column, if a force lacks a component, or if two columns are the same quantity.
+    ``ground_force_r_vx``, and for the moment ``ground_torque_x``, ``1_ground_torque_x``, ``ground_torque_1_x``.
     """
     found: dict[str, dict[str, dict[str, int]]] = {}
     for index, column in enumerate(table.columns):
@@ -265,23 +239,20 @@ def find_force_columns(path: Path, table: MotionTable) -> list[ForceColumns]:
             f"{path}: no column is a ground force ({', '.join(table.columns[:3])} …); expected names such as "
             "ground_force_1_vx, ground_force_1_px, ground_torque_1_x"
         )
-    plates = []
     for name, parts in groups.items():
-        triples: dict[str, tuple[int, int, int]] = {}
         for what in ("force", "point", "moment"):
             axes = parts.get(what, {})
             if axes and set(axes) != set("xyz"):
                 raise RecordingError(f"{path}: the {what} {name or '(unnamed)'} has only the components {sorted(axes)}")
-            if axes:
-                triples[what] = axes["x"], axes["y"], axes["z"]
-        plates.append(ForceColumns(name, triples["force"], triples.get("point"), triples.get("moment")))
-    return plates
+    return {
+        name: {what: [axes[axis] for axis in "xyz"] for what, axes in parts.items()} for name, parts in groups.items()
+    }
 
 
 def read_mot_plates(
     path: Path,
     table: MotionTable,
-    columns: list[ForceColumns],
+    columns: Mapping[str, PlateColumns],
     oddities: list[str],
     *,
     rotation: FloatArray,
@@ -289,29 +260,29 @@ def read_mot_plates(
 ) -> tuple[Plate, ...]:
     """Return the plates of a MOT table in the lab, and add notes to ``oddities``.
 
-    A plate without a point of application is unusable. ``rotation`` (3, 3) rotates vectors from the table's axes to the
-    axes of the lab (Z up). The units of the table are m, N and N·m unless ``units`` configures others.
+    ``rotation`` (3, 3) turns from the table's axes to those of the lab. The units are m, N and N·m unless ``units`` has
+    others.
     """
     newtons = find_force_scale(units.get("force", "N")) or 1.0
     newton_metres = find_moment_scale(units.get("moment", "Nm")) or 1.0
-    clock = fit_even_clock(path, table.time, fastest=SENSOR_HZ)
-    if clock.rounding_note:
-        oddities.append(f"{path.name}: {clock.rounding_note}")
+    start, rate, note = fit_even_clock(path, table.time, fastest=SENSOR_HZ)
+    if note:
+        oddities.append(f"{path.name}: {note}")
     plates = []
-    for index, each in enumerate(columns, start=1):
-        force = table.values[:, each.force] @ rotation.T * newtons
-        if each.point is None:
+    for index, (name, each) in enumerate(columns.items(), start=1):
+        force = table.values[:, each["force"]] @ rotation.T * newtons
+        if "point" not in each:
             moment, problem = np.full_like(force, np.nan), "the table has no point of application"
         else:
             free: FloatArray | float = 0.0
-            if each.moment is None:
-                oddities.append(f"plate {index} ({each.name}): no moment columns, a free moment of 0 was assumed")
+            if "moment" not in each:
+                oddities.append(f"plate {index} ({name}): no moment columns, a free moment of 0 was assumed")
             else:
-                free = table.values[:, each.moment] @ rotation.T * newton_metres
-            moment, problem = np.cross(table.values[:, each.point] @ rotation.T, force) + free, ""
+                free = table.values[:, each["moment"]] @ rotation.T * newton_metres
+            moment, problem = np.cross(table.values[:, each["point"]] @ rotation.T, force) + free, ""
         force, moment = reverse_force_on_plate(index, force, moment, np.isfinite(force[:, 2]), oddities)
         if not np.any(force):
-            oddities.append(f"plate {index} ({each.name}) is zero throughout")
+            oddities.append(f"plate {index} ({name}) is zero throughout")
         if problem:
             oddities.append(f"plate {index} is not used: {problem}")
             force = np.full_like(force, np.nan)
@@ -324,14 +295,12 @@ def read_mot_plates(
         loaded = finite.any() and np.ptp(force[finite, 2]) > LOADED_N
         dead = tuple(
             (table.columns[column], rotation[:, axis])
-            for axis, column in enumerate(each.force)
+            for axis, column in enumerate(each["force"])
             if loaded and np.ptp(table.values[finite, column]) == 0.0
         )
         saturated = full if full.any() else None
         ok = finite & ~full
-        plates.append(
-            Plate(index, "mot", None, force, moment, ok, clock.rate, clock.start, problem, (), saturated, dead)
-        )
+        plates.append(Plate(index, "mot", None, force, moment, ok, rate, start, problem, (), saturated, dead))
     return tuple(plates)
 
 
@@ -347,7 +316,6 @@ _ALONG = np.array([1.0, 1.0, -1.0, -1.0]) * _DEPTH_M / 2.0  # m, position of eac
 _RATE = 200.0  # Hz, after resampling
 _WINDOW_S, _INTERVALS = 0.025, 2.0  # the window is as long as the larger of 25 ms and 2 intervals
 _LONGEST_GAP_S = 0.15  # in a longer gap the load is not known
-_LEAST_ROWS = 20
 _LARGEST_KG = 400.0
 _MOVED_KG, _DEAD_SHARE = 5.0, 0.1
 """If the load of a cell varies by more than the first value, kg, each cell varies by at least this fraction of it; in
@@ -369,8 +337,8 @@ class BoardLog:
     averaged: float  # width of the moving average that smooths as much as the resampling, s
     interval: float  # median time between two different time stamps, s
     gaps: int  # number of gaps that are too long to be bridged
-    problem: str = ""  # reason why the loads cannot be used, or empty
-    held: tuple[HeldSamples, ...] = ()  # repeated or interpolated rows, which are left out
+    problem: str  # reason why the loads cannot be used, or empty
+    held: tuple[HeldSamples, ...]  # repeated or interpolated rows, which are left out
 
 
 def read_board(path: Path, loads: Path | None = None) -> BoardLog:
@@ -403,10 +371,31 @@ def read_board(path: Path, loads: Path | None = None) -> BoardLog:
     rows = [each & (np.abs(cells).sum(axis=1) > _UNLOADED_KG) for each in find_held(cells, rate)]
     kept = ~rows[0] & ~rows[1]
     newtons = cells[kept] * _GRAVITY
-    log = _resample(time[kept], np.column_stack([newtons.sum(axis=1), newtons @ _ACROSS, newtons @ _ALONG]))
     held = list_held(f"the balance board ({path.name})", time, *rows)
     stretches = [np.searchsorted(time[kept], first) for each in held for first, _ in each.stretches]
-    long = sum(time[kept][k] - time[kept][k - 1] > _LONGEST_GAP_S for k in stretches if 0 < k < kept.sum())
+    filled = sum(time[kept][k] - time[kept][k - 1] > _LONGEST_GAP_S for k in stretches if 0 < k < kept.sum())
+    # Load and moments (K, 3), averaged over a window around times of equal steps
+    stamps, row = np.unique(time[kept], return_inverse=True)
+    values = np.column_stack([newtons.sum(axis=1), newtons @ _ACROSS, newtons @ _ALONG])
+    values = np.stack([np.bincount(row, weights=column) for column in values.T], axis=1) / np.bincount(row)[:, None]
+    interval = float(np.median(np.diff(stamps)))
+    half = max(_WINDOW_S, _INTERVALS * interval) / 2.0
+    even = np.arange(stamps[0] + half, stamps[-1] - half, 1.0 / _RATE)
+    summed = np.zeros_like(values)
+    np.cumsum((values[1:] + values[:-1]) / 2.0 * np.diff(stamps)[:, None], axis=0, out=summed[1:])
+
+    def integral(at: FloatArray) -> FloatArray:
+        low = np.clip(np.searchsorted(stamps, at, side="right") - 1, 0, len(stamps) - 2)
+        past = (at - stamps[low])[:, None]
+        slope = (values[low + 1] - values[low]) / np.diff(stamps)[low][:, None]
+        return np.asarray(summed[low] + past * (values[low] + slope * past / 2.0))
+
+    mean = (integral(even + half) - integral(even - half)) / (2.0 * half)
+    gaps = np.flatnonzero(np.diff(stamps) > _LONGEST_GAP_S)
+    unknown = np.zeros(len(even), dtype=np.bool_)
+    for gap in gaps:
+        unknown |= (even + half > stamps[gap]) & (even - half < stamps[gap + 1])
+    mean[unknown] = np.nan
     # A cell is dead if it does not follow the person although others do.
     problem, varies = "", np.ptp(np.percentile(cells, [1, 99], axis=0), axis=0)
     dead = varies < _DEAD_SHARE * varies.max() if varies.max() > _MOVED_KG else np.ptp(cells, axis=0) == 0.0
@@ -420,7 +409,18 @@ def read_board(path: Path, loads: Path | None = None) -> BoardLog:
             "its column is wrong. Mass, force and centre of pressure would be wrong; check the board with a known "
             "weight on each corner"
         )
-    return replace(log, held=held, gaps=log.gaps - int(long), problem=problem)
+    return BoardLog(
+        start=float(even[0]),
+        rate=_RATE,
+        force=mean[:, 0],
+        moment=mean[:, 1:],
+        ok=~unknown,
+        averaged=float(np.sqrt((2.0 * half) ** 2 + 2.0 * interval**2)),
+        interval=interval,
+        gaps=len(gaps) - int(filled),
+        problem=problem,
+        held=held,
+    )
 
 
 def calibrate_cells(values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -456,33 +456,6 @@ def _read_board_columns(path: Path, first: str) -> FloatArray:
             f"{', '.join(expected)}: the loads in kg at the top left, top right, bottom left and bottom right"
         )
     return table.select(expected)
-
-
-def _resample(time: FloatArray, values: FloatArray) -> BoardLog:
-    """Return load and moments (K, 3) at irregular times (K,), s, averaged over a window around times of equal steps."""
-    stamps, row = np.unique(time, return_inverse=True)
-    count = np.bincount(row)[:, None]
-    values = np.stack([np.bincount(row, weights=column) for column in values.T], axis=1) / count
-    interval = float(np.median(np.diff(stamps)))
-    half = max(_WINDOW_S, _INTERVALS * interval) / 2.0
-    even = np.arange(stamps[0] + half, stamps[-1] - half, 1.0 / _RATE)
-    summed = np.zeros_like(values)
-    np.cumsum((values[1:] + values[:-1]) / 2.0 * np.diff(stamps)[:, None], axis=0, out=summed[1:])
-
-    def integral(at: FloatArray) -> FloatArray:
-        low = np.clip(np.searchsorted(stamps, at, side="right") - 1, 0, len(stamps) - 2)
-        past = (at - stamps[low])[:, None]
-        slope = (values[low + 1] - values[low]) / np.diff(stamps)[low][:, None]
-        return np.asarray(summed[low] + past * (values[low] + slope * past / 2.0))
-
-    mean = (integral(even + half) - integral(even - half)) / (2.0 * half)
-    long = np.flatnonzero(np.diff(stamps) > _LONGEST_GAP_S)
-    unknown = np.zeros(len(even), dtype=np.bool_)
-    for gap in long:
-        unknown |= (even + half > stamps[gap]) & (even - half < stamps[gap + 1])
-    mean[unknown] = np.nan
-    averaged = float(np.sqrt((2.0 * half) ** 2 + 2.0 * interval**2))
-    return BoardLog(float(even[0]), _RATE, mean[:, 0], mean[:, 1:], ~unknown, averaged, interval, len(long))
 
 
 _OWN = ("time_s", "gyro_x", "gyro_y", "gyro_z", "acc_x", "acc_y", "acc_z")
@@ -568,32 +541,35 @@ def read_imu(path: Path, rate: float | None = None) -> ImuLog:
             for k, cell in enumerate(line.split(separator))
             if (found := _HERTZ.fullmatch(cell.replace(",", ".") if separator != "," else cell))
         }
-        log = _read_delsys(path, names, values, declared, rate)
+        time, signals = _read_delsys(path, names, values, declared, rate)
     elif set(names) >= set(_OWN):
-        log = _keep_complete_rows(columns[_OWN[0]], np.stack([columns[name] for name in _OWN[1:]], axis=1))
+        time, signals = columns[_OWN[0]], np.stack([columns[name] for name in _OWN[1:]], axis=1)
     else:
-        log = _read_xsens(path, columns, "\n".join(lines[:start]), rate)
-    if len(log.time) < _IMU_LEAST_ROWS:
-        raise RecordingError(f"{path}: has {len(log.time)} complete rows, expected at least {_IMU_LEAST_ROWS}")
-    check_times(path, log.time, "the time", SENSOR_HZ)
-    if rate is not None:
-        own = 1.0 / float(np.median(np.diff(log.time)))
-        if abs(own / rate - 1.0) > _MAX_RATE_ERROR:
-            raise RecordingError(
-                f"{path}: `rate_hz` is {rate:g} in the configuration, but the times of the file have {own:.6g} Hz; "
-                "remove `rate_hz`"
-            )
-    if np.abs(log.gyro).max() > _FASTEST:
+        signals = np.stack([columns[name] for name in _XSENS], axis=1)
+        dot = any("DeviceTag" in line or "sep=" in line for line in lines[:start])
+        signals[:, :3] *= np.pi / 180 if dot else 1.0
+        time = _read_xsens_times(path, columns, _TICKS["dot" if dot else "mtw"], "\n".join(lines[:start]), rate)
+    complete = np.isfinite(time) & np.isfinite(signals).all(axis=1)
+    time, gyro, acc = time[complete], signals[complete, :3], signals[complete, 3:]
+    if len(time) < _IMU_LEAST_ROWS:
+        raise RecordingError(f"{path}: has {len(time)} complete rows, expected at least {_IMU_LEAST_ROWS}")
+    check_times(path, time, "the time", SENSOR_HZ)
+    own = 1.0 / float(np.median(np.diff(time)))
+    if rate is not None and abs(own / rate - 1.0) > _MAX_RATE_ERROR:
         raise RecordingError(
-            f"{path}: the gyroscope reaches {np.abs(log.gyro).max():.0f} rad/s; degrees per second must be converted "
+            f"{path}: `rate_hz` is {rate:g} in the configuration, but the times of the file have {own:.6g} Hz; "
+            "remove `rate_hz`"
+        )
+    if np.abs(gyro).max() > _FASTEST:
+        raise RecordingError(
+            f"{path}: the gyroscope reaches {np.abs(gyro).max():.0f} rad/s; degrees per second must be converted "
             "to rad/s"
         )
-    rate = 1.0 / float(np.median(np.diff(log.time)))
-    of_gyro, of_acc = find_held(log.gyro, rate), find_held(log.acc, rate)
+    of_gyro, of_acc = find_held(gyro, own), find_held(acc, own)
     again, straight = of_gyro[0] | of_acc[0], of_gyro[1] | of_acc[1]
     kept = ~again & ~straight
-    held = list_held(f"the sensor in {path.name}", log.time, again, straight & ~again)
-    return ImuLog(log.time[kept], log.gyro[kept], log.acc[kept], held)
+    held = list_held(f"the sensor in {path.name}", time, again, straight & ~again)
+    return ImuLog(time[kept], gyro[kept], acc[kept], held)
 
 
 def format_imu_csv(log: ImuLog) -> bytes:
@@ -608,18 +584,13 @@ def _is_header(line: str) -> bool:
     return any(set(layout) <= set(cells) for layout in (_OWN, _XSENS)) or any(map(_DELSYS.match, cells))
 
 
-def _keep_complete_rows(time: FloatArray, values: FloatArray) -> ImuLog:
-    kept = np.isfinite(time) & np.isfinite(values).all(axis=1)
-    return ImuLog(time[kept], values[kept, :3], values[kept, 3:])
-
-
-def _read_xsens(path: Path, columns: dict[str, FloatArray], head: str, rate: float | None) -> ImuLog:
-    kind = "dot" if "DeviceTag" in head or "sep=" in head else "mtw"
-    values = np.stack([columns[name] for name in _XSENS], axis=1)
-    values[:, :3] *= np.pi / 180 if kind == "dot" else 1.0
+def _read_xsens_times(
+    path: Path, columns: dict[str, FloatArray], tick: float, head: str, rate: float | None
+) -> FloatArray:
+    """Return the times of an export of Xsens, s: from SampleTimeFine in steps of ``tick``, s, or from the rate."""
     fine, stated = columns.get("SampleTimeFine"), _IMU_RATE.search(head)
     if fine is not None and np.isfinite(fine).all():
-        return _keep_complete_rows(_unwrap(fine, _WRAPS["SampleTimeFine"]) * _TICKS[kind], values)
+        return _unwrap(fine, _WRAPS["SampleTimeFine"]) * tick
     hertz = rate if stated is None else float(stated[1])
     if hertz is None:
         raise RecordingError(
@@ -627,8 +598,8 @@ def _read_xsens(path: Path, columns: dict[str, FloatArray], head: str, rate: flo
             f"`imus: {{SEGMENT: {{file: {path.name}, rate_hz: …}}}}`"
         )
     check_rate(path, hertz, "its rate", SENSOR_HZ)
-    counter = columns.get("PacketCounter", np.arange(float(len(values))))
-    return _keep_complete_rows(_unwrap(counter, _WRAPS["PacketCounter"]) / hertz, values)
+    counter = columns.get("PacketCounter", np.arange(float(len(columns[_XSENS[0]]))))
+    return _unwrap(counter, _WRAPS["PacketCounter"]) / hertz
 
 
 def _unwrap(counter: FloatArray, wrap: float) -> FloatArray:
@@ -641,11 +612,11 @@ def _unwrap(counter: FloatArray, wrap: float) -> FloatArray:
 
 def _read_delsys(
     path: Path, names: list[str], values: FloatArray, declared: dict[int, float], rate: float | None
-) -> ImuLog:
-    """Return the channels at the times of the gyroscope.
+) -> tuple[FloatArray, FloatArray]:
+    """Return the times (K,) of the gyroscope, s, and the channels (K, 6) at these times.
 
-    The last column of times before a channel contains its times. If there is none, ``declared`` are the rates in the
-    lines below the names by column, Hz, and ``rate`` is the configured rate.
+    The last column of times before a channel contains its times. If there is none, its rate is in ``declared`` by
+    column, from the lines below the names, or is the configured ``rate``, Hz.
     """
     channels: dict[str, tuple[FloatArray, FloatArray]] = {}
     sensors = {match["sensor"].strip() for name in names if (match := _DELSYS.match(name))}
@@ -694,4 +665,4 @@ def _read_delsys(
     time = channels["gyro_x"][0]
     step = float(np.median(np.diff(time)))
     time = time[(time >= first - step) & (time <= last + step)]
-    return _keep_complete_rows(time, np.stack([np.interp(time, *channels[name]) for name in _OWN[1:]], axis=1))
+    return time, np.stack([np.interp(time, *channels[name]) for name in _OWN[1:]], axis=1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -51,19 +51,6 @@ class SkeletonRecording:
     reasons: tuple[Reason, ...] = ()  # about rows that were left out or corrected
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """Rows of a file: K times, M joints."""
-
-    format: str
-    labels: tuple[str, ...]
-    time: FloatArray  # (K,) s
-    positions: FloatArray  # (K, M, 3) in the file's unit; NaN if missing
-    inferred: BoolArray  # (K, M)
-    units: str
-    reasons: tuple[Reason, ...] = ()
-
-
 def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None = None) -> SkeletonRecording:
     """Read the joint positions of a skeleton and interpolate them to times with a constant step.
 
@@ -82,32 +69,35 @@ def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None 
     if text[:400].lower().startswith("pathfiletype"):
         table = parse_trc(path, text, oddities)
         check_unique(path, table.labels)
-        none = np.zeros(table.positions.shape[:2], dtype=np.bool_)
-        rows = _Rows("skeleton (TRC)", tuple(table.labels), table.time, table.positions, none, table.units)
+        kind, declared, labels, time, positions = "TRC", table.units, tuple(table.labels), table.time, table.positions
+        inferred, reasons = np.zeros(positions.shape[:2], dtype=np.bool_), list[Reason]()
     elif first[:1] and first[:1] in "-+.0123456789":
-        rows = _read_kinect_rows(path, text, oddities)
+        kind, declared, labels = "Kinect v2 text", "m", KINECT_V2
+        time, positions, reasons = _read_kinect_rows(path, text, oddities)
+        inferred = np.zeros(positions.shape[:2], dtype=np.bool_)
     else:
-        rows = _read_csv_rows(path)
-    unit, metres = resolve_length_unit(path, rows.units, units, oddities, required=True)
-    rows.positions[:] *= metres
-    clean_positions(path, rows.positions, unit, oddities)
-    check_depth(path, rows.positions, oddities)
-    check_times(path, rows.time, "the time", SKELETON_HZ, repeated=True)
-    exchanged = undo_exchanges(rows.labels, rows.time, rows.positions, rows.inferred)
-    others = find_other_person(path, rows.time, rows.positions)
+        kind, declared = "CSV", "m"
+        labels, time, positions, inferred, reasons = _read_csv_rows(path)
+    unit, metres = resolve_length_unit(path, declared, units, oddities, required=True)
+    positions[:] *= metres
+    clean_positions(path, positions, unit, oddities)
+    check_depth(path, positions, oddities)
+    check_times(path, time, "the time", SKELETON_HZ, repeated=True)
+    reasons += undo_exchanges(labels, time, positions, inferred)
+    reasons += find_other_person(path, time, positions)
     held: list[HeldSamples] = []  # positions that software repeated or interpolated
-    rate = (len(rows.time) - 1) / float(np.ptp(rows.time))
-    for number, label in enumerate(rows.labels):
-        found = find_held(rows.positions[:, number], rate)
-        held += list_held(f"joint {label}", rows.time, *found)
-        rows.positions[found[0] | found[1], number] = np.nan
-    reasons = (*rows.reasons, *exchanged, *others, *describe_held(held))
-    time, positions, inferred = _interpolate(path, rows, oddities)
+    rate = (len(time) - 1) / float(np.ptp(time))
+    for number, label in enumerate(labels):
+        found = find_held(positions[:, number], rate)
+        held += list_held(f"joint {label}", time, *found)
+        positions[found[0] | found[1], number] = np.nan
+    reasons += describe_held(held)
+    time, positions, inferred = _interpolate(path, time, positions, inferred, oddities)
     rotate_z_up(positions, axis)
     recording = Recording(
         files=(path,),
-        format=rows.format,
-        labels=rows.labels,
+        format=f"skeleton ({kind})",
+        labels=labels,
         positions=positions,
         frames=np.arange(len(time), dtype=np.int64),
         time=time,
@@ -118,11 +108,11 @@ def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None 
         plates=(),
         oddities=tuple(oddities),
     )
-    return SkeletonRecording(recording, inferred, reasons)
+    return SkeletonRecording(recording, inferred, tuple(reasons))
 
 
-def _read_kinect_rows(path: Path, text: str, oddities: list[str]) -> _Rows:
-    """Return the rows of a text file of a Kinect v2, which has no header and no times."""
+def _read_kinect_rows(path: Path, text: str, oddities: list[str]) -> tuple[FloatArray, FloatArray, list[Reason]]:
+    """Return times (K,), s, and positions (K, M, 3), m, in a text file of a Kinect v2 without header and times."""
     lines = [line.replace(",", " ") for line in split_lines(text)]
     width = len(next(line for line in lines if line.strip()).split())
     joints = len(KINECT_V2)
@@ -140,12 +130,11 @@ def _read_kinect_rows(path: Path, text: str, oddities: list[str]) -> _Rows:
     if len(values) < _LEAST_ROWS:
         raise RecordingError(f"{path}: has {len(values)} rows, expected at least {_LEAST_ROWS}")
     oddities.append(f"{path.name} has no times: {_KINECT_RATE:.0f} rows per second are assumed, as a Kinect v2 has")
-    time = np.arange(len(values)) / _KINECT_RATE
-    inferred = np.zeros(values.shape[:2], dtype=np.bool_)
-    return _Rows("skeleton (Kinect v2 text)", KINECT_V2, time, values[:, :, :3].copy(), inferred, "m", reasons)
+    return np.arange(len(values)) / _KINECT_RATE, values[:, :, :3].copy(), reasons
 
 
-def _read_csv_rows(path: Path) -> _Rows:
+def _read_csv_rows(path: Path) -> tuple[tuple[str, ...], FloatArray, FloatArray, BoolArray, list[Reason]]:
+    """Return labels, times (K,), s, positions (K, M, 3), m, whether each is inferred (K, M), and reasons."""
     table = read_csv(path)
     spelled = [name.strip() for name in table.names]
     names = [name.lower() for name in spelled]
@@ -169,18 +158,15 @@ def _read_csv_rows(path: Path) -> _Rows:
             state = values[:, names.index(f"{joint}_state")]
             inferred[:, k] = state == _INFERRED
             positions[(state < _INFERRED) | ~np.isfinite(state), k] = np.nan
-    return _Rows("skeleton (CSV)", tuple(labels), clock, positions, inferred, "m", reasons)
+    return tuple(labels), clock, positions, inferred, reasons
 
 
-def _leave_out_short_rows(table: TextTable, values: FloatArray) -> tuple[Reason, ...]:
-    """Set rows with fewer cells than others to NaN, in place: their cells may belong to other columns.
-
-    Raises RecordingError if most rows are like this.
-    """
+def _leave_out_short_rows(table: TextTable, values: FloatArray) -> list[Reason]:
+    """Set rows with fewer cells than others to NaN, in place: their cells may belong to other columns."""
     cells = np.array([len(line.split(table.separator)) for line in table.lines if line.strip()], dtype=np.int64)
     short = cells < len(table.names)
     if not short.any():
-        return ()
+        return []
     share = float(short.mean())
     found = (
         f"{int(short.sum())} of {len(short)} rows have fewer cells than the {len(table.names)} columns, down to "
@@ -192,19 +178,21 @@ def _leave_out_short_rows(table: TextTable, values: FloatArray) -> tuple[Reason,
         )
     values[short] = np.nan
     message = f"{found}. These rows are left out as missing; write an empty cell for each missing coordinate"
-    return (Reason("skeleton-short-rows", message, share, _FEW_SHORT, "caution" if share > _FEW_SHORT else "ok"),)
+    return [Reason("skeleton-short-rows", message, share, _FEW_SHORT, "caution" if share > _FEW_SHORT else "ok")]
 
 
-def _interpolate(path: Path, rows: _Rows, oddities: list[str]) -> tuple[FloatArray, FloatArray, BoolArray]:
+def _interpolate(
+    path: Path, stamps: FloatArray, rows: FloatArray, inferred: BoolArray, oddities: list[str]
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Return times (F,) with a constant step, s, positions (F, M, 3), and whether each is inferred (F, M).
 
     Positions are interpolated linearly between rows; they are NaN where rows are missing. Rows that repeat the time of
     the row before are left out; RecordingError if many of them have other positions.
     """
-    keep = np.diff(rows.time, prepend=-np.inf) > 0
+    keep = np.diff(stamps, prepend=-np.inf) > 0
     if not keep.all():
         again = np.flatnonzero(~keep)
-        same = (rows.positions[again] == rows.positions[again - 1]) | np.isnan(rows.positions[again])
+        same = (rows[again] == rows[again - 1]) | np.isnan(rows[again])
         unlike = int(np.count_nonzero(~same.all(axis=(1, 2))))
         if unlike > _MANY_REPEATED * len(keep):
             raise RecordingError(
@@ -213,24 +201,24 @@ def _interpolate(path: Path, rows: _Rows, oddities: list[str]) -> tuple[FloatArr
                 "decimals"
             )
         oddities.append(f"{path.name}: {len(again)} rows repeat the time of the row before and were left out")
-        rows = replace(rows, time=rows.time[keep], positions=rows.positions[keep], inferred=rows.inferred[keep])
-    if len(rows.time) < _LEAST_ROWS:
-        raise RecordingError(f"{path}: has {len(rows.time)} rows with different times, expected at least {_LEAST_ROWS}")
-    steps = np.diff(rows.time)
+        stamps, rows, inferred = stamps[keep], rows[keep], inferred[keep]
+    if len(stamps) < _LEAST_ROWS:
+        raise RecordingError(f"{path}: has {len(stamps)} rows with different times, expected at least {_LEAST_ROWS}")
+    steps = np.diff(stamps)
     usual = float(np.median(steps))
-    count = int(np.floor((rows.time[-1] - rows.time[0]) / usual + 1e-6)) + 1
-    time = rows.time[0] + usual * np.arange(count)
-    after = np.searchsorted(rows.time, time - 1e-9).clip(1, len(rows.time) - 1)
-    share = ((time - rows.time[after - 1]) / steps[after - 1])[:, None]
+    count = int(np.floor((stamps[-1] - stamps[0]) / usual + 1e-6)) + 1
+    time = stamps[0] + usual * np.arange(count)
+    after = np.searchsorted(stamps, time - 1e-9).clip(1, len(stamps) - 1)
+    share = ((time - stamps[after - 1]) / steps[after - 1])[:, None]
     near = steps[after - 1] <= _LONGEST_STEP * usual
-    low, high = rows.positions[after - 1], rows.positions[after]
+    low, high = rows[after - 1], rows[after]
     positions = low * (1 - share[..., None]) + high * share[..., None]
     for ends, at in ((low, share < _ON_ROW), (high, share > 1 - _ON_ROW)):  # the next row may be missing
         exact = np.flatnonzero(at[:, 0])
         positions[exact] = ends[exact]
         near[exact] = True
     positions[~near] = np.nan
-    inferred = rows.inferred[after - 1] & (share < 1 - _ON_ROW) | rows.inferred[after] & (share > _ON_ROW)
+    inferred = inferred[after - 1] & (share < 1 - _ON_ROW) | inferred[after] & (share > _ON_ROW)
     if np.max(np.abs(steps - usual)) > 0.05 * usual:
         missing = int(np.count_nonzero(~near))
         oddities.append(
@@ -261,8 +249,7 @@ _SIDES = (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"))
 def check_depth(path: Path, positions: FloatArray, oddities: list[str]) -> None:
     """Raise RecordingError if the positions (K, M, 3) of a body have no extent along one axis, m.
 
-    Rows without depth, and joints that are exactly at 0 along an axis from which they are usually far, become NaN in
-    place, with a note.
+    Rows without depth, and joints at exactly 0 along an axis from which they are usually far, become NaN, with a note.
     """
     if positions.shape[1] < _BODY:
         return
@@ -317,7 +304,6 @@ def undo_exchanges(
     """Exchange left and right joints back, in place, where the file exchanges them for some time.
 
     Two joints exchange their places from one row to the next, which no body does. The labels in most rows are right.
-    Positions (K, M, 3) are in m at the times (K,), s; ``inferred`` (K, M) belongs to them.
     """
     exchanged: dict[str, BoolArray] = {}
     for left, right in pair_sides(labels):
@@ -354,8 +340,7 @@ def find_other_person(path: Path, time: FloatArray, positions: FloatArray) -> tu
     """Set the rows of another person to NaN, in place, and return a reason if there are any.
 
     A camera that takes another person for the recorded one moves all joints at once, and changes the lengths of all
-    bones. The person with most rows is the recorded one. Positions (K, M, 3) are in m at the times (K,), s. Raises
-    RecordingError if less than half of the rows remain.
+    bones. The person with most rows is the recorded one; RecordingError if less than half of the rows remain.
     """
     if positions.shape[1] < _BODY:
         return ()
@@ -368,7 +353,13 @@ def find_other_person(path: Path, time: FloatArray, positions: FloatArray) -> tu
     apart = np.diff(stamps)
     least = max(_JUMP_M, _JUMP_RATIO * float(np.nanquantile(steps, 0.9)))
     jumps = np.nan_to_num(steps) > least + _SPEED * np.maximum(apart - np.median(apart), 0.0)
-    bones = _measure_bones(body)
+    # Bones: the logarithms (K, B) of those distances between joints that change least
+    first, second = np.triu_indices(body.shape[1], 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        bones = np.log(np.linalg.norm(body[:, first] - body[:, second], axis=2))
+        bones = bones[:, np.isfinite(bones).any(axis=0)]  # some joints are never seen together
+        scatter = np.nanmedian(np.abs(bones - np.nanmedian(bones, axis=0)), axis=0)
+    bones = bones[:, np.argsort(scatter)[: 2 * body.shape[1]]]
     jumps |= _find_steps(bones)
     if not jumps.any():
         return ()
@@ -412,16 +403,6 @@ def find_other_person(path: Path, time: FloatArray, positions: FloatArray) -> tu
         "with one person in view"
     )
     return (Reason("skeleton-other-person", message, share, 0.0),)
-
-
-def _measure_bones(body: FloatArray) -> FloatArray:
-    """Return the logarithms of those distances (K, B) between joints that change least."""
-    first, second = np.triu_indices(body.shape[1], 1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        lengths = np.log(np.linalg.norm(body[:, first] - body[:, second], axis=2))
-        lengths = lengths[:, np.isfinite(lengths).any(axis=0)]  # some joints are never seen together
-        scatter = np.nanmedian(np.abs(lengths - np.nanmedian(lengths, axis=0)), axis=0)
-    return np.asarray(lengths[:, np.argsort(scatter)[: 2 * body.shape[1]]])
 
 
 def _find_steps(bones: FloatArray) -> BoolArray:

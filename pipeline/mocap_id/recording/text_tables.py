@@ -44,11 +44,7 @@ class TextTable:
     separator: str | None  # None if any white space separates the cells
 
     def numbers(self) -> FloatArray:
-        """Parse the cells as numbers (K, C); NaN if a cell is empty, or missing at the end of a line.
-
-        Raises RecordingError if a cell contains text, a line has too many cells, most cells are omitted, or a quote
-        spans several lines.
-        """
+        """Parse the cells as numbers (K, C); NaN if a cell is empty, or missing at the end of a line."""
         between = self.separator or "\t"
         rows = [row for line in self.lines if (row := line.rstrip())]
         if self.separator is None:
@@ -78,7 +74,13 @@ class TextTable:
                 arrow.ConvertOptions(column_types=dict.fromkeys(columns, pa.float64())),
             )
         except pa.ArrowInvalid as error:
-            raise RecordingError(f"{self.path}: not a table of numbers: {self._explain_error(str(error))}") from None
+            match, found = _ARROW_ERROR.search(str(error)), " ".join(str(error).split())[:160]
+            if match is not None:
+                name, line = self.names[int(match[1])], self._line_number(int(match[2]) - 1)
+                found = f"`{name}` is {match[3].strip()[:40]!r} in line {line}; expected a number or an empty cell"
+                if _DECIMAL_COMMA.fullmatch(match[3].strip()):
+                    found += ". Its numbers have decimal commas: export it with decimal points"
+            raise RecordingError(f"{self.path}: not a table of numbers: {found}") from None
         if len(table) != len(rows):
             raise RecordingError(
                 f"{self.path}: {len(rows)} lines follow the column names, but they were read as {len(table)} rows: a "
@@ -91,12 +93,11 @@ class TextTable:
         return self.numbers()[:, [self.names.index(name) for name in names]]
 
     def check_count(self, declared: int | None, values: FloatArray, *, ended: bool) -> list[str]:
-        """Compare the number of rows with the number in the header; return a note if they differ, else an empty list.
+        """Compare the number of rows with the number in the header, if any; return a list with a note if they differ.
 
-        ``declared`` is the number in the header, None if there is none. A file that was shortened by hand ends with a
-        whole row and is accepted. If the file ends within the last cell, this cell may have lost digits and becomes NaN
-        in ``values`` (K, C). ``ended`` says whether a line end follows the last row. Raises RecordingError if the
-        numbers differ and the last row is incomplete, or if the declared number is impossible.
+        A file that was shortened by hand ends with a whole row and is accepted; RecordingError if the last row is
+        incomplete. A last cell that no line end follows (``ended``) may have lost digits and becomes NaN in ``values``
+        (K, C).
         """
         count = len(values)
         if count and declared == count and not ended and self.is_cut():
@@ -122,9 +123,8 @@ class TextTable:
     def check_triples(self, values: FloatArray, first: int) -> None:
         """Raise RecordingError if a line above the last ends between the coordinates of a marker.
 
-        ``values`` (K, C) are the parsed cells; the columns from ``first`` on are X, Y, Z of each marker. Such a line
-        has lost cells, and those to the right of the lost ones belong to other columns. Blank cells may be missing
-        behind the last visible marker.
+        ``values`` (K, C) are the parsed cells, with X, Y, Z of each marker from the column ``first`` on. Such a line
+        has lost cells, so that others are in wrong columns. Blank cells may be missing behind the last visible marker.
         """
         shown = np.isfinite(values[:-1, first:])
         last = np.where(shown.any(axis=1), shown.shape[1] - np.argmax(shown[:, ::-1], axis=1), 0)
@@ -141,10 +141,9 @@ class TextTable:
     def is_cut(self) -> bool:
         """Return whether the last line, which no line end follows, seems to have lost cells or digits.
 
-        A whole last line without a line end is common. The line is cut if it has fewer cells than all lines above, or
-        if its last number cannot belong to its column: it has fewer decimals than all numbers above. If their number
-        of decimals varies, or they are whole numbers, it is shorter than the number above and differs from it by more
-        than three times the largest step of the column.
+        It has fewer cells than all lines above, or its last number has fewer decimals than all numbers above. If their
+        decimals vary, or they are whole numbers, it is shorter than the number above and differs from it by more than
+        three times the largest step of the column.
         """
         rows = [line.strip(" \r").split(self.separator) for line in self.lines if line.strip()]
         if len(rows) < 4:
@@ -170,17 +169,6 @@ class TextTable:
         """Return the line number of a row in the file, from 1."""
         return [number for number, line in enumerate(self.lines, self.first) if line.strip()][row]
 
-    def _explain_error(self, arrow_message: str) -> str:
-        """Return a text that says which cell is not a number, from Arrow's message."""
-        match = _ARROW_ERROR.search(arrow_message)
-        if match is None:
-            return " ".join(arrow_message.split())[:160]
-        name, line = self.names[int(match[1])], self._line_number(int(match[2]) - 1)
-        remedy = ""
-        if _DECIMAL_COMMA.fullmatch(match[3].strip()):
-            remedy = ". Its numbers have decimal commas: export it with decimal points"
-        return f"`{name}` is {match[3].strip()[:40]!r} in line {line}; expected a number or an empty cell{remedy}"
-
 
 @dataclass(frozen=True)
 class MotionTable:
@@ -197,11 +185,7 @@ class MotionTable:
 
 
 def read_table(path: Path) -> MotionTable:
-    """Read a MOT or STO table.
-
-    Raises RecordingError if the file is missing or not such a table, if it ends within a row, or if its time does not
-    increase.
-    """
+    """Read a MOT or STO table; RecordingError if it is no such table, cut, or its time does not increase."""
     return parse_table(path, read_text(path))
 
 
@@ -315,11 +299,7 @@ def check_unique(path: Path, names: Sequence[str]) -> None:
 
 
 def read_csv(path: Path) -> TextTable:
-    """Read a CSV table with the column names in the first line that is not blank.
-
-    Raises RecordingError if the file is missing, empty or not a CSV table, if a column name occurs twice, or if the
-    file ends within its last line.
-    """
+    """Read a CSV table with the column names in the first line that is not blank."""
     text = read_text(path)
     lines = split_lines(text)
     start = next((i for i, line in enumerate(lines) if line.strip()), None)

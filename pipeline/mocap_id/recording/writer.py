@@ -177,8 +177,8 @@ def write_trc(
 ) -> None:
     """Write markers as a TRC file (mm, Y up as in OpenSim); missing markers are blank.
 
-    Other parameters are those of :func:`write_c3d`; ``start`` is the time of the first frame, s. By default, the time
-    follows from the number of the first frame, with frame 1 at 0 s.
+    Other parameters are those of :func:`write_c3d`; ``start`` is the time of the first frame, s, by default with frame
+    1 at 0 s.
     """
     y_up = np.stack([positions[..., 0], positions[..., 2], -positions[..., 1]], axis=-1)
     numbers = first_frame + np.arange(len(positions))
@@ -201,9 +201,8 @@ def format_trc(
 ) -> str:
     """Return markers as the text of a TRC file in mm; missing markers are blank.
 
-    ``name`` is the file name for the first line. ``positions`` (F, M, 3) have Y up, m; NaN if missing. ``time`` (F,) is
-    in s, ``frames`` (F,) are the frame numbers, and ``rate`` is in frames per second. Raises ValueError if the arrays
-    do not fit together.
+    ``name`` is the file name for the first line. ``positions`` (F, M, 3) have Y up, m; NaN if missing. Raises
+    ValueError if the arrays do not fit together.
     """
     count, markers = positions.shape[:2]
     if len(labels) != markers or len(time) != count or len(frames) != count:

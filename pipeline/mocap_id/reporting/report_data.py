@@ -83,25 +83,25 @@ class ReportData(ArtefactSet):
     def skeleton(self) -> Skeleton | None:
         """Chain in the plane; None if it was not found or the trial is in space."""
         tree = self.tree("chain.h5")
-        return None if tree is None or self.in_space else Skeleton.from_tree(tree)
+        return None if tree is None or self.in_space else Skeleton(tree)
 
     @cached_property
     def spatial_skeleton(self) -> SpatialSkeleton | None:
         """Chain in space; None if it was not found or the trial is in the plane."""
         tree = self.tree("chain.h5")
-        return SpatialSkeleton.from_tree(tree) if tree is not None and self.in_space else None
+        return SpatialSkeleton(tree) if tree is not None and self.in_space else None
 
     @cached_property
     def segment_poses(self) -> MeasuredPoses | None:
         """Poses of the segments in space; None if they were not estimated or the trial is in the plane."""
         table = self.table("poses.parquet")
-        return MeasuredPoses.from_table(table) if table is not None and self.in_space else None
+        return MeasuredPoses(table) if table is not None and self.in_space else None
 
     @cached_property
     def angles(self) -> SpatialAngles | None:
         """Angles in space; None if they were not estimated or the trial is in the plane."""
         table = self.table("angles.parquet")
-        return SpatialAngles.from_table(table) if table is not None and self.in_space else None
+        return SpatialAngles(table) if table is not None and self.in_space else None
 
     @cached_property
     def motion(self) -> JointStates | None:
@@ -133,7 +133,7 @@ class ReportData(ArtefactSet):
     def dynamics(self) -> IdentifiedDynamics | None:
         """Identified parameters; None if nothing was identified."""
         tree = self.tree("dynamics.h5")
-        return None if tree is None else IdentifiedDynamics.from_tree(tree)
+        return None if tree is None else IdentifiedDynamics(tree)
 
     @property
     def contact(self) -> BoolArray:

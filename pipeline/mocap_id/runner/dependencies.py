@@ -45,11 +45,10 @@ def collect_parameters(trial: Trial, stage: Stage) -> dict[str, Any]:
     return {**used, stage.name: _to_json(trial.settings[stage.name])}
 
 
-def compute_cache_key(
-    stage: Stage, settings: Mapping[str, Any], hashes: Mapping[str, str], refused: Refused | None = None
-) -> str:
+def compute_cache_key(trial: Trial, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> str:
     """Return a hash of a stage's name and version, its settings, its inputs' hashes and the refusal that it reports."""
     refusal = None if refused is None else [refused.code, refused.message]
+    settings = collect_parameters(trial, stage)
     return hash_bytes(dumps([stage.name, stage.version, settings, hashes, refusal]).encode())
 
 

@@ -79,10 +79,7 @@ def _silent(step: Step) -> None:
 
 
 def run(trial: Trial, stages: Sequence[Stage] = STAGES, progress: Progress = _silent) -> Outcome:
-    """Run all stages that are not up to date.
-
-    Raises the errors of :mod:`mocap_id.errors`. A refusal is not raised; it is part of the outcome.
-    """
+    """Run all stages that are not up to date; a refusal is not raised, but part of the outcome."""
     with _start_run(trial, stages, progress) as this_run:
         return this_run.run_stages(stages)
 
@@ -90,8 +87,7 @@ def run(trial: Trial, stages: Sequence[Stage] = STAGES, progress: Progress = _si
 def run_stage(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progress: Progress = _silent) -> Outcome:
     """Run one stage on existing artefacts, unless its outputs are up to date.
 
-    Raises StoreError if an artefact that the stage reads is missing, or was made with other settings or files; other
-    errors as for :func:`run`.
+    Raises StoreError if an artefact that it reads is missing, or was made with other settings or files.
     """
     stage = next(stage for stage in stages if stage.name == name)
     with _start_run(trial, stages, progress) as this_run:
@@ -102,10 +98,7 @@ def run_stage(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progres
 def run_to(
     trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progress: Progress = _silent, wait: float = 0.0
 ) -> Outcome:
-    """Run the stages up to the stage ``name``, after waiting up to ``wait`` seconds for another run of the trial.
-
-    Errors and refusals are as for :func:`run`.
-    """
+    """Run the stages up to the stage ``name``, after waiting up to ``wait`` seconds for another run of the trial."""
     last = next(k for k, stage in enumerate(stages) if stage.name == name)
     with _start_run(trial, stages, progress, wait) as this_run:
         return this_run.run_stages(stages[: last + 1])
@@ -183,7 +176,7 @@ class _Run:
             self.writer.wait()  # its inputs must be on the disk
             self.update_times(stage)
         else:
-            action, key = "computed", self.compute_key(stage, hashes)
+            action, key = "computed", compute_cache_key(self.trial, stage, hashes)
             known = read_refusal(self.trial.out, stage.name, key)
             if known is not None:
                 raise known
@@ -211,7 +204,7 @@ class _Run:
         inputs = {file: self.folder.read(file) for file in stage.inputs if file in hashes}
         settings = self.trial.settings[stage.name]
         context = Context(self.trial.keys, settings, inputs, refused, self.collect_seconds(stage))
-        slice_, key = collect_parameters(self.trial, stage), self.compute_key(stage, hashes, refused)
+        slice_, key = collect_parameters(self.trial, stage), compute_cache_key(self.trial, stage, hashes, refused)
         start = time.perf_counter()
         try:
             with self.report_unexpected():
@@ -307,13 +300,9 @@ class _Run:
             self.writer.wait()  # the inputs must be on the disk
         return self.files.of(stage) | {file: self.folder.key(file) for file in stage.inputs}
 
-    def compute_key(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> str:
-        """Return the cache key of a computation of the stage with the present inputs."""
-        return compute_cache_key(stage, collect_parameters(self.trial, stage), hashes, refused)
-
     def find_current(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> Origin | None:
         """Return the origin of a stage's outputs; None if they are missing, damaged or out of date."""
-        key = self.compute_key(stage, hashes, refused)
+        key = compute_cache_key(self.trial, stage, hashes, refused)
         try:
             origin = self.folder.origin(stage.name, stage.outputs)
         except StoreError as error:

@@ -103,8 +103,8 @@ def _find_state(trial: Trial, folder: Folder, files: FileHashes, stage: Stage) -
         hashes = files.of(stage) | {file: folder.key(file) for file in stage.inputs}
     except MocapIdError as error:
         return StageStatus(stage.name, "missing", str(error))
-    wanted = collect_parameters(trial, stage)
-    refused = read_refusal(trial.out, stage.name, compute_cache_key(stage, wanted, hashes))
+    key = compute_cache_key(trial, stage, hashes)
+    refused = read_refusal(trial.out, stage.name, key)
     if refused is not None:
         return StageStatus(stage.name, "refused", refused.message)
     missing = [file for file in stage.outputs if not folder.exists(file)]
@@ -116,13 +116,10 @@ def _find_state(trial: Trial, folder: Folder, files: FileHashes, stage: Stage) -
         return StageStatus(stage.name, "damaged", str(error))
     if origin is None:
         return StageStatus(stage.name, "damaged", "its files were not written together: one was edited or replaced")
-    if origin.key == compute_cache_key(stage, wanted, hashes):
+    if origin.key == key:
         return StageStatus(stage.name, "done")
-    return StageStatus(
-        stage.name,
-        "stale",
-        "; ".join(_list_changes(origin, stage, wanted, hashes)) or "the previous report described a refused trial",
-    )
+    changes = "; ".join(_list_changes(origin, stage, collect_parameters(trial, stage), hashes))
+    return StageStatus(stage.name, "stale", changes or "the previous report described a refused trial")
 
 
 def _list_changes(origin: Origin, stage: Stage, wanted: Mapping[str, Any], hashes: Mapping[str, str]) -> Iterator[str]:

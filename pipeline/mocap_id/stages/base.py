@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from pydantic import BaseModel, ConfigDict
 
-from mocap_id import store
 from mocap_id.errors import ConfigError, Refused
+from mocap_id.store.folder import ArtefactReader
 from mocap_id.verdict import Level, Reason
 
 if TYPE_CHECKING:
     from mocap_id.stages.trial_keys import TrialKeys
-    from mocap_id.store import Artefact, Document, LongTable, Table, Tree
+    from mocap_id.store import Artefact, Document
 
 Only: TypeAlias = Mapping[str, tuple[str, ...]]
 """Restricted choices by the name of the setting, for settings that exist only in the plane or only in space.
@@ -36,7 +36,7 @@ class Settings(BaseModel):
 
 
 @dataclass(frozen=True)
-class Context:
+class Context(ArtefactReader):
     """Inputs of a stage's function: trial, settings and artefacts.
 
     ``inputs`` are the input artefacts of the stage by file name. ``refused`` is the refusal in the report of a refused
@@ -50,23 +50,9 @@ class Context:
     refused: Refused | None = None
     seconds: Mapping[str, float] | None = None
 
-    def table(self, file: str) -> Table:
-        """Return the input ``file``, a Parquet file with one row for each sample."""
-        artefact = self.inputs[file]
-        assert isinstance(artefact, store.Table)
-        return artefact
-
-    def long(self, file: str) -> LongTable:
-        """Return the input ``file``, a Parquet file with one row for each frame and marker."""
-        artefact = self.inputs[file]
-        assert isinstance(artefact, store.LongTable)
-        return artefact
-
-    def tree(self, file: str) -> Tree:
-        """Return the input ``file``, an HDF5 file."""
-        artefact = self.inputs[file]
-        assert isinstance(artefact, store.Tree)
-        return artefact
+    def read(self, file: str) -> Artefact:
+        """Return the input ``file``."""
+        return self.inputs[file]
 
 
 class Findings:

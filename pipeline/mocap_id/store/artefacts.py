@@ -21,6 +21,9 @@ Facts: TypeAlias = Mapping[str, Any]
 Values: TypeAlias = "np.ndarray[Any, Any]"
 """A column of a table."""
 
+KINDS = {"float64": "fiu", "int64": "iu", "Int64": "iu", "bool": "b", "category": "OU", "str": "OU"}
+"""Kinds of numpy types that an array may have in memory, by the type in the schema."""
+
 Node: TypeAlias = "np.ndarray[Any, Any] | str | float | int | Mapping[str, Node]"
 
 
@@ -215,3 +218,18 @@ class Tree:
 
 
 Artefact: TypeAlias = Table | LongTable | Tree
+
+
+def freeze(artefact: Artefact) -> Artefact:
+    """Return an artefact with read-only arrays."""
+    arrays = {Table: ("columns",), LongTable: ("frames", "time", "values"), Tree: ("data",)}[type(artefact)]
+    return replace(artefact, **{name: _make_read_only(getattr(artefact, name)) for name in arrays})
+
+
+def _make_read_only(data: Any) -> Any:
+    """Return read-only views of an array, or of all arrays in a mapping."""
+    if isinstance(data, np.ndarray):
+        view = data.view()
+        view.flags.writeable = False
+        return view
+    return {name: _make_read_only(item) for name, item in data.items()} if isinstance(data, Mapping) else data

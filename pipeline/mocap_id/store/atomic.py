@@ -107,7 +107,14 @@ def replace_together(folder: Path, contents: Mapping[str, Content], void: str | 
             temporary[path] = path.with_name(f".{path.name}.{os.getpid()}{_TEMPORARY}")
             with converting_errors(path):
                 path.parent.mkdir(exist_ok=True)
-                _write(temporary[path], content)
+                temporary[path].unlink(missing_ok=True)
+                with temporary[path].open("xb") as stream:  # "x": do not follow a symbolic link
+                    if isinstance(content, bytes):
+                        stream.write(content)
+                    else:
+                        content(stream)
+                    stream.flush()
+                    os.fsync(stream.fileno())
                 if path.is_dir():
                     raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         with delaying_signals():
@@ -153,17 +160,6 @@ def remove_leftovers(folder: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _write(path: Path, content: Content) -> None:
-    path.unlink(missing_ok=True)
-    with path.open("xb") as stream:  # "x": do not follow a symbolic link
-        if isinstance(content, bytes):
-            stream.write(content)
-        else:
-            content(stream)
-        stream.flush()
-        os.fsync(stream.fileno())
-
-
 @contextlib.contextmanager
 def delaying_signals() -> Iterator[None]:
     """Delay Ctrl-C and SIGTERM until the block ends, if the system supports it."""
@@ -191,24 +187,20 @@ _UNKNOWN = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOTSUP)
 def create_lock(hidden: Path) -> BaseFileLock:
     """Return the lock of a run folder without acquiring it; ``hidden`` is the folder ``.mocap-id`` in the run folder.
 
-    Raises OSError if the folder is not writable.
+    On a disk without locks, as some network disks are, it is a file. Raises OSError if the folder is not writable.
     """
-    return FileLock(hidden / LOCK) if _supports_locks(hidden / LOCK) else SoftFileLock(hidden / MARKER)
-
-
-def _supports_locks(path: Path) -> bool:
-    """Return whether the disk supports locks; some network disks do not."""
+    path = hidden / LOCK
     if fcntl is None:
-        return True
+        return FileLock(path)
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except (BlockingIOError, PermissionError):  # another process has locked it
-        return True
+        pass
     except OSError as error:
         if error.errno not in _UNKNOWN:
             raise
-        return False
+        return SoftFileLock(hidden / MARKER)
     finally:
         os.close(descriptor)
-    return True
+    return FileLock(path)

@@ -8,9 +8,10 @@ import os
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from os import utime
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from filelock import SoftFileLock, Timeout
 
@@ -20,6 +21,7 @@ from mocap_id.store.atomic import (
     LOCK,
     MARKER,
     Content,
+    HashedStream,
     converting_errors,
     create_lock,
     hash_bytes,
@@ -29,7 +31,16 @@ from mocap_id.store.atomic import (
     resolve_path,
     write_files,
 )
-from mocap_id.store.provenance import INVALID_RECORD, SCHEMAS, Checksum, Document, Origin, Provenance, Record
+from mocap_id.store.provenance import (
+    INVALID_RECORD,
+    SCHEMAS,
+    Document,
+    Origin,
+    Provenance,
+    Record,
+    TreeSchema,
+    convert_as_stored,
+)
 
 if TYPE_CHECKING:
     from mocap_id.store.artefacts import Artefact, Facts, LongTable, Table, Tree
@@ -68,7 +79,33 @@ class ArtefactSet:
         return self.facts("planar.parquet").get("space") == "3d"
 
 
-class Folder:
+class ArtefactReader:
+    """Base of classes with a method ``read``, which returns the artefact of a file or raises an exception."""
+
+    def read(self, file: str) -> Artefact:
+        """Return an artefact."""
+        raise NotImplementedError
+
+    def table(self, file: str) -> Table:
+        """Return a Parquet artefact."""
+        artefact = self.read(file)
+        assert isinstance(artefact, store.Table)
+        return artefact
+
+    def long(self, file: str) -> LongTable:
+        """Return a Parquet artefact with a row for every frame and marker."""
+        artefact = self.read(file)
+        assert isinstance(artefact, store.LongTable)
+        return artefact
+
+    def tree(self, file: str) -> Tree:
+        """Return an HDF5 artefact."""
+        artefact = self.read(file)
+        assert isinstance(artefact, store.Tree)
+        return artefact
+
+
+class Folder(ArtefactReader):
     """The run folder of a trial; it and its parent folders are created when it is locked.
 
     Each artefact is read once and kept in memory. Outputs of a stage are passed to later stages in the form that
@@ -127,24 +164,6 @@ class Folder:
         artefact = self._load(file)[0]
         return replace(artefact, facts=json.loads(json.dumps(artefact.facts)))  # a copy that may be changed
 
-    def table(self, file: str) -> Table:
-        """Return a Parquet artefact; errors as for :meth:`read`."""
-        artefact = self.read(file)
-        assert isinstance(artefact, store.Table)
-        return artefact
-
-    def long_table(self, file: str) -> LongTable:
-        """Return a Parquet artefact with a row for every frame and marker; errors as for :meth:`read`."""
-        artefact = self.read(file)
-        assert isinstance(artefact, store.LongTable)
-        return artefact
-
-    def tree(self, file: str) -> Tree:
-        """Return an HDF5 artefact; errors as for :meth:`read`."""
-        artefact = self.read(file)
-        assert isinstance(artefact, store.Tree)
-        return artefact
-
     def provenance(self, file: str) -> Provenance:
         """Return the provenance of an artefact; StoreError if the artefact is missing or damaged."""
         return self._load(file)[1]
@@ -163,9 +182,16 @@ class Folder:
 
         Raises ValueError if an artefact does not match its schema.
         """
-        from mocap_id.store.encoding import conform  # noqa: PLC0415  slow import, and often nothing is computed
+        from mocap_id.store import artefacts, hdf5, parquet  # noqa: PLC0415  slow, and often nothing is computed
 
-        kept = [output if isinstance(output, Document) else conform(output) for output in outputs]
+        kept: list[Artefact | Document] = []
+        for output in outputs:
+            if isinstance(output, Document):
+                kept.append(output)
+                continue
+            typed = hdf5.conform_tree(output) if isinstance(output, artefacts.Tree) else parquet.conform_table(output)
+            facts, reasons = convert_as_stored(output.facts, output.reasons)
+            kept.append(artefacts.freeze(replace(typed, facts=facts, reasons=reasons)))
         for output in kept:
             if not isinstance(output, Document):
                 schema = output.schema
@@ -196,17 +222,26 @@ class Folder:
 
         Documents of an earlier run of the stage that are not among these outputs are deleted.
         """
-        from mocap_id.store.encoding import make_writer  # noqa: PLC0415
+        from mocap_id.store import artefacts, hdf5, parquet  # noqa: PLC0415
 
         contents: dict[str, Content] = {}
         documents: dict[str, str] = {}
-        checksums: dict[str, Checksum] = {}
+        checksums: dict[str, tuple[int, str]] = {}
+
+        def write(artefact: Artefact, stream: BinaryIO) -> None:
+            hashed = HashedStream(stream)
+            if isinstance(artefact, artefacts.Tree):
+                hashed.write(hdf5.encode_tree(artefact, origin))
+            else:
+                parquet.write(artefact, origin, hashed)
+            checksums[artefact.schema.file] = artefact.schema.version, hashed.hash()
+
         for output in outputs:
             if isinstance(output, Document):
                 contents[output.file] = output.content
                 documents[output.file] = hash_bytes(output.content)
             else:
-                contents[output.schema.file] = make_writer(output, origin, checksums)
+                contents[output.schema.file] = partial(write, output)
         before = self.documents(origin.stage)
         record = Record(origin, documents, checksums)
         # The record is written last, when the checksums are known.
@@ -219,8 +254,7 @@ class Folder:
     def origin(self, stage: str, files: Sequence[str]) -> Origin | None:
         """Return the origin of a stage's outputs; None unless all exist, are intact and come from one computation.
 
-        ``files`` are the names of the outputs; a name without a schema is a document. Raises StoreError if an artefact
-        is damaged.
+        A name in ``files`` without a schema is a document. Raises StoreError if an artefact is damaged.
         """
         record = self._read_record(stage)
         if record is None or not all((self.path / file).is_file() for file in files):
@@ -277,14 +311,11 @@ class Folder:
                     folder.rmdir()
 
     def _list_bookkeeping(self) -> list[Path]:
-        """Return the paths of the files that say who uses the folder, without results."""
+        """Return the paths of the files that only say who uses the folder."""
         return [self.path / name for name in (f"{_HIDDEN}/{LOCK}", f"{_HIDDEN}/{MARKER}", OWNER_FILE)]
 
     def _find_read_record(self, file: str) -> Record | None:
-        """Return the record that lists an artefact; None if there is no such record with the present schema version.
-
-        Raises StoreError if the file's bytes are not the bytes that were written.
-        """
+        """Return the present record that lists an artefact, or None; StoreError if the artefact is damaged."""
         for path in sorted((self.path / _HIDDEN).glob("*.json")) if file not in self._verified else ():
             record = self._read_record(path.stem)
             if record is not None and self._verify(file, record):
@@ -296,9 +327,9 @@ class Folder:
         if file in self._verified:
             return True
         checksum = record.artefacts.get(file)
-        if checksum is None or checksum.schema_version != SCHEMAS[file].version or not (self.path / file).exists():
+        if checksum is None or checksum[0] != SCHEMAS[file].version or not (self.path / file).exists():
             return False
-        if self._hash(file) != checksum.digest:
+        if self._hash(file) != checksum[1]:
             raise StoreError(
                 f"{self.path / file} is damaged or was edited: its bytes differ from the bytes that were written. "
                 "Delete it and run again"
@@ -308,13 +339,18 @@ class Folder:
 
     def _load(self, file: str) -> tuple[Artefact, Provenance]:
         if file not in self._read:
-            from mocap_id.store.encoding import decode  # noqa: PLC0415
+            from mocap_id.store import artefacts, hdf5, parquet  # noqa: PLC0415
 
             self._find_read_record(file)
             path, schema = self.path / file, SCHEMAS[file]
             try:
                 with plain_files.open_file(path, links=False) as stream:
-                    self._read[file] = decode(stream, schema)
+                    artefact: Artefact
+                    if isinstance(schema, TreeSchema):
+                        artefact, provenance = hdf5.decode_tree(stream.read(), schema)
+                    else:
+                        artefact, provenance = parquet.decode_table(stream, schema)
+                self._read[file] = artefacts.freeze(artefact), provenance
             except ValueError as error:
                 raise StoreError(f"{path} {error}. Delete it and run again") from error
             except FileNotFoundError as error:
@@ -328,15 +364,14 @@ class Folder:
     def _read_record(self, stage: str) -> Record | None:
         try:
             record = Record.decode(plain_files.read_bytes(resolve_path(self.path, record_file(stage)), links=False))
-            sound = all(self._may_be_document(file) for file in record.documents)
+            # A document is in this folder, but it is not an artefact or a record.
+            sound = not any(
+                resolve_path(self.path, file).is_dir() or file in SCHEMAS or file.startswith(_HIDDEN)
+                for file in record.documents
+            )
         except (StoreError, *INVALID_RECORD):
             return None  # without a record, the documents count as not written
         return record if sound else None
-
-    def _may_be_document(self, file: str) -> bool:
-        """Return whether a file of this name may be a document: it is in this folder, but not an artefact or record."""
-        path = resolve_path(self.path, file)
-        return file not in SCHEMAS and not file.startswith(_HIDDEN) and not path.is_dir()
 
     def _find_unchanged(self, documents: Mapping[str, str]) -> list[str]:
         """Return the names of documents that nobody has edited since they were written."""
@@ -367,26 +402,19 @@ class Owner:
     name: str  # name of the trial or study
     file: Path  # the trial's or study's file, or the folder or page that the results are made from
     contents: tuple[str, ...]  # hashes that identify the recordings; one that is equal is enough
-    recording: Path | None = None  # the recording, if there is only one
-
-
-@dataclass(frozen=True)
-class StoredOwner:
-    """An owner as recorded in a folder of results."""
-
-    name: str
-    file: Path  # absolute
-    contents: tuple[str, ...]
-    recording: str  # name of the recording's file without folders; empty if there are several
-    place: str  # hash of the recording's path relative to the folder; empty if there are several
+    recording: Path | None = None  # the recording, if there is only one; without folders in a record
+    place: str = ""  # only in a record: hash of the recording's path relative to the folder
 
     def describe(self) -> str:
         """Return the name, the file and the recording as text."""
-        return _describe(self.name, self.file, self.recording)
+        return f"`{self.name}` ({self.file}{'' if self.recording is None else f', recording {self.recording}'})"
 
 
-def read_owner(folder: Path, output: str = "") -> StoredOwner | None:
-    """Return the recorded owner of a folder, or of the output of this name in it; None if there is no valid record."""
+def read_owner(folder: Path, output: str = "") -> Owner | None:
+    """Return the recorded owner of a folder, or of the output of this name in it; None if there is no valid record.
+
+    Its file is absolute.
+    """
     try:
         path = resolve_path(folder, _find_record(output))
         found: dict[str, Any] = json.loads(plain_files.read_bytes(path, links=False, largest=_LARGEST))
@@ -394,12 +422,13 @@ def read_owner(folder: Path, output: str = "") -> StoredOwner | None:
         if not all(isinstance(text, str) for text in (*names, *found["contents"])):
             return None
         file = Path(os.path.normpath(folder.resolve() / found["file"]))
-        return StoredOwner(found["name"], file, tuple(found["contents"]), found["recording"], found["place"])
+        recording = Path(found["recording"]) if found["recording"] else None
+        return Owner(found["name"], file, tuple(found["contents"]), recording, found["place"])
     except (StoreError, OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
 
 
-def is_other(stored: StoredOwner, owner: Owner, folder: Path) -> bool:
+def is_other(stored: Owner, owner: Owner, folder: Path) -> bool:
     """Return whether two owners of a folder differ in the content of the recordings, their path and the trial's file.
 
     A trial stays the same if its settings or its recording are edited, or if its files are moved. Trials of one study
@@ -412,14 +441,10 @@ def is_other(stored: StoredOwner, owner: Owner, folder: Path) -> bool:
 
 
 def check_owner(folder: Path, owner: Owner, output: str = "", *, path: Path | None = None) -> None:
-    """Raise StoreError if a folder, or the output of this name in it, belongs to another recording.
-
-    The message names ``path``, by default the path of the output.
-    """
+    """Raise StoreError with ``path`` if a folder, or the output of this name in it, belongs to another recording."""
     stored = read_owner(folder, output)
     if stored is not None and is_other(stored, owner, folder):
-        own = _describe(owner.name, owner.file, "" if owner.recording is None else str(owner.recording))
-        raise StoreError(describe_conflict(path or folder / output, stored.describe(), own))
+        raise StoreError(describe_conflict(path or folder / output, stored.describe(), owner.describe()))
 
 
 def describe_conflict(path: Path, stored: str, found: str) -> str:
@@ -474,7 +499,3 @@ def _make_relative(path: Path, folder: Path) -> str:
         return PurePath(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
     except ValueError:
         return path.resolve().as_posix()
-
-
-def _describe(name: str, file: Path, recording: str) -> str:
-    return f"`{name}` ({file}{f', recording {recording}' if recording else ''})"

@@ -1,7 +1,6 @@
 """Trees as HDF5 files: types from the schema, units and provenance in attributes, and an index in the user block.
 
-The HDF5 library writes a tree. Reading does not need the library, because it uses the index in
-the user block.
+The HDF5 library writes a tree. Reading does not need the library, because it uses the index in the user block.
 """
 
 from __future__ import annotations
@@ -12,21 +11,25 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from mocap_id.errors import first_line
-from mocap_id.store.artefacts import Node, Tree
+from mocap_id.store.artefacts import KINDS, Node, Tree
 from mocap_id.store.parquet import read_provenance
 from mocap_id.store.provenance import Origin, Provenance, TreeSchema, dumps
 
 Leaves: TypeAlias = dict[str, np.ndarray[Any, Any]]
 """Arrays by their path in the file; texts are numpy ``U`` arrays, scalars have shape ()."""
 
-_KINDS = {"float64": "fiu", "int64": "iu", "bool": "b", "str": "UO"}
+Places: TypeAlias = dict[str, tuple[str, tuple[int, ...], int]]
+"""Position of the values of each dataset, by its path: type, shape, and offset of the first byte; in C order.
+
+The type is ``<f8``, ``<i8``, ``|b1``, or ``|S`` and the bytes of each text (UTF-8, padded with NULs)."""
+
 _STORED = {"float64": "<f8", "int64": "<i8", "bool": "|b1", "str": "U"}
 
 
@@ -35,13 +38,13 @@ def encode_tree(tree: Tree, origin: Origin) -> bytes:
     provenance = Provenance(tree.schema.file, tree.schema.version, origin, tree.facts, tree.reasons).encode()
     arrays = {path: _encode_texts(array) for path, array in _find_arrays(tree).items()}
     # The block at the beginning has a size that can index the datasets at any offset.
-    farthest = {path: Place(array.dtype.str, array.shape, _FARTHEST) for path, array in arrays.items()}
+    farthest = {path: (array.dtype.str, array.shape, _FARTHEST) for path, array in arrays.items()}
     needed, size = _HEAD + len(_format_index(farthest, provenance)), _SMALLEST
     while size < needed:
         size *= 2
     import h5py  # noqa: PLC0415  reading does not need it
 
-    stream, places = io.BytesIO(), dict[str, Place]()
+    stream, places = io.BytesIO(), Places()
     with h5py.File(stream, "w", libver=("v108", "v110"), userblock_size=size) as file:  # allows attributes > 64 KiB
         for node in tree.schema.expand_nodes(arrays):
             array = arrays[node.name]
@@ -50,7 +53,7 @@ def encode_tree(tree: Tree, origin: Origin) -> bytes:
             dataset = file.create_dataset(node.name, data=data, track_times=False)
             dataset.attrs["unit"], dataset.attrs["meaning"] = node.unit, node.meaning
             start = dataset.id.get_offset() if array.size else 0
-            places[node.name] = Place(array.dtype.str, array.shape, start)
+            places[node.name] = (array.dtype.str, array.shape, start)
         for key, value in provenance.items():
             file.attrs[key] = value
     rest = _format_index(places, provenance).ljust(size - _HEAD) + stream.getvalue()[size:]
@@ -71,8 +74,7 @@ def _encode_texts(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 def decode_tree(content: bytes, schema: TreeSchema) -> tuple[Tree, Provenance]:
     """Read a tree from the bytes of an HDF5 file and check it against its hash and its schema.
 
-    Raises ValueError if the file is damaged, from another program or of another schema. The message has no subject,
-    because the caller writes the file name before it.
+    Raises ValueError without a subject, because the caller writes the file name before it.
     """
     leaves, metadata = read_datasets(content)
     provenance = read_provenance(metadata, schema)
@@ -83,15 +85,12 @@ def decode_tree(content: bytes, schema: TreeSchema) -> tuple[Tree, Provenance]:
 
 
 def conform_tree(tree: Tree) -> Tree:
-    """Return a tree with exactly the nodes and types of its schema, as :func:`decode_tree` would return it.
-
-    Raises ValueError if a node is missing, unknown or of another type.
-    """
+    """Return a tree with exactly the nodes and types of its schema, as from its file; ValueError if they differ."""
     return replace(tree, data=_nest(_find_arrays(tree)))
 
 
 def _find_arrays(tree: Tree) -> Leaves:
-    """Return the arrays of a tree by path, with the types of the schema; ValueError as for :func:`conform_tree`."""
+    """Return the arrays of a tree by path, with the types of the schema; ValueError if they differ."""
     leaves = dict(_flatten(tree.data, ""))
     problem = "; ".join(_find_mismatches(leaves, tree.schema))
     unknown = sorted(set(leaves) - {node.name for node in tree.schema.expand_nodes(leaves)})
@@ -117,7 +116,7 @@ def _find_mismatches(leaves: Leaves, schema: TreeSchema) -> Iterator[str]:
             yield f"`{node.name}` is missing"
             continue
         array = leaves[node.name]
-        if array.size and array.dtype.kind not in _KINDS[node.dtype]:
+        if array.size and array.dtype.kind not in KINDS[node.dtype]:
             yield f"`{node.name}` has the type {array.dtype}, expected {node.dtype}"
 
 
@@ -143,26 +142,10 @@ _PATH = re.compile(r"[^/\0]+(/[^/\0]+){0,7}")
 _DAMAGED = "is damaged or was edited: its content does not match its own hash"
 
 
-@dataclass(frozen=True)
-class Place:
-    """Position of a dataset's values in the file, in C order."""
-
-    dtype: str  # ``<f8``, ``<i8``, ``|b1``, or ``|S`` and the bytes of each text (UTF-8, padded with NULs)
-    shape: tuple[int, ...]
-    start: int  # offset of the first byte
-
-    @property
-    def size(self) -> int:
-        """Number of bytes."""
-        return math.prod(self.shape) * np.dtype(self.dtype).itemsize
-
-
 def read_datasets(content: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, str]]:
-    """Return the datasets by path, and the provenance, from the bytes of a file.
+    """Return the datasets by path, and the provenance, from the bytes of a file; errors as for :func:`decode_tree`.
 
-    Texts are numpy ``U`` arrays, scalars have shape (). The hash is checked first, then that every dataset lies within
-    the file. Raises ValueError if the file is damaged or from another program. The message has no subject, because the
-    caller writes the file name before it.
+    Texts are numpy ``U`` arrays, scalars have shape (). The hash is checked before anything else.
     """
     if not content.startswith(_TITLE.encode()):
         if content.startswith(_HDF5):
@@ -172,15 +155,31 @@ def read_datasets(content: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], dict
         raise ValueError(_DAMAGED)
     try:
         index = json.loads(content[_HEAD : content.index(b"\n", _HEAD)])
-        places = {path: Place(dtype, tuple(shape), start) for path, (dtype, shape, start) in index["nodes"].items()}
+        places = {path: (dtype, tuple(shape), start) for path, (dtype, shape, start) in index["nodes"].items()}
         provenance = {key: value for key, value in index["provenance"].items() if isinstance(value, str)}
-        _check_places(places, len(content))
+        # Every dataset must lie within the file, and no two may overlap.
+        taken = []  # first byte and end of every dataset with values
+        for path, (dtype, shape, start) in places.items():
+            if not _PATH.fullmatch(path) or not _TYPE.fullmatch(dtype):
+                raise ValueError(f"a dataset has an invalid name or type: {path[:80]!r}, {dtype[:80]!r}")
+            if any(type(number) is not int or not 0 <= number <= _FARTHEST for number in (*shape, start)):
+                raise ValueError(f"`{path[:80]}` has an invalid shape or offset")
+            end = start + math.prod(shape) * np.dtype(dtype).itemsize
+            if end > len(content):
+                raise ValueError(f"`{path[:80]}` ends after the end of the file")
+            if end > start:
+                taken.append((start, end))
+        groups = {path[: slash.start()] for path in places for slash in re.finditer("/", path)}
+        if groups & places.keys():
+            raise ValueError(f"`{min(groups & places.keys())[:80]}` is both a dataset and a group")
+        if any(start < end for (_, end), (start, _) in pairwise(sorted(taken))):
+            raise ValueError("two datasets share bytes")
         datasets = {}
-        for path, place in places.items():
-            values = np.frombuffer(content, place.dtype, math.prod(place.shape), place.start).reshape(place.shape)
-            if place.dtype == "|b1" and (values.view(np.uint8) > 1).any():
+        for path, (dtype, shape, start) in places.items():
+            values = np.frombuffer(content, dtype, math.prod(shape), start).reshape(shape)
+            if dtype == "|b1" and (values.view(np.uint8) > 1).any():
                 raise ValueError("a truth value that is neither true nor false")
-            datasets[path] = np.char.decode(values, "utf-8") if place.dtype.startswith("|S") else values.copy()
+            datasets[path] = np.char.decode(values, "utf-8") if dtype.startswith("|S") else values.copy()
         return datasets, provenance
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
         raise ValueError(f"is damaged ({first_line(error)[:200]})") from error
@@ -190,23 +189,5 @@ def _format_head(rest: bytes) -> bytes:
     return f"{_TITLE}{hashlib.sha256(rest).hexdigest()}\n".encode()
 
 
-def _format_index(places: Mapping[str, Place], provenance: Mapping[str, str]) -> bytes:
-    nodes = {path: (place.dtype, place.shape, place.start) for path, place in places.items()}
-    return f"{dumps({'nodes': nodes, 'provenance': provenance})}\n".encode()
-
-
-def _check_places(places: Mapping[str, Place], length: int) -> None:
-    """Raise ValueError unless every dataset lies within ``length`` bytes and no two overlap."""
-    for path, place in places.items():
-        if not _PATH.fullmatch(path) or not _TYPE.fullmatch(place.dtype):
-            raise ValueError(f"a dataset has an invalid name or type: {path[:80]!r}, {place.dtype[:80]!r}")
-        if any(type(number) is not int or not 0 <= number <= _FARTHEST for number in (*place.shape, place.start)):
-            raise ValueError(f"`{path[:80]}` has an invalid shape or offset")
-        if place.start + place.size > length:
-            raise ValueError(f"`{path[:80]}` ends after the end of the file")
-    groups = {path[: slash.start()] for path in places for slash in re.finditer("/", path)}
-    if groups & places.keys():
-        raise ValueError(f"`{min(groups & places.keys())[:80]}` is both a dataset and a group")
-    taken = sorted((place.start, place.start + place.size) for place in places.values() if place.size)
-    if any(start < end for (_, end), (start, _) in pairwise(taken)):
-        raise ValueError("two datasets share bytes")
+def _format_index(places: Places, provenance: Mapping[str, str]) -> bytes:
+    return f"{dumps({'nodes': places, 'provenance': provenance})}\n".encode()

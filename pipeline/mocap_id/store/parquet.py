@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 
 from mocap_id.arrays import chunks
 from mocap_id.errors import first_line
-from mocap_id.store.artefacts import LongTable, Table, Values
+from mocap_id.store.artefacts import KINDS, LongTable, Table, Values
 from mocap_id.store.atomic import HashedStream
 from mocap_id.store.provenance import PREFIX, Column, Origin, Provenance, TableSchema
 
@@ -33,7 +33,6 @@ _TYPES = {
     "category": pa.dictionary(pa.int32(), pa.string()),
     "str": pa.string(),
 }
-_KINDS = {"float64": "fiu", "int64": "iu", "Int64": "iu", "bool": "b", "category": "OU", "str": "OU"}
 _STORED = {
     "float64": np.float64,
     "int64": np.int64,
@@ -75,10 +74,7 @@ def to_arrow(table: Table | LongTable) -> pa.Table:
 
 
 def conform_table(table: Table | LongTable) -> Table | LongTable:
-    """Return a table with exactly the columns, types and order of its schema, as :func:`decode_table` would return it.
-
-    Raises ValueError if a column is missing, unknown or of another type.
-    """
+    """Return a table with exactly the columns, types and order of its schema, as from its file; else ValueError."""
     columns, file = _find_columns(table), table.schema.file
     if isinstance(table, LongTable) != table.schema.long:
         raise ValueError(f"{file}: expected a {'LongTable' if table.schema.long else 'Table'}")
@@ -92,9 +88,8 @@ def conform_table(table: Table | LongTable) -> Table | LongTable:
 def decode_table(content: bytes | BinaryIO, schema: TableSchema) -> tuple[Table | LongTable, Provenance]:
     """Read a table from a Parquet file, given as bytes or as a stream, and check its schema and checksums.
 
-    Columns are read one by one, so that the table is never in memory twice. Raises ValueError if the file is damaged,
-    from another program or of another schema. The message has no subject, because the caller writes the file name
-    before it.
+    Columns are read one by one, so that the table is never in memory twice. Raises ValueError without a subject,
+    because the caller writes the file name before it.
     """
     stream = io.BytesIO(content) if isinstance(content, bytes) else content
     size = stream.seek(0, io.SEEK_END)
@@ -123,10 +118,8 @@ def _read_table(file: pq.ParquetFile, schema: TableSchema, provenance: Provenanc
     if not schema.long:
         columns = {name: _to_array(_read_column(file, name), kinds.get(name)) for name in names}
         return Table(schema, columns, provenance.facts, provenance.reasons)
-    frame, (codes, texts) = (
-        _to_array(_read_column(file, "frame"), "int64"),
-        _read_categories(_read_column(file, "marker")),
-    )
+    frame = _to_array(_read_column(file, "frame"), "int64")
+    codes, texts = _read_categories(_read_column(file, "marker"))
     markers = int(np.argmax(frame != frame[0])) if len(frame) and frame[-1] != frame[0] else len(frame)
     count, rest = divmod(len(frame), max(markers, 1))
     first = slice(None, None, max(markers, 1))  # first row of every frame
@@ -162,11 +155,7 @@ def _check_size(found: pq.FileMetaData, schema: pa.Schema, limit: int) -> None:
 
 
 def read_provenance(metadata: dict[str, str], schema: Any) -> Provenance:
-    """Read the provenance from a file's metadata and check its schema.
-
-    Raises ValueError if the provenance is missing, damaged or of another schema. The message has no subject, because
-    the caller writes the file name before it.
-    """
+    """Read the provenance from a file's metadata and check its schema; ValueError without a subject."""
     if PREFIX + "schema" not in metadata:
         raise ValueError("was not written by mocap-id: it has no provenance")
     try:
@@ -216,17 +205,11 @@ def expand_columns(schema: TableSchema, names: Sequence[str]) -> Iterator[Column
             matches = (re.fullmatch(pattern, str(name)) for name in names)
             fields: list[dict[str, Any]] = [{"name": match[1]} for match in matches if match]
         else:
-            numbers = {_find_number(column, str(name)) for name in names for column in group}
-            fields = [{"k": k} for k in sorted(number for number in numbers if number is not None)]
+            found = (_compile_pattern(column.name).fullmatch(str(name)) for name in names for column in group)
+            fields = [{"k": k} for k in sorted({int(match[1]) if match.groups() else 0 for match in found if match})]
         for values in fields:
             for column in group:
                 yield replace(column, name=column.name.format(**values))
-
-
-def _find_number(column: Column, name: str) -> int | None:
-    """Return the number k in ``name``; 0 if the column has no ``{k}``, None if it is not a name of this column."""
-    match = _compile_pattern(column.name).fullmatch(name)
-    return None if match is None else int(match[1]) if match.groups() else 0
 
 
 @cache
@@ -241,7 +224,7 @@ def _make_field(column: Column) -> pa.Field:
 def _convert(values: Values, column: Column, file: str) -> Values:
     """Return a contiguous column with its schema's type; ValueError if its own type does not match."""
     found = np.asarray(values)
-    if found.size and found.dtype.kind not in _KINDS[column.dtype]:
+    if found.size and found.dtype.kind not in KINDS[column.dtype]:
         raise ValueError(f"{file}: column {column.name} has the type {found.dtype}, expected {column.dtype}")
     return np.ascontiguousarray(found, dtype=_STORED[column.dtype])
 

@@ -11,7 +11,7 @@ import json
 import math
 import tomllib
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -190,25 +190,17 @@ class Document:
 
 
 @dataclass(frozen=True)
-class Checksum:
-    """Schema version of an artefact and hash of its file, at the time of writing."""
-
-    schema_version: int
-    digest: str
-
-
-@dataclass(frozen=True)
 class Record:
-    """Record of the outputs of a stage: hashes of documents and checksums of artefacts, by file name."""
+    """Record of the outputs of a stage, by file name, at the time of writing."""
 
     origin: Origin
-    documents: Mapping[str, str] = field(default_factory=dict)
-    artefacts: Mapping[str, Checksum] = field(default_factory=dict)
+    documents: Mapping[str, str]  # hash of each
+    artefacts: Mapping[str, tuple[int, str]]  # schema version and hash of each
 
     def encode(self) -> bytes:
         """Return the bytes of the record's file."""
         strings: dict[str, Any] = dict(Provenance("record", 2, self.origin, {}, ()).encode())
-        checksums = {file: asdict(checksum) for file, checksum in self.artefacts.items()}
+        checksums = {file: {"schema_version": at, "digest": digest} for file, (at, digest) in self.artefacts.items()}
         return json.dumps(strings | {"documents": self.documents, "artefacts": checksums}, indent=1).encode()
 
     @classmethod
@@ -216,7 +208,8 @@ class Record:
         """Read a record from its bytes; raises one of :data:`INVALID_RECORD` if it is invalid."""
         strings = json.loads(content)
         documents = {str(file): str(digest) for file, digest in strings["documents"].items()}
-        artefacts = {str(file): Checksum(**checksum) for file, checksum in strings["artefacts"].items()}
+        checksums = strings["artefacts"].items()
+        artefacts = {str(file): (each["schema_version"], each["digest"]) for file, each in checksums}
         return cls(Provenance.decode(strings).origin, documents, artefacts)
 
 

@@ -92,43 +92,26 @@ class Trajectories:
         return self.read_positions(np.array([marker]))[:, 0]
 
 
-@dataclass(frozen=True)
 class Skeleton:
-    """The chain in ``chain.h5`` of a trial in the plane: n joints, M assigned markers."""
+    """The chain in ``chain.h5`` of a trial in the plane: n joints, M assigned markers; StoreError for one in space."""
 
-    joints: tuple[str, ...]
-    parents: IntArray  # (n,)
-    centres: FloatArray  # (n, 2)
-    covariance: FloatArray  # (n, 2, 2)
-    arc: FloatArray  # (n,)
-    segments: tuple[str, ...]  # n + 1, base first
-    lengths: FloatArray  # (n - 1,) of segments 1 … n - 1
-    lengths_sd: FloatArray  # (n - 1,)
-    markers: tuple[str, ...]
-    marker_segment: IntArray  # (M,)
-    local: FloatArray  # (M, 2)
-
-    @classmethod
-    def from_tree(cls, tree: Tree) -> Skeleton:
-        """Return the chain of a trial in the plane; StoreError if the trial is in space."""
+    def __init__(self, tree: Tree) -> None:
         if tree.has("joints/kind"):
             raise StoreError(
                 "this run is in space (`space: 3d`), but this command needs a run in the plane, a chain of hinges. "
                 "docs/space.md lists what a run in space can be used for"
             )
-        return cls(
-            joints=tree.texts("joints/name"),
-            parents=tree.integers("joints/parent"),
-            centres=tree.numbers("joints/centre", (-1, 2)),
-            covariance=tree.numbers("joints/covariance", (-1, 2, 2)),
-            arc=tree.numbers("joints/arc"),
-            segments=tree.texts("segments/name"),
-            lengths=tree.numbers("segments/length"),
-            lengths_sd=tree.numbers("segments/length_sd"),
-            markers=tree.texts("markers/name"),
-            marker_segment=tree.integers("markers/segment"),
-            local=tree.numbers("markers/local", (-1, 2)),
-        )
+        self.joints = tree.texts("joints/name")
+        self.parents = tree.integers("joints/parent")  # (n,)
+        self.centres = tree.numbers("joints/centre", (-1, 2))  # (n, 2)
+        self.covariance = tree.numbers("joints/covariance", (-1, 2, 2))  # (n, 2, 2)
+        self.arc = tree.numbers("joints/arc")  # (n,)
+        self.segments = tree.texts("segments/name")  # n + 1, base first
+        self.lengths = tree.numbers("segments/length")  # (n - 1,) of segments 1 … n - 1
+        self.lengths_sd = tree.numbers("segments/length_sd")  # (n - 1,)
+        self.markers = tree.texts("markers/name")
+        self.marker_segment = tree.integers("markers/segment")  # (M,)
+        self.local = tree.numbers("markers/local", (-1, 2))  # (M, 2)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -202,41 +185,25 @@ class JointStates:
         return self.mean[..., 0]
 
 
-@dataclass(frozen=True)
 class IdentifiedDynamics:
-    """The parameters of ``dynamics.h5``: b base parameters, p point masses, SI units."""
+    """The parameters of ``dynamics.h5``: b base parameters, p point masses, SI units.
 
-    names: tuple[str, ...]
-    value: FloatArray  # (b,)
-    sd: FloatArray  # (b,)
-    units: tuple[str, ...]
-    verdicts: tuple[str, ...]  # (b,), or empty if the parameters were not judged
-    relative_sd: FloatArray  # (b,) or (0,)
-    excitation: FloatArray  # (b,) or (0,)
-    own_share: FloatArray  # (b,) or (0,)
-    prior_share: FloatArray  # (b,) or (0,)
-    regrouping: FloatArray  # (b, 4(n + 1)); (b, 0) where nothing was identified
-    reference: FloatArray  # (4(n + 1),)
-    grid_segment: IntArray  # (p,)
-    grid_position: FloatArray  # (p, 2)
-    grid_mass: FloatArray  # (p,)
+    The vectors of base parameters are (b,), or empty if this was not judged.
+    """
 
-    @classmethod
-    def from_tree(cls, tree: Tree) -> IdentifiedDynamics:
-        """Return the parameters of ``dynamics.h5``."""
-        names, regrouping = tree.texts("base/name"), tree.numbers("base/regrouping")
-        vectors = ("value", "sd", "relative_sd", "excitation", "own_share", "prior_share")
-        return cls(
-            names=names,
-            units=tree.texts("base/unit"),
-            verdicts=tree.texts("base/verdict"),
-            regrouping=regrouping.reshape(len(names), -1) if regrouping.size else np.zeros((len(names), 0)),
-            reference=tree.numbers("full/reference"),
-            grid_segment=tree.integers("grid/segment"),
-            grid_position=tree.numbers("grid/position", (-1, 2)),
-            grid_mass=tree.numbers("grid/mass"),
-            **{name: tree.numbers(f"base/{name}") for name in vectors},
-        )
+    def __init__(self, tree: Tree) -> None:
+        self.names = tree.texts("base/name")
+        self.value, self.sd = tree.numbers("base/value"), tree.numbers("base/sd")
+        self.units, self.verdicts = tree.texts("base/unit"), tree.texts("base/verdict")
+        self.relative_sd, self.excitation = tree.numbers("base/relative_sd"), tree.numbers("base/excitation")
+        self.own_share, self.prior_share = tree.numbers("base/own_share"), tree.numbers("base/prior_share")
+        # (b, 4(n + 1)); (b, 0) where nothing was identified
+        regrouping, count = tree.numbers("base/regrouping"), len(self.names)
+        self.regrouping = regrouping.reshape(count, -1) if regrouping.size else np.zeros((count, 0))
+        self.reference = tree.numbers("full/reference")  # (4(n + 1),)
+        self.grid_segment = tree.integers("grid/segment")  # (p,)
+        self.grid_position = tree.numbers("grid/position", (-1, 2))  # (p, 2)
+        self.grid_mass = tree.numbers("grid/mass")  # (p,)
 
     @property
     def base_reference(self) -> FloatArray:
@@ -268,25 +235,11 @@ def is_skeleton(facts: Facts) -> bool:
     return "skeleton" in facts
 
 
-@dataclass(frozen=True)
 class SpatialSkeleton:
     """The chain in ``chain.h5`` of a trial in space: n joints, M markers, L landmarks."""
 
-    joints: tuple[str, ...]
-    segments: tuple[str, ...]  # n + 1, base first
-    arc: FloatArray  # (n,) rad
-    lengths: dict[str, tuple[float, float]]  # length and standard deviation by segment, m
-    chain: SpatialChain
-    markers: tuple[str, ...]
-    landmarks: tuple[str, ...]
-    landmark_segment: IntArray  # (L,)
-    landmark_local: FloatArray  # (L, 3)
-    landmark_sd: FloatArray  # (L,)
-
-    @classmethod
-    def from_tree(cls, tree: Tree) -> SpatialSkeleton:
-        """Return the chain of a trial in space."""
-        segments, names = tree.texts("segments/name"), tree.texts("joints/name")
+    def __init__(self, tree: Tree) -> None:
+        self.segments = tree.texts("segments/name")  # n + 1, base first
         parents, known = tree.integers("joints/parent"), tree.integers("joints/known")
         axes, slide_sd = tree.numbers("joints/axes", (-1, 2, 3)), tree.numbers("joints/slide_sd")
         arrays = {name: tree.numbers(f"joints/{name}", shape) for name, shape in _JOINT_ARRAYS.items()}
@@ -302,10 +255,14 @@ class SpatialSkeleton:
             )
             for k, text in enumerate(tree.texts("joints/kind"))
         )
+        self.joints = tree.texts("joints/name") or tuple(f"joint {k}" for k in range(1, len(joints) + 1))
+        self.arc = tree.numbers("joints/arc")  # (n,) rad
         length, sd = tree.numbers("segments/length"), tree.numbers("segments/length_sd")
         # Without anatomy, only segments between two joints have a length.
-        measured = segments if len(length) == len(segments) else segments[1 : 1 + len(length)]
-        chain = SpatialChain(
+        measured = self.segments if len(length) == len(self.segments) else self.segments[1 : 1 + len(length)]
+        # Length and standard deviation by segment, m
+        self.lengths = {name: (float(a), float(b)) for name, a, b in zip(measured, length, sd, strict=True)}
+        self.chain = SpatialChain(
             joints,
             tree.integers("markers/segment"),
             tree.numbers("markers/local", (-1, 3)),
@@ -313,18 +270,11 @@ class SpatialSkeleton:
             tree.numbers("markers/skin"),
             tree.numbers("markers/skin_sd"),
         )
-        return cls(
-            joints=names or tuple(f"joint {k}" for k in range(1, len(joints) + 1)),
-            segments=segments,
-            arc=tree.numbers("joints/arc"),
-            lengths={name: (float(a), float(b)) for name, a, b in zip(measured, length, sd, strict=True)},
-            chain=chain,
-            markers=tree.texts("markers/name"),
-            landmarks=tree.texts("landmarks/name"),
-            landmark_segment=tree.integers("landmarks/segment"),
-            landmark_local=tree.numbers("landmarks/local", (-1, 3)),
-            landmark_sd=tree.numbers("landmarks/sd"),
-        )
+        self.markers = tree.texts("markers/name")
+        self.landmarks = tree.texts("landmarks/name")
+        self.landmark_segment = tree.integers("landmarks/segment")  # (L,)
+        self.landmark_local = tree.numbers("landmarks/local", (-1, 3))  # (L, 3)
+        self.landmark_sd = tree.numbers("landmarks/sd")  # (L,)
 
     @property
     def marker_segment(self) -> IntArray:
@@ -337,31 +287,21 @@ class SpatialSkeleton:
         return np.asarray(own.mean(axis=0)) if len(own) else np.zeros(3)
 
 
-@dataclass(frozen=True)
 class MeasuredPoses:
     """The poses of S segments in ``poses.parquet`` of a trial in space, T samples, in the frame of the trial."""
 
-    time: FloatArray  # (T,)
-    segments: tuple[str, ...]
-    origin: FloatArray  # (T, S, 3)
-    quaternion: FloatArray  # (T, S, 4) w, x, y, z
-    observed: BoolArray  # (T, S)
-    rejected: Rejected = ()
-
-    @classmethod
-    def from_table(cls, table: Table) -> MeasuredPoses:
-        """Return the poses of ``poses.parquet``."""
+    def __init__(self, table: Table) -> None:
         ending = "_qw"
-        names = tuple(name.removesuffix(ending) for name in table.names if name.endswith(ending))
+        self.time: FloatArray = table["time"]  # (T,)
+        self.segments = tuple(name.removesuffix(ending) for name in table.names if name.endswith(ending))
+        self.origin = self._stack(table, "x", "y", "z")  # (T, S, 3)
+        self.quaternion = self._stack(table, "qw", "qx", "qy", "qz")  # (T, S, 4) w, x, y, z
+        self.observed = self._stack(table, "observed")[..., 0].astype(np.bool_)  # (T, S)
+        self.rejected: Rejected = table.facts.get("rejected", ())
 
-        def stacked(axes: tuple[str, ...]) -> FloatArray:
-            columns = [table.stack([f"{name}_{axis}" for axis in axes]) for name in names]
-            return np.stack(columns, axis=1) if columns else np.zeros((table.length, 0, len(axes)))
-
-        origin, quaternion = stacked(("x", "y", "z")), stacked(("qw", "qx", "qy", "qz"))
-        seen = [f"{name}_observed" for name in names]
-        observed = table.stack(seen).astype(np.bool_) if names else np.zeros((table.length, 0), dtype=np.bool_)
-        return cls(table["time"], names, origin, quaternion, observed, table.facts.get("rejected", ()))
+    def _stack(self, table: Table, *endings: str) -> FloatArray:
+        columns = [table.stack([f"{name}_{ending}" for ending in endings]) for name in self.segments]
+        return np.stack(columns, axis=1) if columns else np.zeros((table.length, 0, len(endings)))
 
     def find_measured(self, *segments: str) -> BoolArray:
         """Return True (T,) except where markers of ``segments`` are rejected; see :func:`~.views.find_measured`."""
@@ -388,37 +328,26 @@ class MeasuredPoses:
         return np.asarray(np.swapaxes(self.rotation[:, parent], -1, -2) @ self.rotation[:, child])
 
 
-@dataclass(frozen=True)
 class SpatialAngles:
     """The angles of ``angles.parquet``: T samples, A angles, rad and s."""
 
-    time: FloatArray  # (T,)
-    names: tuple[str, ...]
-    mean: FloatArray  # (T, A, 3) angle, velocity, acceleration
-    sd: FloatArray  # (T, A, 3) standard deviation of the errors that vary within a trial, due to camera and skin
-    constant_sd: FloatArray  # (T, A) standard deviation of the error that is constant in a trial, due to the landmarks
-    condition: FloatArray  # (T,) 1 / sin(elevation); NaN without landmarks
-
-    @classmethod
-    def from_table(cls, table: Table) -> SpatialAngles:
-        """Return the angles of ``angles.parquet``."""
-        names = tuple(name.removeprefix("sd_dd") for name in table.names if name.startswith("sd_dd"))
-
-        def stacked(prefix: str) -> FloatArray:
-            columns = [table.stack([f"{prefix}{order}{name}" for order in ("", "d", "dd")]) for name in names]
-            return np.stack(columns, axis=1) if columns else np.zeros((table.length, 0, 3))
-
-        unknown = np.full(table.length, np.nan)
-        condition = table["isb_condition"] if "isb_condition" in table.names else unknown
-        constant = [table[f"constant_sd_{name}"] for name in names]
-        return cls(
-            table["time"],
-            names,
-            stacked(""),
-            stacked("sd_"),
-            np.stack(constant, axis=1) if names else np.zeros((table.length, 0)),
-            np.asarray(condition, np.float64),
+    def __init__(self, table: Table) -> None:
+        self.time: FloatArray = table["time"]  # (T,)
+        self.names = tuple(name.removeprefix("sd_dd") for name in table.names if name.startswith("sd_dd"))
+        # (T, A, 3) angle, velocity, acceleration, and standard deviation of the errors that vary within a trial, due
+        # to camera and skin
+        self.mean, self.sd = (
+            self._stack(table, *(f"{prefix}{order}" for order in ("", "d", "dd"))) for prefix in ("", "sd_")
         )
+        # (T, A) standard deviation of the error that is constant in a trial, due to the landmarks
+        self.constant_sd = self._stack(table, "constant_sd_")[..., 0]
+        # (T,) 1 / sin(elevation); NaN without landmarks
+        known = "isb_condition" in table.names
+        self.condition = np.asarray(table["isb_condition"] if known else np.full(table.length, np.nan), np.float64)
+
+    def _stack(self, table: Table, *prefixes: str) -> FloatArray:
+        columns = [table.stack([f"{prefix}{name}" for prefix in prefixes]) for name in self.names]
+        return np.stack(columns, axis=1) if columns else np.zeros((table.length, 0, len(prefixes)))
 
     @property
     def near_gimbal(self) -> BoolArray:

@@ -97,7 +97,7 @@ def advise_movement(
     outcome = identify_trial(context)
     assert not isinstance(outcome, NotIdentifiable)  # it was identified before, from the same artefacts
     prepared, movement, model = outcome
-    joints = Skeleton.from_tree(context.tree("chain.h5")).joint_names
+    joints = Skeleton(context.tree("chain.h5")).joint_names
     own, centres = get_recorded_trajectory(prepared.recorded, model.fit.in_fit), prepared.recorded.centres
     skin_tree, frames = context.tree("skin.h5"), context.table("states.parquet").length
     skin, camera = skin_motion.read_skin_tree(skin_tree), float(skin_tree.facts["camera_sd_m"])

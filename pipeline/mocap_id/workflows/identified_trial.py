@@ -122,7 +122,7 @@ class IdentifiedTrial:
         """The trajectories of the markers in the plane."""
         folder = Folder(self.folder)
         segments = folder.table("segments.parquet")
-        return Trajectories(folder.long_table("planar.parquet"), segments.facts.get("bad_stretches", ()))
+        return Trajectories(folder.long("planar.parquet"), segments.facts.get("bad_stretches", ()))
 
     def in_band(self, signal: FloatArray) -> FloatArray:
         """Return a signal (T, ...) in the frequency band in which the trial's model is compared with the plate.
@@ -144,7 +144,7 @@ def open_identified_trial(path: Path, progress: runner.Progress = lambda step: N
     """
     folder, _ = open_run_to(path, _LAST, progress)
     parameters = check_provenance(folder, _FILES)["dynamics.h5"].origin.parameters
-    skeleton, tree = Skeleton.from_tree(folder.tree("chain.h5")), folder.tree("dynamics.h5")
+    skeleton, tree = Skeleton(folder.tree("chain.h5")), folder.tree("dynamics.h5")
     wrench, states, poses, dynamics = map(folder.table, _TABLES)
     joints, gravity = len(skeleton.centres), float(parameters[_LAST]["gravity"])
     between = np.column_stack([np.arange(joints), np.arange(1, joints + 1)])

@@ -111,7 +111,7 @@ def find_payload(
             f"write `calibration:` with the YAML file of {runs[1].name} into the file of the trial with the payload"
         )
     chain = runs[0].tree("chain.h5")
-    segments = SpatialSkeleton.from_tree(chain).segments if chain else ()
+    segments = SpatialSkeleton(chain).segments if chain else ()
     carrier = segments[-1] if segment is None else segment
     if carrier not in segments:
         raise ConfigError(f"{loaded}: there is no segment {carrier!r}; the segments are {', '.join(segments)}")

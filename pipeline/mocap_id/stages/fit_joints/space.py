@@ -166,7 +166,7 @@ def _use_calibration(context: Context, calibration: Calibration) -> Tree:
     keep = np.array([label in assigned for label in tree.texts("markers/name")], dtype=np.bool_)
     markers: Mapping[str, Any] = tree.data["markers"]  # type: ignore[assignment]
     data = {**tree.data, "markers": {key: np.asarray(values)[keep] for key, values in markers.items()}}
-    skeleton = SpatialSkeleton.from_tree(Tree(CHAIN, data, tree.facts))
+    skeleton = SpatialSkeleton(Tree(CHAIN, data, tree.facts))
     addition = ""
     cameras = is_skeleton(planar.facts) or tree.facts["frames"] == "skeleton"
     if not cameras and any(has_known_axes(joint) for joint in skeleton.chain.joints):

@@ -259,7 +259,7 @@ def find_zeros(context: Context, posture: Posture | None) -> tuple[list[dict[str
     Raises RecordingError if the times under ``static:`` are outside the states.
     """
     states, static = context.table("states.parquet"), context.trial.static
-    names = Skeleton.from_tree(context.tree("chain.h5")).joint_names
+    names = Skeleton(context.tree("chain.h5")).joint_names
     time = states["time"]
     seen = joint_columns(states, "observed", len(names)).astype(np.bool_)
     q = np.where(seen, joint_columns(states, "theta", len(names)), np.nan)
@@ -376,7 +376,8 @@ def average_signals(
     compared, compare = [], context.trial.compare
     if compare is not None:
         names = context.tree("chain.h5").texts("joints/name")
-        table = recording.read_angles(compare.angles, {name.removeprefix("-") for name in compare.columns.values()})
+        wanted = {name.removeprefix("-") for name in compare.columns.values()}
+        stamps, others = recording.read_angles(compare.angles, wanted)
         for joint_name, given in compare.columns.items():
             if joint_name not in names:
                 raise ConfigError(
@@ -384,7 +385,7 @@ def average_signals(
                 )
             column, sign = given.removeprefix("-"), -1.0 if given.startswith("-") else 1.0
             number = names.index(joint_name) + 1
-            values = interpolate_at(table.time, sign * table.angles[column], time)
+            values = interpolate_at(stamps, sign * others[column], time)
             agreement = compare_angles(angles[number], values)
             known = bool(np.isfinite(agreement.r))
             compared.append(
@@ -445,8 +446,8 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
         compensation=float(np.radians(keys.compensation_deg)),
         sustained=keys.sustained_s,
     )
-    poses = MeasuredPoses.from_table(context.table("poses.parquet"))
-    skeleton = SpatialSkeleton.from_tree(context.tree("chain.h5"))
+    poses = MeasuredPoses(context.table("poses.parquet"))
+    skeleton = SpatialSkeleton(context.tree("chain.h5"))
     measured = poses.find_measured("upper_arm", "forearm")
     curls = find_curls(time, angles[_FLEXION], angles[f"sd_{_FLEXION}"], rules, measured)
     # the flexion axis of the elbow in the trial's axes (T, 3), towards the right of the arm: the fitted axis of a hinge
@@ -639,10 +640,10 @@ _NO_REGION = "the visited postures have no volume in joint space: an angle hardl
 
 def find_reach_events(context: Context) -> Table:
     """Return events.parquet of a trial with `protocol: reach`."""
-    angles = SpatialAngles.from_table(context.table("angles.parquet"))
-    poses = MeasuredPoses.from_table(context.table("poses.parquet"))
+    angles = SpatialAngles(context.table("angles.parquet"))
+    poses = MeasuredPoses(context.table("poses.parquet"))
     chain = context.tree("chain.h5")
-    skeleton = SpatialSkeleton.from_tree(chain)
+    skeleton = SpatialSkeleton(chain)
     ranges = measure_ranges(angles, poses, skeleton=chain.facts.get("frames") == "skeleton")
     facts: dict[str, Any] = {"why": "", "ranges": {}}
     for name, own in ranges.items():

@@ -184,7 +184,7 @@ class TrialInputs:
 def read_inputs(context: Context) -> TrialInputs:
     """Return the data of a trial, the motion chosen for its masses, and the usable samples."""
     settings: IdentifyDimSettings = context.settings
-    chain, standing = Skeleton.from_tree(context.tree("chain.h5")), context.table("wrench.parquet").facts.get("mass_kg")
+    chain, standing = Skeleton(context.tree("chain.h5")), context.table("wrench.parquet").facts.get("mass_kg")
     recorded = read_trial_data(context, chain)
     obstacle = check_wrench(context, recorded)
     prepared: PreparedTrial | None = None
@@ -332,7 +332,7 @@ def identify_on_chain(
     """
     settings: IdentifyDimSettings = context.settings
     consistency, reference = settings.consistency or "grid", references.chosen.parameters
-    chain, asked = Skeleton.from_tree(context.tree("chain.h5")), settings.reference_pulls
+    chain, asked = Skeleton(context.tree("chain.h5")), settings.reference_pulls
     ankle, few = chain.covariance[:1], _has_few_markers(context, chain)
     with_prior = asked in {None, "foot"} and context.trial.protocol != "robot-joint" and bool(np.isfinite(ankle).any())
     if asked is None and prepared.recorded.external and not few:

@@ -368,7 +368,7 @@ def estimate_centre_errors(context: Context, bodies: MeasuredBodies, q: FloatArr
     of this error.
     """
     tree = context.tree("chain.h5")
-    skeleton, residual = Skeleton.from_tree(tree), tree.numbers("markers/residual")
+    skeleton, residual = Skeleton(tree), tree.numbers("markers/residual")
     loose = {joint: gap for joint, gap in bodies.gap.items() if not gap.pinned}
     moving = np.zeros(q.shape[1]) + estimate_hidden_gaps(bodies.poses, [*loose])
     for joint, gap in loose.items():

@@ -52,7 +52,7 @@ def identify_in_space(context: Context) -> Outputs:
     """Return events.parquet, dynamics.parquet, dynamics.h5 and phases.parquet of a trial in space."""
     table, clock = read_wrench(context)
     time = read_common_time(context, "poses.parquet")
-    skeleton = SpatialSkeleton.from_tree(context.tree("chain.h5"))
+    skeleton = SpatialSkeleton(context.tree("chain.h5"))
     wrench = np.full((table.length, len(COMPONENTS)), np.nan)  # of the ground about the origin of the trial's axes
     if set(COMPONENTS) <= set(table.names):  # a plate may measure fewer components
         wrench = np.where(table["plate_ok"][:, None], table.stack(COMPONENTS), np.nan)

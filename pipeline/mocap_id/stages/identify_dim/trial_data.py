@@ -512,7 +512,7 @@ def judge_mass(context: Context, mass: float | None) -> Reason | None:
     The height is that in the configuration, or else follows from shank and thigh. Without one of these, or if the given
     mass of the person confirms the mass, the result is None.
     """
-    subject, chain = context.trial.subject, Skeleton.from_tree(context.tree("chain.h5"))
+    subject, chain = context.trial.subject, Skeleton(context.tree("chain.h5"))
     if mass is None or context.trial.protocol == "robot-joint":
         return None
     if subject.mass is not None and abs(mass / subject.mass - 1.0) <= MASS_CONTRADICTS:

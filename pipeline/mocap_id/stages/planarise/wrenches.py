@@ -36,6 +36,7 @@ from mocap_id.plates.placement import (
     measure_load_share,
 )
 from mocap_id.recording import CELLS_BELOW_SURFACE_M, BoardLog, Plate, PlateSamples, Recording, ThinnedFrames
+from mocap_id.recording.model import rotate_plate
 from mocap_id.recording.sample_checks import describe_held, find_upright
 from mocap_id.stages.base import Findings, find_markers
 from mocap_id.stages.trial_keys import BalanceBoard, ExternalForce
@@ -597,16 +598,15 @@ def measure_sensors(
     unusable or shares no time with the recording.
     """
     for number, sensor in enumerate(sensors, start=1):
-        log, offset = recording.read_force_log(sensor.file), sensor.clock_offset_s
+        (log, held), offset = recording.read_force_log(sensor.file), sensor.clock_offset_s
         turn = recording.to_z_up(source.vertical) * (-1.0 if sensor.force == "on-sensor" else 1.0)
-        ok = find_complete_rows(np.hstack([log.force, log.moment]))
-        start = log.start + offset
-        plate = Plate(0, "sensor", None, log.force @ turn.T, log.moment @ turn.T, ok, log.rate, start)
+        plate = replace(rotate_plate(log, turn), start=log.start + offset)
         sampled = recording.decimate(plate, used.time, source.rate)
         if not sampled.ok.any():
+            end = log.start + (len(log.ok) - 1) / log.rate + offset
             raise RecordingError(
                 f"{sensor.file}: it has no sample between {used.time[0]:g} and {used.time[-1]:g} s, the times of the "
-                f"recording; it runs from {start:g} to {log.end + offset:g} s on the same clock (with "
+                f"recording; it runs from {plate.start:g} to {end:g} s on the same clock (with "
                 f"`clock_offset_s: {offset:g}`): check `time_s` and the offset"
             )
         if isinstance(sensor.at, str):
@@ -635,7 +635,7 @@ def measure_sensors(
             known_fraction=float(known.mean()),
             measures=sensor.measures,
         )
-        external.reasons += describe_held(log.held, used.time[0] - offset, used.time[-1] - offset)
+        external.reasons += describe_held(held, used.time[0] - offset, used.time[-1] - offset)
         if sensor.measures != "beyond":  # a force of the surroundings
             vertical = recording.decimate(plate, used.thinned.time, used.thinned.rate).force[:, 2]
             external.vertical = external.vertical + vertical

@@ -172,7 +172,7 @@ def states_of_sensors(context: Context) -> Outputs:
     settings: UkfSmoothSettings = context.settings
     check_method(settings.method, settings.engine)
     tree, view = context.tree("chain.h5"), Trajectories(context.long("planar.parquet"))
-    skeleton = Skeleton.from_tree(tree)
+    skeleton = Skeleton(tree)
     names = skeleton.segments[1:]
     worn = list_sensors(context.trial.imus)
     signals = []

@@ -73,7 +73,7 @@ def ukf_smooth(context: Context) -> Outputs:
     tree, bad = context.tree("chain.h5"), context.table("segments.parquet").facts.get("bad_stretches", ())
     view = Trajectories(context.long("planar.parquet"), bad)
     check_uniform_times(view, context.trial.trial)
-    skeleton = Skeleton.from_tree(tree)
+    skeleton = Skeleton(tree)
     chain = MarkerChain(skeleton.centres, skeleton.marker_segment, skeleton.local)
     columns = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
     moves = chain.segment > 0

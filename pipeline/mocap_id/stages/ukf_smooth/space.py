@@ -63,7 +63,7 @@ def smooth_rotations(context: Context) -> Outputs:
     tree, bad = context.tree("chain.h5"), context.table("segments.parquet").facts.get("bad_stretches", ())
     view = Trajectories(context.long("planar.parquet"), bad)
     check_uniform_times(view, context.trial.trial)
-    skeleton = SpatialSkeleton.from_tree(tree)
+    skeleton = SpatialSkeleton(tree)
     columns = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
     points = view.read_positions(columns)
     repeated = find_repeated_frames(points)

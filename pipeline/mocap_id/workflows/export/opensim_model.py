@@ -234,7 +234,7 @@ def export_model(run: RunFolder, out: ExportFiles) -> None:
     if tree is None:
         out.note(f"osim: no model: {run.why_missing('chain.h5')}")
         return
-    skeleton = Skeleton.from_tree(tree)
+    skeleton = Skeleton(tree)
     segments = opensim_bodies(skeleton.segments)
     known = _read_planar_inertia(run, len(segments))
     inertias, source = known or _use_placeholders(run, len(segments))
@@ -482,11 +482,11 @@ def read_model_parts(run: RunFolder) -> tuple[SpatialSkeleton, MeasuredPoses] | 
     tree, table = run.tree("chain.h5"), run.table("poses.parquet")
     if tree is None or table is None:
         return run.why_missing("chain.h5" if tree is None else "poses.parquet")
-    skeleton = SpatialSkeleton.from_tree(tree)
+    skeleton = SpatialSkeleton(tree)
     unknown = [name for name, joint in zip(skeleton.joints, skeleton.chain.joints, strict=True) if not joint.known]
     if unknown:
         return f"the motion does not determine the centre of: {', '.join(unknown)}"
-    return skeleton, MeasuredPoses.from_table(table)
+    return skeleton, MeasuredPoses(table)
 
 
 def export_spatial_model(run: RunFolder, out: ExportFiles) -> None:

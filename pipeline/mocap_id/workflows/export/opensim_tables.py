@@ -83,7 +83,7 @@ def _read_joint_states(run: RunFolder, out: ExportFiles) -> tuple[Skeleton, Join
     if tree is None or table is None:
         out.note(f"mot, sto: no joint angles: {run.why_missing('states.parquet')}")
         return None
-    return Skeleton.from_tree(tree), JointStates.from_table(table)
+    return Skeleton(tree), JointStates.from_table(table)
 
 
 def export_torques(run: RunFolder, out: ExportFiles) -> None:
@@ -92,7 +92,7 @@ def export_torques(run: RunFolder, out: ExportFiles) -> None:
     if table is None or tree is None:
         out.note(f"sto: no torques, no wrench: {run.why_missing('dynamics.parquet')}")
         return
-    skeleton, time = Skeleton.from_tree(tree), table["time"]
+    skeleton, time = Skeleton(tree), table["time"]
     wrench = [*_IN_PLANE, *(f"{name}_model" for name in _IN_PLANE)]
     columns = [name for name in wrench if np.isfinite(table[name]).any()]
     if columns:
@@ -125,7 +125,7 @@ def export_model_motion(run: RunFolder, out: ExportFiles) -> None:
 def export_anatomical_angles(run: RunFolder, out: ExportFiles) -> None:
     """Add ``<trial>_joint_angles.mot`` with the angles of ``angles.parquet``, degrees."""
     table = run.table("angles.parquet")
-    angles = None if table is None else SpatialAngles.from_table(table)
+    angles = None if table is None else SpatialAngles(table)
     if angles is None or not angles.names:
         out.note(f"mot: no joint angles: {run.why_missing('angles.parquet')}")
         return
@@ -307,7 +307,7 @@ def _read_free_bodies(run: RunFolder) -> _FreeBodies | None:
     chosen = run.facts("dynamics.h5").get("motion") or {}
     if chain is None or identified is None or poses is None or not chosen.get("used"):
         return None
-    skeleton, cutoffs = Skeleton.from_tree(chain), chosen["bands_hz"]
+    skeleton, cutoffs = Skeleton(chain), chosen["bands_hz"]
     bands = (float(cutoffs["x"]), float(cutoffs["y"]), float(cutoffs["angle"]))
     moving = read_measured_bodies(poses, skeleton, chosen, bands, read_gravity(run))
     return _FreeBodies(

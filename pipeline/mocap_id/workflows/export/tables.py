@@ -129,7 +129,7 @@ def export_tables(run: RunFolder, out: ExportFiles) -> None:
     state_table = skeleton_table = None
     torques: dict[str, str] = {}  # names of the torques with those of the joints
     if tree is not None:
-        chain = Skeleton.from_tree(tree)
+        chain = Skeleton(tree)
         for j, joint in enumerate(chain.joints, start=1):
             torques |= {f"tau_{j}": f"{joint} torque", f"sd_tau_{j}": f"{joint} torque sd"}
         # A row for each joint; the length is that of the segment that it moves, NaN for the last.
@@ -180,7 +180,7 @@ def export_spatial_tables(run: RunFolder, out: ExportFiles) -> None:
     tree = run.tree("chain.h5")
     skeleton_table = landmark_table = None
     if tree is not None:
-        skeleton = SpatialSkeleton.from_tree(tree)
+        skeleton = SpatialSkeleton(tree)
         landmarks = {
             "landmark": skeleton.landmarks,
             "in the frame of": [skeleton.segments[k] for k in skeleton.landmark_segment],
@@ -214,7 +214,7 @@ def parameter_table(run: RunFolder) -> pd.DataFrame | None:
     tree = run.tree("dynamics.h5")
     if tree is None:
         return None
-    found = IdentifiedDynamics.from_tree(tree)
+    found = IdentifiedDynamics(tree)
     verdicts = found.verdicts or ("",) * len(found.names)
     return pd.DataFrame(
         {"base parameter": found.names, "value": found.value, "sd": found.sd, "unit": found.units, "verdict": verdicts}

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, cast
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from pydantic import Field
@@ -30,7 +30,8 @@ from mocap_id.recording.sensor_logs import ImuLog, format_imu_csv, read_imu
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Settings
 from mocap_id.stages.trial_keys import Subject, TrialKeys, list_sensors
-from mocap_id.store import Artefact, Folder, LongTable, Table, Tree, dumps
+from mocap_id.store import Artefact, Folder, Table, dumps
+from mocap_id.store.folder import ArtefactReader
 from mocap_id.store.views import joint_columns
 from mocap_id.workflows.run_folder import check_provenance, open_run_to
 
@@ -108,21 +109,16 @@ class TrialSource:
 
 
 @dataclass(frozen=True)
-class RerunInputs:
+class RerunInputs(ArtefactReader):
     """The inputs of the stages that are run again, unperturbed or perturbed."""
 
     source: TrialSource
     artefacts: Mapping[str, Artefact]  # artefacts by file name
     settings: Mapping[str, Settings]  # settings by stage
 
-    def table(self, file: str) -> Table:
-        return cast(Table, self.artefacts[file])
-
-    def long(self, file: str) -> LongTable:
-        return cast(LongTable, self.artefacts[file])
-
-    def tree(self, file: str) -> Tree:
-        return cast(Tree, self.artefacts[file])
+    def read(self, file: str) -> Artefact:
+        """Return an artefact."""
+        return self.artefacts[file]
 
     def with_artefacts(self, *changed: Artefact) -> RerunInputs:
         return replace(self, artefacts={**self.artefacts, **{one.schema.file: one for one in changed}})

@@ -671,7 +671,7 @@ def study_sensitivity(
     if folder.resolve() == source.folder.resolve():
         raise ConfigError(f"--out {folder}: this is the trial's own run folder: choose a different folder")
     trial = read_rerun_inputs(source)
-    Skeleton.from_tree(trial.tree("chain.h5"))  # raises StoreError for a trial in space
+    Skeleton(trial.tree("chain.h5"))  # raises StoreError for a trial in space
     selections, note = _select_possible(options.selections, trial)
     perturbations = plan(selections, trial.joints, options.seed)
     numbers = count(1)

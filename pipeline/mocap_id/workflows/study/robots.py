@@ -279,7 +279,7 @@ def _read_method_result(folder: Folder, truth: Truth | None, *, by_encoder: bool
     for name in (*WRENCH, "torque"):
         row |= {f"{name}_{part}": number_or_nan((fits[name] or {}).get(part)) for part in ("bias", "sd", "r2")}
     # Distances of the moving markers from their prediction.
-    markers, skeleton = folder.long_table("markers.parquet"), identified.skeleton
+    markers, skeleton = folder.long("markers.parquet"), identified.skeleton
     moving = [name for name, segment in zip(skeleton.markers, skeleton.segment, strict=True) if segment > 0]
     residual = markers.values["residual"]
     own = np.isin(markers.labels, moving) & markers.values["used"].astype(np.bool_)
