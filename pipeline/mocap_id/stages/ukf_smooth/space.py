@@ -27,7 +27,7 @@ from mocap_id.estimation.space.skeleton_smoothing import SkeletonNoise, bridge_s
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.kinematics.space.bodies import rigid_poses
-from mocap_id.kinematics.space.skeleton import SensorNoise
+from mocap_id.kinematics.space.skeleton import sensor_noise_power
 from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.skin_motion import add_axial_rotation_errors, correct_axial_rotation, correct_cluster_slides
 from mocap_id.stages.trial_keys import list_sensors
@@ -285,11 +285,10 @@ def smooth_skeleton_states(
         weight[:, m] /= np.where(np.isfinite(off), 1 + off**2, 1.0) ** 2
         start = points[:, m]
     weight[missing] = 0.0
-    memory = SensorNoise(facts["white"], facts["memory_s"])
     noise = SkeletonNoise(
         sd,
         weight,
-        lambda frequency: memory.relative_power(frequency, 1 / view.rate),
+        lambda frequency: sensor_noise_power(facts["white"], facts["memory_s"], frequency, 1 / view.rate),
         tree.facts["lasting_scale"] * np.where(trunk, 0.5 * _LASTING_SD, _LASTING_SD),
     )
     return smooth_skeleton(points, view.rate, chain, (rotations, origins), noise, gate=gate)
