@@ -75,29 +75,20 @@ def fit_spatial_chain(
 ) -> SpatialFit:
     """Fit a chain of rigid segments to marker trajectories by one bundle adjustment.
 
-    Parameters
-    ----------
-    points : (F, M, 3) array
-        Trajectories in the frame of the trial, m; NaN where missing.
-    segment : (M,) int array
-        Segment of each marker, 0 = base … n. Every segment has at least three markers that are not on one line.
-    parents : sequence of int, length n
-        Parent of segment 1 … n, smaller than the segment.
-    kinds : mapping of int to kind, optional
-        Kinds of joints that the user has set, by the number of their segment, 1 … n. The others are chosen by evidence.
-        A two-axis joint with nearly parallel axes becomes a ball, because its axes would not determine its angles.
-    estimator : {"bundle", "score", "sphere", "helical"}
-        ``bundle`` is the bundle adjustment. The others find centres from pairs of clusters. The result then has no
-        covariances, no glide and no motion of the skin, and every centre counts as known.
-    near : mapping of int to (F, 3) array, optional
-        Trajectories of points near the joints, such as the middle of the epicondyles, by the number of the segment, m;
-        NaN where missing.
-    firm : collection of int
-        Segments, 1 … n, for which no sliding of the skin under axial rotation is fitted, such as a shoulder girdle.
-    girdle : collection of int
-        Markers, 0 … M - 1, that are on the shoulder girdle by their names. Others are found by their motion.
-    up : (3,) sequence
-        Direction from which the elevation of the girdle is measured, in the frame of the trial.
+    The trajectories ``points`` (F, M, 3) are in the frame of the trial, m, NaN where missing, and ``segment`` (M,) is
+    the segment of each marker, 0 = base … n. Every segment has at least three markers that are not on one line.
+    ``parents`` are the parents of segments 1 … n, smaller than the segments. Segments are numbers 1 … n in:
+
+    - ``kinds``: kinds of joints that the user has set. The others are chosen by evidence. A two-axis joint with nearly
+      parallel axes becomes a ball, because its axes would not determine its angles.
+    - ``near``: trajectories (F, 3) of points near the joints, such as the middle of the epicondyles, m; NaN where
+      missing.
+    - ``firm``: segments for which no sliding of the skin under axial rotation is fitted, such as a shoulder girdle.
+
+    ``bundle`` is the bundle adjustment. The other estimators find centres from pairs of clusters; the result then has
+    no covariances, no glide and no motion of the skin, and every centre counts as known. ``girdle`` are the markers,
+    0 … M - 1, that are on the shoulder girdle by their names; others are found by their motion. ``up`` (3,) is the
+    direction from which the elevation of the girdle is measured, in the frame of the trial.
 
     Raises
     ------
@@ -138,7 +129,7 @@ def fit_spatial_chain(
 
         ``rough`` is a fit with ball joints, and ``riding`` (M,) marks the base markers on the girdle.
         """
-        seen = np.isfinite(points[frames]).all(axis=2)
+        seen: BoolArray = np.asarray(np.isfinite(points[frames]).all(axis=2))
 
         # centres in the clusters of the parents, and origins of the segments in their own clusters
         own, centres = np.zeros((count + 1, 3)), np.zeros((count, 3))
@@ -578,9 +569,8 @@ _SHOWN = 0.85  # largest ratio of the standard deviations of the first axis afte
 def refine_axes(chain: SpatialChain, rotations: FloatArray) -> tuple[SpatialChain, tuple[int, ...]]:
     """Return the calibrated chain with corrected axes of two-axis joints, and the numbers of these joints, from 0.
 
-    Only joints whose axes become clearly more certain are corrected.
-
-    ``rotations`` (F, n + 1, 3, 3) are the rotations of the clusters in the new trial, NaN where unknown.
+    Only joints whose axes become clearly more certain are corrected. ``rotations`` (F, n + 1, 3, 3) are the rotations
+    of the clusters in the new trial, NaN where unknown.
     """
     joints, refined = list(chain.joints), []
     for k, joint in enumerate(chain.joints):
@@ -588,7 +578,41 @@ def refine_axes(chain: SpatialChain, rotations: FloatArray) -> tuple[SpatialChai
         turn = turn[np.isfinite(turn).all(axis=(1, 2))]
         if not has_known_axes(joint) or not len(turn):
             continue
-        better = _refine_joint(joint, turn)
+
+        # axes and κ are refined by Gauss-Newton; the error of the skin is the same in all frames
+        axis, pin = joint.first_axis, joint.second_axis
+        before = cosine = float(axis @ joint.offset @ pin)
+        bases = tangents(axis), tangents(pin)
+        known = [
+            np.linalg.inv(basis.T @ covariance @ basis)
+            for basis, covariance in zip(bases, joint.axes_covariance, strict=True)
+        ]
+        weight = 1 / (_CHANGING_ANGLE**2 * len(turn))
+        for _ in range(_ITERATIONS):
+            along, across = tangents(axis), tangents(pin)
+            rotated_pin = turn @ pin
+            rows = np.column_stack([rotated_pin @ along, (axis @ turn) @ across, -np.ones(len(turn))])
+            matrix = weight * rows.T @ rows
+            vector = weight * rows.T @ (rotated_pin @ axis - cosine)
+            places = (slice(0, 2), axis, joint.first_axis, along), (slice(2, 4), pin, joint.second_axis, across)
+            for (at, now, start, by), basis, inverse in zip(places, bases, known, strict=True):
+                turned = basis.T @ by
+                matrix[at, at] += turned.T @ inverse @ turned
+                vector[at] += turned.T @ inverse @ basis.T @ (now - start)
+            matrix[4, 4] += 1 / _OTHER_ANGLE**2
+            vector[4] += (cosine - before) / _OTHER_ANGLE**2
+            step = -np.linalg.solve(matrix, vector)
+            axis, pin, cosine = axis + along @ step[:2], pin + across @ step[2:4], cosine + float(step[4])
+            axis, pin = axis / np.linalg.norm(axis), pin / np.linalg.norm(pin)
+        spread = np.linalg.inv(matrix)
+        along, across = tangents(axis), tangents(pin)
+        better = replace(
+            joint,
+            first_axis=axis,
+            second_axis=pin,
+            axes_covariance=np.stack([along @ spread[:2, :2] @ along.T, across @ spread[2:4, 2:4] @ across.T]),
+            offset=align_offset(joint.offset, axis, pin, cosine),
+        )
         if np.trace(better.axes_covariance[0]) < _SHOWN**2 * np.trace(joint.axes_covariance[0]):
             joints[k] = better
             refined.append(k)
@@ -598,40 +622,3 @@ def refine_axes(chain: SpatialChain, rotations: FloatArray) -> tuple[SpatialChai
 def has_known_axes(joint: SpatialJoint) -> bool:
     """Return whether a joint has two axes with known covariances."""
     return joint.kind == "two-axis" and bool(np.isfinite(joint.axes_covariance).all())
-
-
-def _refine_joint(joint: SpatialJoint, turn: FloatArray) -> SpatialJoint:
-    """Return the joint with axes and κ refined by Gauss-Newton; the error of the skin is the same in all frames."""
-    axis, pin = joint.first_axis, joint.second_axis
-    before = cosine = float(axis @ joint.offset @ pin)
-    bases = tangents(axis), tangents(pin)
-    known = [
-        np.linalg.inv(basis.T @ covariance @ basis)
-        for basis, covariance in zip(bases, joint.axes_covariance, strict=True)
-    ]
-    weight = 1 / (_CHANGING_ANGLE**2 * len(turn))
-    for _ in range(_ITERATIONS):
-        along, across = tangents(axis), tangents(pin)
-        rotated_pin = turn @ pin
-        rows = np.column_stack([rotated_pin @ along, (axis @ turn) @ across, -np.ones(len(turn))])
-        matrix = weight * rows.T @ rows
-        vector = weight * rows.T @ (rotated_pin @ axis - cosine)
-        places = (slice(0, 2), axis, joint.first_axis, along), (slice(2, 4), pin, joint.second_axis, across)
-        for (at, now, start, by), basis, inverse in zip(places, bases, known, strict=True):
-            turned = basis.T @ by
-            matrix[at, at] += turned.T @ inverse @ turned
-            vector[at] += turned.T @ inverse @ basis.T @ (now - start)
-        matrix[4, 4] += 1 / _OTHER_ANGLE**2
-        vector[4] += (cosine - before) / _OTHER_ANGLE**2
-        step = -np.linalg.solve(matrix, vector)
-        axis, pin, cosine = axis + along @ step[:2], pin + across @ step[2:4], cosine + float(step[4])
-        axis, pin = axis / np.linalg.norm(axis), pin / np.linalg.norm(pin)
-    spread = np.linalg.inv(matrix)
-    along, across = tangents(axis), tangents(pin)
-    return replace(
-        joint,
-        first_axis=axis,
-        second_axis=pin,
-        axes_covariance=np.stack([along @ spread[:2, :2] @ along.T, across @ spread[2:4, 2:4] @ across.T]),
-        offset=align_offset(joint.offset, axis, pin, cosine),
-    )
