@@ -24,7 +24,7 @@ from mocap_id.kinematics.chain_fit import (
     ChainState,
     centre_covariance,
     gauss_newton_step,
-    joint_angles,
+    joint_arcs,
     joint_positions,
     lag_one_covariance,
     length_sd,
@@ -33,7 +33,6 @@ from mocap_id.kinematics.chain_fit import (
 )
 from mocap_id.kinematics.joint import (
     RigidBody,
-    arc,
     fit_body,
     fit_common_centre,
     fit_joint,
@@ -70,7 +69,7 @@ def fit_links(points: ComplexArray, segment: IntArray, method: LinkMethod) -> Ch
     off[~used] = np.nan
     off[:, segment == 0] = points[:, segment == 0] - state.local[segment == 0]
     angles = unwrap_angles(np.where(used[:, None], state.angles, np.nan))
-    arcs = np.array([arc(np.exp(1j * relative)) for relative in joint_angles(angles[used]).T])
+    arcs = joint_arcs(angles[used])
     covariance = np.full((len(arcs), 2, 2), np.nan)
     if method == "rigid-body":
         # jackknife: one block of time is left out at a time. The covariance includes the dependence between joints and
@@ -263,7 +262,7 @@ def fit_chain(
     angles = np.full((len(points), problem.joints), np.nan)
     angles[used] = state.angles
     angles = unwrap_angles(angles)
-    arcs = np.array([arc(np.exp(1j * relative)) for relative in joint_angles(angles[used]).T])
+    arcs = joint_arcs(angles[used])
 
     # covariance of the centres, with that from the unknown distances of pinned markers to their joints
     full = centre_covariance(problem, state)

@@ -14,6 +14,7 @@ from scipy.optimize import least_squares, minimize_scalar
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from mocap_id.geometry.planar import PlaneFrame, marker_positions, rotate
+from mocap_id.kinematics.joint import arc
 
 
 @dataclass(frozen=True)
@@ -255,6 +256,11 @@ def orient_frames(fit: ChainFit) -> ChainFit:
 def joint_angles(absolute: FloatArray) -> FloatArray:
     """Return the angles (F, n) of each segment relative to its parent, rad, from the absolute angles."""
     return np.diff(absolute, axis=1, prepend=0.0)
+
+
+def joint_arcs(absolute: FloatArray) -> FloatArray:
+    """Return the 2.5 to 97.5 % ranges (n,) of the joint angles, rad, from the absolute angles (F, n)."""
+    return np.array([arc(np.exp(1j * relative)) for relative in joint_angles(absolute).T])
 
 
 def length_sd(centres: ComplexArray, covariance: FloatArray) -> FloatArray:

@@ -251,16 +251,16 @@ def fit_joint(parent: RigidBody, child: RigidBody) -> PairJoint:
     determinant = first * second - abs(c) ** 2
     p, q = (second * f - c * h) / determinant, (np.conj(c) * f - first * h) / determinant
     off = r * p - s * q - gap
-    return PairJoint(complex(p), complex(q), float(np.sqrt(np.vdot(off, off).real / frames)), _measure_range(angle))
+    return PairJoint(complex(p), complex(q), float(np.sqrt(np.vdot(off, off).real / frames)), measure_range(angle))
 
 
 def arc(rotation: ComplexArray) -> float:
     """Return the 2.5 to 97.5 % range of an unwrapped rotation (F,), rad."""
     angle = unwrap_rotation(rotation)
-    return _measure_range(angle[np.isfinite(angle)])
+    return measure_range(angle[np.isfinite(angle)])
 
 
-def _measure_range(angle: FloatArray) -> float:
+def measure_range(angle: FloatArray) -> float:
     """Return the 2.5 to 97.5 % range of angles (F,), rad; ``np.quantile`` takes twenty times as long."""
     last = len(angle) - 1
     low, high = np.interp([0.025 * last, 0.975 * last], np.arange(len(angle)), np.sort(angle))

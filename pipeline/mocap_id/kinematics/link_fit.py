@@ -281,12 +281,6 @@ class LinkFit:
     used: IntArray  # (T,) frames in which every angle is known
     pins: dict[int, IntArray]  # columns of the markers that represent a joint, by the number of the joint from 0
 
-    @property
-    def arcs(self) -> FloatArray:
-        """2.5 to 97.5 % ranges (n,) of the joint angles, rad."""
-        turns = np.diff(self.state.angles, axis=1, prepend=0.0)
-        return np.array([arc(np.exp(1j * turn)) for turn in turns.T])
-
     def ratios(self, points: ComplexArray) -> tuple[float, ...]:
         """Return, for each joint, the residual of the markers beyond it without the joint, divided by that with it."""
         origin, turn = joint_positions(self.state)

@@ -15,6 +15,7 @@ import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.errors import Refused
+from mocap_id.kinematics.chain_fit import joint_arcs
 from mocap_id.kinematics.clusters import Base, Constraints, MarkerClusters, find_base
 from mocap_id.kinematics.joint import RigidBody, fit_body, fit_joint, marker_residuals, still_body
 from mocap_id.kinematics.link_fit import (
@@ -251,16 +252,16 @@ def segment_markers(
             return rigid
     if links is not None:
         explained = explained_share(links.segment, lateral, moving)
-        ankle_marked = 0 in links.pins
+        ankle_marked, arcs = 0 in links.pins, joint_arcs(links.state.angles)
         against = {
             "left-out": _LEFT_OUT_OF_LINKS if explained < 1 else 0.0,
             "base": 0.0 if ankle_marked else 2 * log_shortfall(base.gap, _SURE_GAP),
             # a segment has a single marker, and no marker is at either of its joints
             "links": _LOOSE if links.loose else 0.0,
             # joint 1 rotates little, and no marker is at it
-            "ankle": 0.0 if ankle_marked else 4 * log_shortfall(float(links.arcs[0]), _SURE_ANKLE_ARC),
+            "ankle": 0.0 if ankle_marked else 4 * log_shortfall(float(arcs[0]), _SURE_ANKLE_ARC),
         }
-        confidence, count = weigh_evidence(_BEST, (1.0,) * len(links.arcs), against), len(links.state.centres) + 1
+        confidence, count = weigh_evidence(_BEST, (1.0,) * len(arcs), against), len(links.state.centres) + 1
         ratios = links.ratios(points)
         return Segmentation(links.segment, links.residual, count, confidence, ratios, base, considered, links)
     if rigid is None:

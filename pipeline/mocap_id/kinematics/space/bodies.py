@@ -15,7 +15,7 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.compilation import compiled
 from mocap_id.geometry import so3
 from mocap_id.kinematics.clusters import Constraints
-from mocap_id.kinematics.joint import variance_over_time
+from mocap_id.kinematics.joint import measure_range, variance_over_time
 
 _ITERATIONS = 60
 _TOLERANCE = 1e-7  # m
@@ -414,10 +414,8 @@ def fit_pair_joint(first: SpatialBody, second: SpatialBody) -> SpatialPairJoint:
     free = min(_rms(first.residual[second.markers]), _rms(second.residual[first.markers]))
     vector = so3.log(mean_rotation(turn).T @ turn)
     _, axes = np.linalg.eigh(vector.T @ vector)
-    angle = np.sort(vector @ axes[:, 2])
-    last = len(angle) - 1
-    low, high = np.interp([0.025 * last, 0.975 * last], np.arange(len(angle)), angle)
-    return SpatialPairJoint(solution[:3], solution[3:], _rms(np.linalg.norm(off, axis=1)), free, float(high - low))
+    arc = measure_range(vector @ axes[:, 2])
+    return SpatialPairJoint(solution[:3], solution[3:], _rms(np.linalg.norm(off, axis=1)), free, arc)
 
 
 def _rms(values: FloatArray) -> float:
