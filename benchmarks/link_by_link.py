@@ -12,7 +12,8 @@ import harness
 import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
-from mocap_id.kinematics import ChainFit, fit_chain, fit_links, joint_angles, orient_frames
+from mocap_id.kinematics.bundle import fit_chain, fit_links
+from mocap_id.kinematics.chain_fit import ChainFit, joint_angles, orient_frames
 from mocap_id_simulation.options import Options
 from mocap_id_simulation.scene import generate
 

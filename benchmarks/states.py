@@ -32,7 +32,8 @@ from mocap_id.arrays import FloatArray
 from mocap_id.estimation import FilterSettings, filter_problem, smooth
 from mocap_id.estimation.filter_problem import FilterProblem
 from mocap_id.estimation.noise import MarkerChain, estimate_marker_noise, find_frame_angles
-from mocap_id.kinematics import fit_chain, frames_along_motion, orient_frames
+from mocap_id.kinematics.bundle import fit_chain, frames_along_motion
+from mocap_id.kinematics.chain_fit import orient_frames
 from mocap_id_simulation import Options, generate
 
 FITTED = 400  # frames, as in fit-joints

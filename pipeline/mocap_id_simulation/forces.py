@@ -509,12 +509,12 @@ def _body_motion(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return pose, velocity and acceleration of every body's frame, (T, B, 3) each."""
     links, chain = body.links, body.chain
-    motion = link_motion(chain, q, dq, ddq, np.zeros(6))
+    _, velocities, accelerations = link_motion(chain, q, dq, ddq, np.zeros(6))
     origin = chain.poses(q)[..., :2, 3][:, links]
     # continuous angles: cumulative sums of all rotations
     rotation = np.cumsum(q[:, [0, 1, 2, 5, 6, 7]], axis=1)
     angle = rotation[:, [_ROTATING.index(link) for link in links]]
-    twist, change = motion.velocity[:, links], motion.acceleration[:, links]
+    twist, change = velocities[:, links], accelerations[:, links]
     spin, spin_rate = twist[..., 5], change[..., 5]
     velocity = planar.rotate(angle, twist[..., :2])
     # the derivative of a body velocity lacks the contribution of the frame's rotation

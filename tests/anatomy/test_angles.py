@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,7 +17,6 @@ from mocap_id.anatomy.angles import (
     elbow_angles,
     joint_coordinates,
     shoulder_angles,
-    wrist_angles,
 )
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
@@ -53,7 +53,7 @@ def turned(axes: list[FloatArray], q: FloatArray) -> FloatArray:
 CASES: dict[str, tuple[Callable[[FloatArray], FloatArray], Callable[[RelativeMotion], JointAngles], int]] = {
     "shoulder": (lambda q: turned([Y, -X, Y], q), shoulder_angles, 3),
     "elbow": (lambda q: turned([Z, X, Y], q * [1, 0.3, 1]), elbow_angles, 3),
-    "wrist": (lambda q: turned([Z, X], q), wrist_angles, 2),
+    "wrist": (lambda q: turned([Z, X], q), partial(elbow_angles, names=WRIST), 2),
     "two-axis": (lambda q: TWO_AXES.rotation(q[:, :2]), lambda m: joint_coordinates(m, TWO_AXES, ("a", "b")), 2),
     "hinge": (lambda q: HINGE.rotation(q[:, :1]), lambda m: joint_coordinates(m, HINGE, ("a",)), 1),
     "ball": (lambda q: BALL.rotation(q * 0.8), lambda m: joint_coordinates(m, BALL, ("a", "b", "c")), 3),
@@ -115,9 +115,9 @@ def test_standard_deviations_agree_with_monte_carlo(name: str) -> None:
     )
     predicted = decompose(RelativeMotion(one.rotation, one.velocity, one.acceleration, covariance[None]))
     measured = decompose(many)
-    assert np.allclose(np.std(measured.angle, axis=0), predicted.sd.angle[0], rtol=0.05)
-    assert np.allclose(np.std(measured.rate, axis=0), predicted.sd.rate[0], rtol=0.05)
-    assert np.allclose(np.std(measured.acceleration, axis=0), predicted.sd.acceleration[0], rtol=0.05)
+    assert np.allclose(np.std(measured.angle, axis=0), predicted.sd[0], rtol=0.05)
+    assert np.allclose(np.std(measured.rate, axis=0), predicted.sd_rate[0], rtol=0.05)
+    assert np.allclose(np.std(measured.acceleration, axis=0), predicted.sd_acceleration[0], rtol=0.05)
 
 
 @pytest.mark.slow
@@ -142,9 +142,9 @@ def test_errors_of_frames_agree_with_monte_carlo_as_a_mean_and_changes() -> None
         accelerations.append(moved.acceleration)
     means = np.mean(angles, axis=1)
     assert np.allclose(np.std(means, axis=0), predicted.constant_sd, rtol=0.06)
-    assert np.allclose(np.std(angles - means[:, None], axis=0), predicted.sd.angle, rtol=0.06)
-    assert np.allclose(np.std(rates, axis=0), predicted.sd.rate, rtol=0.06)
-    assert np.allclose(np.std(accelerations, axis=0), predicted.sd.acceleration, rtol=0.06)
+    assert np.allclose(np.std(angles - means[:, None], axis=0), predicted.sd, rtol=0.06)
+    assert np.allclose(np.std(rates, axis=0), predicted.sd_rate, rtol=0.06)
+    assert np.allclose(np.std(accelerations, axis=0), predicted.sd_acceleration, rtol=0.06)
 
 
 def shoulder(plane: FloatArray, elevation: FloatArray, axial: FloatArray) -> JointAngles:

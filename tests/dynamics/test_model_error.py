@@ -18,7 +18,8 @@ from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.estimation import smooth
 from mocap_id.geometry import planar
-from mocap_id.kinematics import ChainState, skin_from_residuals
+from mocap_id.kinematics.chain_fit import ChainState
+from mocap_id.kinematics.skin_slides import skin_from_residuals
 from mocap_id_simulation import Options, SimulatedTrial, generate
 from mocap_id_simulation.forces import TrueState
 

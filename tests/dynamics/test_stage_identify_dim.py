@@ -14,7 +14,8 @@ from scipy.interpolate import CubicSpline
 from mocap_id.dynamics.preparation import TrialData
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.errors import Refused, StoreError
-from mocap_id.kinematics import ChainState, skin_from_residuals
+from mocap_id.kinematics.chain_fit import ChainState
+from mocap_id.kinematics.skin_slides import skin_from_residuals
 from mocap_id.stages import skin_motion
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE, IdentifyDimSettings

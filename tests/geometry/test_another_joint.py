@@ -58,7 +58,7 @@ def test_products_and_jacobian(seed):
     g = chain.poses(q)[-1]
     change = (chain.poses(q + step * dq)[-1] - chain.poses(q - step * dq)[-1]) / (2 * step)
     np.testing.assert_allclose(spatial_jacobian(chain, q) @ dq, se3.vee_twist(change @ se3.inverse(g)), atol=1e-7)
-    velocity = link_motion(chain, q, dq, ddq, np.zeros(6)).velocity[-1]
+    velocity = link_motion(chain, q, dq, ddq, np.zeros(6))[1][-1]
     np.testing.assert_allclose(velocity, se3.vee_twist(se3.inverse(g) @ change), atol=1e-7)
 
 

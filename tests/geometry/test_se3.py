@@ -20,12 +20,6 @@ def test_exp_is_the_matrix_exponential(twist):
 
 @laws
 @given(twists())
-def test_log_is_the_inverse_of_exp(twist):
-    np.testing.assert_allclose(se3.log_pose(se3.exp_twist(twist)), twist, rtol=1e-11, atol=1e-12)
-
-
-@laws
-@given(twists())
 def test_the_inverse_has_the_negative_twist(twist):
     g = se3.exp_twist(twist)
     np.testing.assert_allclose(se3.inverse(g), se3.exp_twist(-twist), atol=1e-13)
@@ -50,10 +44,8 @@ def test_the_adjoint_is_a_homomorphism(g, h):
 def test_the_adjoint_is_conjugation(g, twist):
     """Eq. 2.32, 2.33."""
     conjugated = g @ se3.hat_twist(twist) @ se3.inverse(g)
-    np.testing.assert_allclose(se3.hat_twist(se3.move_twist(g, twist)), conjugated, atol=1e-11)
-    np.testing.assert_allclose(
-        se3.exp_twist(se3.move_twist(g, twist)), g @ se3.exp_twist(twist) @ se3.inverse(g), atol=1e-11
-    )
+    np.testing.assert_allclose(se3.hat_twist(se3.Ad(g) @ twist), conjugated, atol=1e-11)
+    np.testing.assert_allclose(se3.exp_twist(se3.Ad(g) @ twist), g @ se3.exp_twist(twist) @ se3.inverse(g), atol=1e-11)
 
 
 @laws
@@ -74,7 +66,7 @@ def test_the_small_adjoint_generates_the_large_one(twist):
 @given(poses(), twists(), vectors(6))
 def test_power_is_the_same_in_both_frames(g, twist, wrench):
     """Ad_gᵀ moves wrenches so that their power on a twist does not change (eq. 2.54 in the form of 2.57)."""
-    power = se3.move_wrench(g, wrench) @ se3.move_twist(g, twist)
+    power = se3.move_wrench(g, wrench) @ se3.Ad(g) @ twist
     assert power == pytest.approx(wrench @ twist, abs=1e-10)
 
 
@@ -88,7 +80,6 @@ def test_leading_axes(shape):
     rng = np.random.default_rng(0)
     twist, wrench = rng.normal(size=(2, *shape, 6))
     g = se3.exp_twist(twist)
-    assert se3.log_pose(g).shape == twist.shape
     moved = se3.move_wrench(g, wrench)
     for index in np.ndindex(shape):
         np.testing.assert_allclose(g[index], se3.exp_twist(twist[index]), atol=1e-15)

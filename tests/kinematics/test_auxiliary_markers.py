@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.kinematics import fit_chain
-from mocap_id.kinematics.bundle import rigid_body_links
+from mocap_id.kinematics.bundle import fit_chain, rigid_body_links
 
 ANKLE = 0.05 + 0.1j
 SEGMENT = np.array([0] * 3 + [1] * 6)

@@ -136,8 +136,8 @@ def lifted(turn_deg: float) -> FloatArray:
 def test_a_heel_that_lifts_is_found(turn_deg: float) -> None:
     lift = find_heel_lift(lifted(turn_deg), TIME, RATE)
     assert lift is not None
-    assert (lift.marker, lift.about) == (3, 4)
-    assert np.degrees(lift.turn) == pytest.approx(turn_deg, rel=0.15)
+    assert lift[:2] == (3, 4)
+    assert np.degrees(lift[3]) == pytest.approx(turn_deg, rel=0.15)
 
 
 @pytest.mark.parametrize("turn_deg", [0.0, 2.0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.kinematics import find_bursts
+from mocap_id.kinematics.marker_faults import find_bursts
 
 RATE = 100.0
 

@@ -9,8 +9,9 @@ import pytest
 from scipy.sparse.csgraph import connected_components
 
 from mocap_id.errors import Refused
-from mocap_id.kinematics import Constraints, SegmentationRules, segment_markers
-from mocap_id.kinematics.clusters import MarkerClusters, find_base
+from mocap_id.kinematics.clusters import Constraints, MarkerClusters, find_base
+from mocap_id.kinematics.link_fit import SegmentationRules
+from mocap_id.kinematics.segmentation import segment_markers
 
 RULES = SegmentationRules()
 

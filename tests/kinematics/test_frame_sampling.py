@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.kinematics import frames_along_motion
+from mocap_id.kinematics.bundle import frames_along_motion
 
 COUNT = 200
 

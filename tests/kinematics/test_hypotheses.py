@@ -7,8 +7,9 @@ import re
 import numpy as np
 import pytest
 
-from mocap_id.kinematics import SegmentationRules, segment_markers
 from mocap_id.kinematics.clusters import Constraints
+from mocap_id.kinematics.link_fit import SegmentationRules
+from mocap_id.kinematics.segmentation import segment_markers
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -10,8 +10,8 @@ import pytest
 from scipy import optimize
 
 from mocap_id.errors import NumericalError, Refused
-from mocap_id.kinematics import LinkMethod, fit_chain, fit_links, joint_angles, orient_frames
-from mocap_id.kinematics.bundle import circle_links, rigid_body_links
+from mocap_id.kinematics.bundle import LinkMethod, circle_links, fit_chain, fit_links, rigid_body_links
+from mocap_id.kinematics.chain_fit import joint_angles, orient_frames
 from mocap_id.kinematics.joint import fit_common_centre
 from mocap_id.stages.base import Context
 from mocap_id.stages.fit_joints import STAGE

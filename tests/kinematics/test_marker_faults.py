@@ -12,7 +12,8 @@ import pytest
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
-from mocap_id.kinematics import SegmentationRules, frames_along_motion, segment_markers
+from mocap_id.kinematics.bundle import frames_along_motion
+from mocap_id.kinematics.link_fit import SegmentationRules
 from mocap_id.kinematics.marker_faults import (
     RecordedMarkers,
     find_bad_stretches,
@@ -20,6 +21,7 @@ from mocap_id.kinematics.marker_faults import (
     find_repeats,
     sample_rows,
 )
+from mocap_id.kinematics.segmentation import segment_markers
 from mocap_id.runner import run_stage
 from mocap_id.store import Folder, LongTable, Table
 from mocap_id_simulation import Options, generate, simulate

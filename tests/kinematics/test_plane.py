@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocap_id.kinematics import fit_plane, propose_window
+from mocap_id.kinematics.base_motion import propose_window
+from mocap_id.kinematics.plane import fit_plane
 
 
 def planar_motion(yaw: float, seed: int = 0, noise: float = 0.0) -> np.ndarray:

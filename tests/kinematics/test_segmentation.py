@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from mocap_id.errors import Refused
-from mocap_id.kinematics import Constraints, SegmentationRules, measure_asymmetry, segment_markers
-from mocap_id.kinematics.clusters import find_base
+from mocap_id.kinematics.clusters import Constraints, find_base
+from mocap_id.kinematics.joint import measure_asymmetry
+from mocap_id.kinematics.link_fit import SegmentationRules
+from mocap_id.kinematics.segmentation import segment_markers
 
 
 @pytest.mark.parametrize("joints", [1, 2, 3, 4])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mocap_id.kinematics import skin_slides
-from mocap_id.kinematics.chain_fit import ChainProblem, ChainState, eliminate_angles
+from mocap_id.kinematics.chain_fit import ChainProblem, ChainState, gauss_newton_step
 
 JOINTS, MARKERS, FRAMES = 3, 3, 40
 
@@ -18,7 +18,7 @@ def solved(points: np.ndarray, segment: np.ndarray, start: ChainState) -> ChainS
     nowhere = np.zeros(len(segment), dtype=bool)
     problem, state = ChainProblem(points, np.ones(points.shape), segment, nowhere, JOINTS), start
     for _ in range(12):
-        state = state.change(*eliminate_angles(problem, state).step())
+        state = state.change(*gauss_newton_step(problem, state))
     return state
 
 

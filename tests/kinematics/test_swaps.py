@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mocap_id import recording
-from mocap_id.kinematics import Swap, find_swaps, undo_swaps
+from mocap_id.kinematics.marker_faults import Swap, find_swaps, undo_swaps
 from mocap_id_simulation import Options, generate
 
 MANNERS = ("normal", "dynamic", "stable")

@@ -15,7 +15,7 @@ import pytest
 
 from mocap_id import recording
 from mocap_id.errors import Refused
-from mocap_id.kinematics import fit_plane
+from mocap_id.kinematics.plane import fit_plane
 from mocap_id.plates.choice import choose_plates, compare_courses
 from mocap_id.plates.placement import find_foot_beside, find_standing_feet, measure_load_share
 from mocap_id.recording import Plate, PlateSamples, PlateSignals, ThinnedFrames

@@ -14,7 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mocap_id import recording
-from mocap_id.kinematics import propose_window
+from mocap_id.kinematics.base_motion import propose_window
 from mocap_id.plates.choice import choose_plates, compare_directions
 from mocap_id.plates.placement import compare_with_feet, find_standing_feet, measure_lean, measure_outside
 from mocap_id.recording import Plate, PlateSamples, Recording

@@ -15,7 +15,7 @@ from test_facing import sitting_down
 from mocap_id import recording
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.planar import PlaneFrame
-from mocap_id.kinematics import find_bursts
+from mocap_id.kinematics.marker_faults import find_bursts
 from mocap_id.recording import lab_plates as decimation
 from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings

@@ -32,27 +32,20 @@ _X, _Y, _Z = np.eye(3)
 
 
 @dataclass(frozen=True)
-class AngleDeviations:
-    """Standard deviations of angles and of their derivatives, (F, k)."""
-
-    angle: FloatArray  # rad
-    rate: FloatArray  # rad/s
-    acceleration: FloatArray  # rad/s²
-
-
-@dataclass(frozen=True)
 class JointAngles:
     """Angles of one joint over time, with standard deviations.
 
     Errors of the anatomical frames shift the mean of an angle (``constant_sd``) and change its course over time
-    (included in ``sd``). The standard deviation of an absolute angle is ``hypot(sd.angle, constant_sd)``.
+    (included in ``sd``). The standard deviation of an absolute angle is ``hypot(sd, constant_sd)``.
     """
 
     names: tuple[str, ...]  # names of the k angles
     angle: FloatArray  # (F, k) continuous in time, rad
     rate: FloatArray  # (F, k) rad/s
     acceleration: FloatArray  # (F, k) rad/s²
-    sd: AngleDeviations  # uncertainty of changes of the angles, of rates and of accelerations, from motion and frames
+    sd: FloatArray  # (F, k) standard deviation of changes of the angles, from motion and frames, rad
+    sd_rate: FloatArray  # (F, k) rad/s
+    sd_acceleration: FloatArray  # (F, k) rad/s²
     constant_sd: FloatArray  # (k,) uncertainty of the mean angles from the frames, rad
     condition: FloatArray  # (F,) amplification of errors: 1/|sin elevation|, 1/|cos carrying|, else 1
     near_gimbal: BoolArray  # (F,) samples within 15° of the pose in which two angles are not defined separately
@@ -72,7 +65,19 @@ def shoulder_angles(motion: RelativeMotion, frames: FloatArray | None = None) ->
     elevation = np.arctan2(np.hypot(r[:, 0, 1], r[:, 2, 1]), r[:, 1, 1])
     plane, axial = np.arctan2(-r[:, 0, 1], -r[:, 2, 1]), np.arctan2(-r[:, 1, 0], r[:, 1, 2])
     sine = np.sin(elevation)
-    plane, axial = _unwrap_through_poles(plane, axial, elevation, sine >= GIMBAL)
+
+    # near a pole, only the sum or difference of plane and axial rotation is free of jumps
+    seen, meaningful = np.isfinite(plane), sine >= GIMBAL
+    plane = _unwrap(plane, meaningful)
+    if seen.any():
+        p, a = plane[seen], axial[seen]
+        sign = np.where((elevation[seen][1:] + elevation[seen][:-1]) < np.pi, 1.0, -1.0)
+        step = _wrap(np.diff(a) + sign * np.diff(p)) - sign * np.diff(p)
+        continuous = a[0] + np.concatenate([[0.0], np.cumsum(step)])
+        good = np.flatnonzero(meaningful[seen])
+        start = good[0] if len(good) else 0
+        continuous += _wrap(continuous[start : start + 1]) - continuous[start]
+        axial[seen] = continuous
     turns = np.stack([_Y, -_X, _Y])
     angles = np.stack([plane, elevation, axial], axis=1)
     return _build_joint_angles(SHOULDER, angles, axes_of_rotations(turns, angles), motion, frames, sine=np.abs(sine))
@@ -81,7 +86,11 @@ def shoulder_angles(motion: RelativeMotion, frames: FloatArray | None = None) ->
 def elbow_angles(
     motion: RelativeMotion, frames: FloatArray | None = None, names: tuple[str, ...] = ELBOW
 ) -> JointAngles:
-    """Return flexion, carrying angle and pronation of the forearm in the upper arm, without angles not in ``names``."""
+    """Return flexion, carrying angle and pronation of the forearm in the upper arm.
+
+    Only the first two are returned if no marker or joint determines the pronation (``names`` of two angles). For the
+    hand in the forearm (:data:`WRIST`), they are flexion and deviation; ulnar deviation is positive.
+    """
     r = motion.rotation
     cosine = np.hypot(r[:, 0, 1], r[:, 1, 1])
     flexion = _unwrap(np.arctan2(-r[:, 0, 1], r[:, 1, 1]))
@@ -92,21 +101,19 @@ def elbow_angles(
     return _build_joint_angles(names, angles, axes, motion, frames, sine=cosine)
 
 
-def hinge_elbow_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> JointAngles:
-    """Return flexion and carrying angle of the forearm, if no marker or joint determines its pronation."""
-    return elbow_angles(motion, frames, ELBOW[:2])
-
-
-def wrist_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> JointAngles:
-    """Return flexion and deviation of the hand in the forearm. Flexion and ulnar deviation are positive."""
-    return elbow_angles(motion, frames, WRIST)
-
-
 def joint_coordinates(motion: RelativeMotion, joint: SpatialJoint, names: tuple[str, ...]) -> JointAngles:
     """Return the coordinates of a joint, rad: one angle (hinge), two angles (two-axis) or a rotation vector (ball)."""
     r, one = motion.rotation, np.ones(len(motion.rotation))
     if joint.kind == "ball":
-        vector = _unwrap_rotation_vectors(so3.log(r))
+        vector = so3.log(r)
+        last: FloatArray | None = None
+        for i in np.flatnonzero(np.isfinite(vector).all(axis=1)):  # continuous when the rotation angle exceeds π
+            angle = float(np.linalg.norm(vector[i]))
+            if last is not None and angle > 0:
+                axis = vector[i] / angle
+                turned = np.round((float(last @ axis) - angle) / (2 * np.pi))
+                vector[i] = (angle + 2 * np.pi * turned) * axis
+            last = vector[i]
         return _build_joint_angles(names, vector, axes_of_rotation_vector(vector), motion, None, sine=one)
     a, b = joint.first_axis, joint.second_axis
     if joint.kind == "hinge":
@@ -150,10 +157,12 @@ def _build_joint_angles(
         by_frames[:, :keep] -= mean
         sd, constant = np.hypot(sd, propagate_covariance(by_frames, frames)), propagate_covariance(mean, frames)
 
-    deviations = AngleDeviations(*(sd[:, i * dimension : i * dimension + keep] for i in range(3)))
+    of_angle, of_rate, of_acceleration = (sd[:, i * dimension : i * dimension + keep] for i in range(3))
     condition = 1 / np.maximum(np.abs(sine), 1e-12)
     rate, acceleration = rate[:, :keep], acceleration[:, :keep]
-    return JointAngles(names, angles[:, :keep], rate, acceleration, deviations, constant, condition, turned)
+    return JointAngles(
+        names, angles[:, :keep], rate, acceleration, of_angle, of_rate, of_acceleration, constant, condition, turned
+    )
 
 
 def _measure_rotation_about(axis: FloatArray, rotation: FloatArray) -> FloatArray:
@@ -189,43 +198,6 @@ def _unwrap(angle: FloatArray, meaningful: BoolArray | None = None) -> FloatArra
     else:
         values += _wrap(values[:1]) - values[:1]
     result[seen] = values
-    return result
-
-
-def _unwrap_through_poles(
-    plane: FloatArray, axial: FloatArray, elevation: FloatArray, meaningful: BoolArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return plane and axial rotation (F,), rad, without jumps.
-
-    Near a pole, only their sum or difference is free of jumps.
-    """
-    seen = np.isfinite(plane)
-    plane = _unwrap(plane, meaningful)
-    if not seen.any():
-        return plane, axial
-    p, a = plane[seen], axial[seen]
-    sign = np.where((elevation[seen][1:] + elevation[seen][:-1]) < np.pi, 1.0, -1.0)
-    step = _wrap(np.diff(a) + sign * np.diff(p)) - sign * np.diff(p)
-    continuous = a[0] + np.concatenate([[0.0], np.cumsum(step)])
-    good = np.flatnonzero(meaningful[seen])
-    start = good[0] if len(good) else 0
-    continuous += _wrap(continuous[start : start + 1]) - continuous[start]
-    result = axial.copy()
-    result[seen] = continuous
-    return plane, result
-
-
-def _unwrap_rotation_vectors(vector: FloatArray) -> FloatArray:
-    """Return rotation vectors (F, 3), rad, that remain continuous when the rotation angle exceeds π."""
-    result = vector.copy()
-    last: FloatArray | None = None
-    for i in np.flatnonzero(np.isfinite(vector).all(axis=1)):
-        angle = float(np.linalg.norm(result[i]))
-        if last is not None and angle > 0:
-            axis = result[i] / angle
-            turns = np.round((float(last @ axis) - angle) / (2 * np.pi))
-            result[i] = (angle + 2 * np.pi * turns) * axis
-        last = result[i]
     return result
 
 

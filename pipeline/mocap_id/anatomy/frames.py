@@ -1,7 +1,7 @@
 """Anatomical frames of the upper limb from landmarks (ISB: Wu 2005), with their uncertainty.
 
 All frames are defined for a right arm: X forward, Y up along the segment, Z to the right. The landmarks of a left arm
-are mirrored first (:func:`mirror_points`).
+are mirrored first (:func:`mirror_points`). At the end, skin that moves over the bone, for simulated markers.
 """
 
 from __future__ import annotations
@@ -124,11 +124,7 @@ def build_frame(definition: FrameDefinition, points: Mapping[str, FloatArray]) -
 
 
 def build_straight_hand(forearm: SegmentFrame, points: Mapping[str, FloatArray]) -> SegmentFrame:
-    """Return the frame of a hand that is straight in the landmarks' pose.
-
-    The frame has the axes of the forearm's frame, and its origin is the middle of the wrist. The angles of the wrist
-    are therefore zero in this pose.
-    """
+    """Return the frame of a hand that is straight in the landmarks' pose: the forearm's axes at the wrist."""
     return SegmentFrame(_sum_weighted(_WRIST, points), forearm.rotation, forearm.sensitivity)
 
 

@@ -1,4 +1,4 @@
-"""Landmarks in the frames of marker clusters, from a still pose or from pointer trials."""
+"""Landmarks by the names of markers, and in the frames of clusters, from a still pose or from pointer trials."""
 
 from __future__ import annotations
 
@@ -91,16 +91,16 @@ def find_landmarks(
     >>> find_landmarks(["Anna:CLAV", "Anna:RELB", "Anna:RELBM", "Anna:RUPA"]).markers
     {'IJ': 0, 'EL': 1, 'EM': 2}
     """
-    readings = [reading for marker, label in enumerate(labels) for reading in _read_label(label, marker)]
+    readings = [(marker, *reading) for marker, label in enumerate(labels) for reading in _read_label(label)]
     reasons: list[Reason] = []
 
     # the arm
-    counts: dict[Side, int] = {each: len({r.landmark for r in readings if r.side == each}) for each, _ in _SIDES}
+    counts: dict[Side, int] = {each: len({name for _, name, own, _ in readings if own == each}) for each, _ in _SIDES}
     chosen = side
     if side is not None:
         other: Side = "left" if side == "right" else "right"
         if counts[side] == 0 and counts[other] > 0:
-            names = ", ".join(labels[r.marker] for r in readings if r.side == other)
+            names = ", ".join(labels[marker] for marker, _, own, _ in readings if own == other)
             raise RecordingError(
                 f"side: {side}, but the landmarks of the recording are of the {other} arm ({names}); "
                 f"write side: {other}, or name the landmarks under `landmarks:`"
@@ -132,41 +132,38 @@ def find_landmarks(
         if name in fixed:
             markers[name] = fixed[name]
             continue
-        fitting = [r for r in readings if r.landmark == name and (name in MIDDLE or r.side in (chosen, None))]
+        fitting = [
+            (rank, own is None and chosen is not None, marker)
+            for marker, landmark, own, rank in readings
+            if landmark == name and (name in MIDDLE or own in (chosen, None))
+        ]
         if not fitting:
             continue
-        order = min((r.rank, r.side is None and chosen is not None) for r in fitting)
-        best = [r for r in fitting if (r.rank, r.side is None and chosen is not None) == order]
-        names = " and ".join(labels[r.marker] for r in best)
+        order = min(fitting)[:2]
+        best = [marker for *each, marker in fitting if tuple(each) == order]
+        names = " and ".join(labels[marker] for marker in best)
         if len(best) > 1:
             message = (
                 f"the marker names {names} all fit the landmark {name}, so none was used. Name one of them, such as "
-                f"`landmarks: {{{name}: {labels[best[0].marker]}}}`"
+                f"`landmarks: {{{name}: {labels[best[0]]}}}`"
             )
             reasons.append(Reason("landmark-ambiguous", message))
             continue
-        if best[0].rank == 2:
+        if order[0] == 2:
             message = (
                 f"the marker {names} was used as the landmark {name}, but this name is also used for other points. "
                 f"Write landmarks: {{{name}: {names}}} to confirm it, or give the correct marker"
             )
             reasons.append(Reason("landmark-doubtful", message))
-        markers[name] = best[0].marker
+        markers[name] = best[0]
     return NamedLandmarks(markers, chosen, tuple(reasons))
 
 
-@dataclass(frozen=True)
-class _Reading:
-    """Interpretation of a marker's name as a landmark."""
+def _read_label(label: str) -> list[tuple[str, Side | None, int]]:
+    """Return all interpretations of a marker's name: landmark, side and rank.
 
-    landmark: str
-    side: Side | None
-    marker: int
-    rank: int  # 0: name used by the ISB, 1: another spelling, 2: doubtful spelling
-
-
-def _read_label(label: str, marker: int) -> list[_Reading]:
-    """Return all interpretations of a marker's name."""
+    The rank is 0 for a name used by the ISB, 1 for another spelling, and 2 for a doubtful spelling.
+    """
     text = label.rsplit(":", 1)[-1]
     words = [word for word in re.split(r"[^A-Za-z0-9]+", text) if word]
     if not words:
@@ -185,7 +182,7 @@ def _read_label(label: str, marker: int) -> list[_Reading]:
     for own, rest in [*before, (None, bare), *([(None, bare[1:])] if bare.startswith("p") else []), *behind]:
         hits = [hit for hit in _BY_NAME.get(rest, []) if own is None or hit[0] in SIDED]
         if hits:
-            return [_Reading(name, own if name in SIDED else None, marker, rank) for name, rank in hits]
+            return [(name, own if name in SIDED else None, rank) for name, rank in hits]
     return []
 
 
@@ -370,10 +367,7 @@ def locate_landmarks(
 
 
 def _average_positions(local: FloatArray, palpation: float, skin: float) -> LandmarkPosition | None:
-    """Return the mean of positions (K, 3), m; None if all are missing.
-
-    The fraction ``skin`` of their spread is an error that averaging does not reduce.
-    """
+    """Return the mean of positions (K, 3), m; None if all are missing. The part ``skin`` of their spread is lasting."""
     seen = np.isfinite(local).all(axis=1)
     count = int(seen.sum())
     if count == 0:
@@ -390,14 +384,6 @@ _LASTING = 50.0  # frames over which the error of skin and hand is practically c
 _MOVES = 0.005  # m; largest rms motion of the tip in the cluster's frame
 
 
-@dataclass(frozen=True)
-class Pointer:
-    """Straight pointer with markers."""
-
-    distances: FloatArray  # (P,) distances from the tip to the markers, m
-    sd: float = 0.0  # standard deviation of the tip's position along the rod, m
-
-
 def find_pointer_markers(trial: Sequence[str], pointer_trials: Sequence[Sequence[str]]) -> tuple[str, ...]:
     """Return the names of the markers that every pointer trial has and the trial itself does not have.
 
@@ -410,14 +396,15 @@ def find_pointer_markers(trial: Sequence[str], pointer_trials: Sequence[Sequence
     return tuple(name for name in first if name not in set(trial) and all(name in other for other in others))
 
 
-def locate_tip(markers: FloatArray, pointer: Pointer) -> tuple[FloatArray, FloatArray]:
+def locate_tip(markers: FloatArray, distances: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the tip positions and the residuals of a least-squares line through the pointer's markers in each frame.
 
-    The markers (F, P, 3) are in m, NaN where missing. The tip (F, 3), m, is NaN where a marker is missing. The residual
-    (F,), m, is the rms distance of the markers from their positions on the rod. A RecordingError is raised unless the
-    pointer has one distance for each marker, at least two, and 50 mm between the smallest and the largest.
+    The markers (F, P, 3) are in m, NaN where missing, and ``distances`` (P,) are those from the tip, m. The tip (F, 3),
+    m, is NaN where a marker is missing. The residual (F,), m, is the rms distance of the markers from their positions
+    on the rod. A RecordingError is raised unless the pointer has one distance for each marker, at least two, and 50 mm
+    between the smallest and the largest.
     """
-    distances = np.asarray(pointer.distances, dtype=np.float64)
+    distances = np.asarray(distances, dtype=np.float64)
     if distances.shape != (markers.shape[1],) or len(distances) < 2 or np.ptp(distances) < 0.05:
         raise RecordingError(
             f"the pointer has {markers.shape[1]} markers and {distances.size} distances from its tip; expected one "
@@ -436,16 +423,19 @@ def locate_pointed_landmark(
     markers: FloatArray,
     rotation: FloatArray,
     origin: FloatArray,
-    pointer: Pointer,
+    pointer: tuple[FloatArray, float],
     palpation: float = PALPATION,
 ) -> tuple[LandmarkPosition, tuple[Reason, ...]]:
     """Return the landmark of a pointer trial in the frame of the segment's cluster, and cautions about the pointer.
 
     The pointer's markers (F, P, 3) are in m. ``rotation`` (F, 3, 3), cluster to trial, and ``origin`` (F, 3), m, are
-    the pose of the cluster. All are NaN where missing. ``palpation`` is the standard deviation of the touched position
-    along each axis, m. A RecordingError is raised if pointer and cluster are never visible in the same frame.
+    the pose of the cluster. All are NaN where missing. ``pointer`` are the distances (P,) from its tip to its markers,
+    m, and the standard deviation of the tip's position along the rod, m. ``palpation`` is the standard deviation of the
+    touched position along each axis, m. A RecordingError is raised if pointer and cluster are never visible in the same
+    frame.
     """
-    tip, residual = locate_tip(markers, pointer)
+    distances, tip_sd = pointer
+    tip, residual = locate_tip(markers, distances)
     local = np.einsum("fji,fj->fi", rotation, tip - origin)
     seen = np.isfinite(local).all(axis=1)
     if not seen.any():
@@ -455,7 +445,7 @@ def locate_pointed_landmark(
     mean = np.median(local[seen], axis=0)
     spread = float(np.sqrt(np.mean(np.sum((local[seen] - mean) ** 2, axis=1))))
     bend = float(np.sqrt(np.mean(residual[seen] ** 2)))
-    sd = float(np.sqrt(palpation**2 + (spread**2 + bend**2 + pointer.sd**2) / 3))
+    sd = float(np.sqrt(palpation**2 + (spread**2 + bend**2 + tip_sd**2) / 3))
     reasons: list[Reason] = []
     if bend > _BEND:
         message = (
@@ -472,8 +462,10 @@ def locate_pointed_landmark(
     return LandmarkPosition(mean, sd, spread), tuple(reasons)
 
 
-def calibrate_pointer(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> Pointer:
-    """Return the pointer, with its distances estimated from trials in which it rotates about its resting tip.
+def calibrate_pointer(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> tuple[FloatArray, float]:
+    """Return the distances (P,), m, from a pointer's tip to its markers, and their common standard deviation, m.
+
+    They are estimated from trials in which the pointer rotates about its resting tip.
 
     The tip p is constant in the frame of the cluster: c(t) - l e(t) = p. Here c is the mean of the markers, e the
     direction of the rod, and l the distance from the tip to c. A least-squares fit gives l, and p of each trial. The
@@ -508,4 +500,4 @@ def calibrate_pointer(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]
             "resting tip"
         )
     offset = np.mean(offsets, axis=0)
-    return Pointer(length + offset if length > 0 else -length - offset, sd)
+    return np.asarray(length + offset if length > 0 else -length - offset), sd

@@ -123,8 +123,8 @@ def spatial_regressor(
     origin of the world frame, in world axes. ``q``, ``dq`` and ``ddq`` (..., N) are the joint coordinates and their
     derivatives; ``base_acceleration`` (6,) is ``(g·up, 0)`` for gravity.
     """
-    moving = link_motion(chain, q, dq, ddq, base_acceleration)
-    return bodies_regressor(chain.poses(q), moving.velocity, moving.acceleration)
+    _, velocity, acceleration = link_motion(chain, q, dq, ddq, base_acceleration)
+    return bodies_regressor(chain.poses(q), velocity, acceleration)
 
 
 def bodies_regressor(poses: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:

@@ -209,15 +209,6 @@ def body_jacobian(chain: Chain, q: FloatArray, tool: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class LinkMotion:
-    """Motion of all links, base first."""
-
-    relative: FloatArray  # (..., n, 4, 4) pose g_{i-1,i} of each link in the frame of the previous link
-    velocity: FloatArray  # (..., n + 1, 6) body velocities, m/s and rad/s
-    acceleration: FloatArray  # (..., n + 1, 6) derivatives of the body velocities, m/s² and rad/s²
-
-
-@dataclass(frozen=True)
 class JointLoads:
     """Wrenches and generalised forces that cause a given motion of a chain."""
 
@@ -251,9 +242,11 @@ def link_wrench(inertia: FloatArray, velocity: FloatArray, acceleration: FloatAr
 
 def link_motion(
     chain: Chain, q: FloatArray, dq: FloatArray, ddq: FloatArray, base_acceleration: FloatArray
-) -> LinkMotion:
-    """Return the velocities and accelerations of all links for given coordinates (..., N) (eq. 2.50-2.53).
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the motion of all links, base first, for given coordinates (..., N) (eq. 2.50-2.53).
 
+    The results are the pose g_{i-1,i} (..., n, 4, 4) of each link in the frame of the previous link, the body
+    velocities (..., n + 1, 6), m/s and rad/s, and their derivatives (..., n + 1, 6), m/s² and rad/s².
     The base has zero velocity and the acceleration ``base_acceleration`` (6,), which is ``(g·up, 0)`` for gravity.
     """
     relative = chain.relative_poses(q)
@@ -269,7 +262,7 @@ def link_motion(
         coriolis = se3.ad(from_base[..., 0]) @ own
         velocity.append((from_base + own)[..., 0])
         acceleration.append((backward @ acceleration[-1][..., None] + coriolis + change)[..., 0])
-    return LinkMotion(relative, np.stack(velocity, axis=-2), np.stack(acceleration, axis=-2))
+    return relative, np.stack(velocity, axis=-2), np.stack(acceleration, axis=-2)
 
 
 def inverse_dynamics(
@@ -289,8 +282,8 @@ def inverse_dynamics(
     n + 1, 6) are other external wrenches on the links (for example, from a seat), in the links' frames. The thesis has
     the opposite sign: its Γ_E is the wrench of the body on the surroundings.
     """
-    moving = link_motion(chain, q, dq, ddq, base_acceleration)
-    needed = link_wrench(inertias, moving.velocity, moving.acceleration)
+    relative, velocity, acceleration = link_motion(chain, q, dq, ddq, base_acceleration)
+    needed = link_wrench(inertias, velocity, acceleration)
     if applied is not None:
         needed = needed - applied
     total = needed[..., -1, :]
@@ -299,5 +292,5 @@ def inverse_dynamics(
         subspace = chain.joints[i].subspace(q[..., chain.slices[i]])
         wrenches.append(total)
         efforts.append((np.swapaxes(subspace, -1, -2) @ total[..., None])[..., 0])
-        total = needed[..., i, :] + se3.move_wrench(moving.relative[..., i, :, :], total)
+        total = needed[..., i, :] + se3.move_wrench(relative[..., i, :, :], total)
     return JointLoads(np.stack(wrenches[::-1], axis=-2), np.concatenate(efforts[::-1], axis=-1), total)

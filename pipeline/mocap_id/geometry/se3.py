@@ -60,19 +60,6 @@ def exp_twist(twist: FloatArray) -> FloatArray:
     return pose(so3.exp(omega), position)
 
 
-def log_pose(g: FloatArray) -> FloatArray:
-    """Return the twist (m, rad) whose :func:`exp_twist` is this pose. Its rotation angle is 0 to π."""
-    omega, position = so3.log(g[..., :3, :3]), g[..., :3, 3]
-    angle = np.linalg.norm(omega, axis=-1)[..., None]
-    small = np.abs(angle) < _SMALL
-    safe = np.where(small, 1.0, angle)
-    closed = (1 - safe / 2 * np.cos(safe / 2) / np.sin(safe / 2)) / safe**2
-    factor = np.where(small, 1 / 12 + angle**2 / 720 + angle**4 / 30240, closed)  # (1 - (θ/2) cot(θ/2))/θ²
-    once = np.cross(omega, position)
-    v = position - once / 2 + factor * np.cross(omega, once)
-    return np.concatenate([v, omega], axis=-1)
-
-
 def Ad(g: FloatArray) -> FloatArray:
     """Return the adjoint (..., 6, 6) of a pose g_AB, which maps twists in B to twists in A (eq. 2.33, 2.34)."""
     rotation, position = g[..., :3, :3], g[..., :3, 3]
@@ -92,11 +79,6 @@ def ad(twist: FloatArray) -> FloatArray:
     matrix[..., :3, :3] = matrix[..., 3:, 3:] = so3.hat(twist[..., 3:])
     matrix[..., :3, 3:] = so3.hat(twist[..., :3])
     return matrix
-
-
-def move_twist(g: FloatArray, twist: FloatArray) -> FloatArray:
-    """Transform twists from frame B to frame A with the pose g = g_AB (eq. 2.38)."""
-    return (Ad(g) @ twist[..., None])[..., 0]
 
 
 def move_wrench(g: FloatArray, wrench: FloatArray) -> FloatArray:

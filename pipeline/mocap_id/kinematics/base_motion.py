@@ -207,10 +207,38 @@ def find_base_motion(positions: FloatArray, time: FloatArray, rate: float) -> Ba
     feet = feet[np.isfinite(_median_positions(tracks, merged[0])[:, 0])]
     if len(merged) < 2 or len(feet) < 2:
         return None
-    margin = round(_MARGIN_S * rate / size)
-    stretches, centre, alone, knots = _fit_motion(blocks[:, feet, :2], middle, merged, margin, alone=bool(other.any()))
-    times, poses = np.array(list(knots)), np.array(list(knots.values()))
-    return BaseMotion(stretches, tuple(int(marker) for marker in feet), fixed, centre, alone, times, poses)
+
+    # the motion of the foot markers that are visible in the first interval
+    tracks, margin, last = blocks[:, feet, :2], round(_MARGIN_S * rate / size), len(merged) - 1
+    first = _median_positions(tracks, merged[0])
+    centre = first.mean(axis=0)
+
+    def fit(places: FloatArray) -> tuple[FloatArray, float]:
+        return _fit_rigid_motion(first - centre, places - centre, turning=turning)
+
+    turning, alone = True, bool(other.any())
+    fits = [fit(_median_positions(tracks, run)) for run in merged]
+    turning = all(misfit <= (_SAME_M if alone else _RIGID_M) for _, misfit in fits)
+    alone &= not turning  # feet may also rotate about a marker that keeps its place
+    if not turning:
+        fits = [fit(_median_positions(tracks, run)) for run in merged]
+    section = max(2, round(_STRETCH_S / float(middle[1] - middle[0])))
+    stretches, knots = [], dict[float, FloatArray]()
+    for n, ((start, stop), (pose, misfit)) in enumerate(zip(merged, fits, strict=True)):
+        # ``margin`` blocks at the inner ends of the intervals count as motion
+        begin, end = start + margin * (n > 0), max(stop - 1 - margin * (n < last), start + margin + 1)
+        stretches.append(BaseStretch(float(middle[begin]), float(middle[end]), pose[:2], float(pose[2]), misfit))
+        if (n > 0 and merged[n - 1][1] == start) or (n < last and merged[n + 1][0] == stop):  # a slow slide is followed
+            parts = [(a, min(a + section, stop)) for a in range(start, stop - section // 2, section)]
+            knots |= {float(middle[(a + b - 1) // 2]): fit(_median_positions(tracks, (a, b)))[0] for a, b in parts}
+        else:
+            knots |= {float(middle[begin]): pose, float(middle[end]): pose}
+        between = range(end + 1, merged[n + 1][0] + margin) if n < last and merged[n + 1][0] > stop else range(0)
+        seen_in = [block for block in between if np.isfinite(tracks[block, :, 0]).sum() >= 2]
+        knots |= {float(middle[block]): fit(tracks[block])[0] for block in seen_in}
+    times, poses = np.array(sorted(knots)), np.array([pose for _, pose in sorted(knots.items())])
+    markers = tuple(int(marker) for marker in feet)
+    return BaseMotion(tuple(stretches), markers, fixed, centre, alone, times, poses)
 
 
 def find_standing(blocks: FloatArray, block_s: float, least: float = _STANDING) -> BoolArray:
@@ -239,10 +267,7 @@ def find_standing(blocks: FloatArray, block_s: float, least: float = _STANDING) 
 
 
 def _slides(feet: FloatArray) -> bool:
-    """Return whether feet (K, N, 2) are at another place in the last third than in the first third.
-
-    Only thirds are compared, because the skin returns with every repetition.
-    """
+    """Return whether feet (K, N, 2) are elsewhere in the last third than in the first: the skin returns every time."""
     third = len(feet) // 3
     before, after = (_median_positions(feet, part) for part in ((0, third), (len(feet) - third, len(feet))))
     return _measure_distance(before, after) >= MOVED_M
@@ -263,48 +288,8 @@ def _measure_distance(here: FloatArray, there: FloatArray) -> float:
     return float(np.nanmax(away, initial=0.0))
 
 
-def _fit_motion(
-    tracks: FloatArray, time: FloatArray, runs: list[tuple[int, int]], margin: int, *, alone: bool
-) -> tuple[tuple[BaseStretch, ...], FloatArray, bool, dict[float, FloatArray]]:
-    """Fit the motion of the base to tracks (K, N, 2) of foot markers that are visible in the first interval.
-
-    ``runs`` are the still intervals, (first block, stop); ``margin`` blocks at their inner ends count as motion.
-    ``alone`` tells that markers on a foot keep their places. The results are the fields ``stretches``, ``centre`` and
-    ``alone`` of :class:`BaseMotion`, and its poses by their times.
-    """
-    first = _median_positions(tracks, runs[0])
-    centre = first.mean(axis=0)
-
-    def fit(places: FloatArray) -> tuple[FloatArray, float]:
-        return _fit_rigid_motion(first - centre, places - centre, turning=turning)
-
-    turning = True
-    fits = [fit(_median_positions(tracks, run)) for run in runs]
-    turning = all(misfit <= (_SAME_M if alone else _RIGID_M) for _, misfit in fits)
-    alone &= not turning  # feet may also rotate about a marker that keeps its place
-    if not turning:
-        fits = [fit(_median_positions(tracks, run)) for run in runs]
-    last, step = len(runs) - 1, max(2, round(_STRETCH_S / float(time[1] - time[0])))
-    stretches, knots = [], dict[float, FloatArray]()
-    for k, ((start, stop), (pose, misfit)) in enumerate(zip(runs, fits, strict=True)):
-        begin, end = start + margin * (k > 0), max(stop - 1 - margin * (k < last), start + margin + 1)
-        stretches.append(BaseStretch(float(time[begin]), float(time[end]), pose[:2], float(pose[2]), misfit))
-        if (k > 0 and runs[k - 1][1] == start) or (k < last and runs[k + 1][0] == stop):  # a slow slide is followed
-            parts = [(a, min(a + step, stop)) for a in range(start, stop - step // 2, step)]
-            knots |= {float(time[(a + b - 1) // 2]): fit(_median_positions(tracks, (a, b)))[0] for a, b in parts}
-        else:
-            knots |= {float(time[begin]): pose, float(time[end]): pose}
-        between = range(end + 1, runs[k + 1][0] + margin) if k < last and runs[k + 1][0] > stop else range(0)
-        seen = [block for block in between if np.isfinite(tracks[block, :, 0]).sum() >= 2]
-        knots |= {float(time[block]): fit(tracks[block])[0] for block in seen}
-    return tuple(stretches), centre, alone, dict(sorted(knots.items()))
-
-
 def _fit_rigid_motion(before: FloatArray, after: FloatArray, *, turning: bool) -> tuple[FloatArray, float]:
-    """Return the shift and rotation (3,) about the origin that move points (N, 2), and the remaining rms distance.
-
-    Without ``turning``, the rotation is 0.
-    """
+    """Return shift, m, and rotation about the origin, (3,), that move points (N, 2), and the rms distance left, m."""
     seen = np.isfinite(before[:, 0]) & np.isfinite(after[:, 0])
     if not seen.any():
         return np.zeros(3), 0.0
@@ -329,13 +314,12 @@ def block_means(values: FloatArray, size: int) -> FloatArray:
     return np.asarray(np.where(number > 0, np.where(known, parts, 0.0).sum(axis=1), np.nan) / np.maximum(number, 1))
 
 
-_HEEL_LIFT_BLOCK_S = 0.1
 _LASTING_S = 0.3  # shortest lift
 _LIFT_M = 0.012  # least lift; markers on heels that stay on the ground rise by up to 9 mm
 _FLAT = 0.4  # least fraction of the body's moving time in which feet are flat; shanks move in most of it
-_FOOT_M = (0.1, 0.35)  # range of distances of two markers on one foot
-_HEEL_LIFT_RIGID_M = 0.003  # largest change of distance of two markers on one foot
-_HEEL_LIFT_STILL_M = 0.001  # markers that move less are on the ground, not on a rotating foot
+_ON_FOOT_M = (0.1, 0.35)  # range of distances of two markers on one foot
+_CONSTANT_M = 0.003  # largest change of distance of two markers on one foot
+_AT_REST_M = 0.001  # markers that move less are on the ground, not on a rotating foot
 _MOSTLY = 0.98  # quantile of a marker's distance from its usual position
 _LEAST_POSITIONS = 2  # fewest distinct marker positions that determine the pose of a foot
 
@@ -343,24 +327,15 @@ LEAST_TURN = float(np.radians(3.0))
 """Least rotation of a foot that is reported, rad."""
 
 
-@dataclass(frozen=True)
-class HeelLift:
-    """Lift of one end of a foot."""
-
-    marker: int  # column of the marker that rises
-    about: int  # column of a marker on the same foot that rises less
-    height: float  # rise that lasts 0.3 s, m
-    turn: float  # rotation of the foot, rad
-    time: float  # time when the marker first rises, s
-
-
-def find_heel_lift(positions: FloatArray, time: FloatArray, rate: float) -> HeelLift | None:
+def find_heel_lift(positions: FloatArray, time: FloatArray, rate: float) -> tuple[int, int, float, float, float] | None:
     """Return the largest rotation of a foot; None if all feet stay flat, or if no two markers of a foot rotate.
 
-    A rotation is visible in two low markers that keep their distance while one of them rises. Positions (F, M, 3) are
-    in lab axes with Z up, m, NaN where missing; ``rate`` is in frames per second.
+    The results are the column of the marker that rises and that of a marker on the same foot that rises less, the rise
+    that lasts 0.3 s, m, the rotation of the foot, rad, and the time when the marker first rises, s. A rotation is
+    visible in two low markers that keep their distance while one of them rises. Positions (F, M, 3) are in lab axes
+    with Z up, m, NaN where missing; ``rate`` is in frames per second.
     """
-    size = max(1, round(_HEEL_LIFT_BLOCK_S * rate))
+    size = max(1, round(_BLOCK_S * rate))
     blocks = block_means(positions, size)
     low = np.flatnonzero(find_standing(blocks, size / rate, _FLAT))
     blocks, lasting = blocks[:, low], max(1, round(_LASTING_S * rate / size))
@@ -369,9 +344,9 @@ def find_heel_lift(positions: FloatArray, time: FloatArray, rate: float) -> Heel
     usual = np.nanmedian(blocks, axis=0)
     away = np.sort(np.nan_to_num(np.linalg.norm(blocks - usual, axis=2)), axis=0)[-lasting]
     height = np.sort(np.nan_to_num(blocks[..., 2] - usual[:, 2]), axis=0)[-lasting]
-    largest: HeelLift | None = None
+    largest: tuple[int, int, float, float, float] | None = None
     for up in np.flatnonzero(height > _LIFT_M):
-        for down in np.flatnonzero((away > _HEEL_LIFT_STILL_M) & (height < height[up])):
+        for down in np.flatnonzero((away > _AT_REST_M) & (height < height[up])):
             # the rotation, for ``lasting`` blocks, of the line between two markers of one foot
             between = blocks[:, up] - blocks[:, down]
             between = between[np.isfinite(between[:, 0])]
@@ -380,14 +355,14 @@ def find_heel_lift(positions: FloatArray, time: FloatArray, rate: float) -> Heel
             lengths = np.linalg.norm(between, axis=1)
             length, line = float(np.median(lengths)), np.median(between, axis=0)
             level = abs(line[2]) < np.hypot(line[0], line[1])
-            rigid = np.quantile(np.abs(lengths - length), 0.98) <= _HEEL_LIFT_RIGID_M
-            if not (level and _FOOT_M[0] < length < _FOOT_M[1] and rigid):
+            rigid = np.quantile(np.abs(lengths - length), 0.98) <= _CONSTANT_M
+            if not (level and _ON_FOOT_M[0] < length < _ON_FOOT_M[1] and rigid):
                 continue
             slope = np.arcsin(np.clip(between[:, 2] / length, -1, 1))
             turn = float(np.sort(slope - np.median(slope))[-lasting])
-            if turn > LEAST_TURN and (largest is None or turn > largest.turn):
+            if turn > LEAST_TURN and (largest is None or turn > largest[3]):
                 first = int(np.argmax(blocks[:, up, 2] - usual[up, 2] > _LIFT_M))
-                largest = HeelLift(int(low[up]), int(low[down]), float(height[up]), turn, float(time[size * first]))
+                largest = int(low[up]), int(low[down]), float(height[up]), turn, float(time[size * first])
     return largest
 
 
@@ -396,7 +371,7 @@ def find_moving_markers(points: FloatArray, rate: float) -> BoolArray:
 
     Marker positions (F, m, 2) are in the plane frame, m, NaN where missing; the rate is in frames per second.
     """
-    blocks = block_means(points, max(1, round(_HEEL_LIFT_BLOCK_S * rate)))
+    blocks = block_means(points, max(1, round(_BLOCK_S * rate)))
     moving: BoolArray = np.asarray(np.isfinite(blocks).any(axis=(0, 2)))
     if not moving.any():
         return moving
@@ -404,6 +379,6 @@ def find_moving_markers(points: FloatArray, rate: float) -> BoolArray:
     low = usual[:, 1] < usual[:, 1].min() + LOW_M  # a table or a chair that is touched is not a foot
     moving[moving], usual = low, usual[low]
     away = np.linalg.norm(blocks[:, moving] - usual, axis=2)
-    moves = np.nanquantile(away, _MOSTLY, axis=0) > _HEEL_LIFT_STILL_M
+    moves = np.nanquantile(away, _MOSTLY, axis=0) > _AT_REST_M
     moving[moving] = moves & (count_positions(as_complex(usual[moves])) >= _LEAST_POSITIONS)
     return moving

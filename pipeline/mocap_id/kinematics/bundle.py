@@ -23,8 +23,8 @@ from mocap_id.kinematics.chain_fit import (
     ChainProblem,
     ChainState,
     centre_covariance,
-    eliminate_angles,
-    joint_angles,
+    gauss_newton_step,
+    joint_arcs,
     joint_positions,
     lag_one_covariance,
     length_sd,
@@ -33,7 +33,6 @@ from mocap_id.kinematics.chain_fit import (
 )
 from mocap_id.kinematics.joint import (
     RigidBody,
-    arc,
     fit_body,
     fit_common_centre,
     fit_joint,
@@ -70,11 +69,38 @@ def fit_links(points: ComplexArray, segment: IntArray, method: LinkMethod) -> Ch
     off[~used] = np.nan
     off[:, segment == 0] = points[:, segment == 0] - state.local[segment == 0]
     angles = unwrap_angles(np.where(used[:, None], state.angles, np.nan))
-    arcs = np.array([arc(np.exp(1j * relative)) for relative in joint_angles(angles[used]).T])
+    arcs = joint_arcs(angles[used])
     covariance = np.full((len(arcs), 2, 2), np.nan)
     if method == "rigid-body":
-        covariance = _jackknife_covariance(points, segment, state, np.flatnonzero(used))
-        covariance += _slip_variance(off[used], segment, arcs)[:, None, None] * np.eye(2)
+        # jackknife: one block of time is left out at a time. The covariance includes the dependence between joints and
+        # the correlation of residuals within a block, but not errors common to all blocks.
+        blocks = np.array_split(np.flatnonzero(used), min(_BLOCKS, int(used.sum())))
+        refitted = []
+        for block in blocks:
+            part = rigid_body_links(np.delete(points, block, axis=0), segment)
+            centres = part.centres.copy()
+            for k in range(1, len(centres)):  # each segment frame is rotated to match that of all blocks
+                own = segment == k
+                towards = np.vdot(part.local[own], state.local[own]) + np.conj(part.centres[k]) * state.centres[k]
+                centres[k] *= np.exp(1j * np.angle(towards))
+            refitted.append(centres)
+        apart = np.stack(refitted)
+        apart = apart - apart.mean(axis=0)
+        xy = np.stack([apart.real, apart.imag], axis=2)
+        covariance = (len(blocks) - 1) / len(blocks) * np.einsum("bji,bjk->jik", xy, xy)
+
+        # Skin that slides by s over an arc shifts the centre by about s / arc without a residual. The visible part of
+        # the slide is the part of the residuals that persists to the next frame. The invisible part is _UNSEEN times as
+        # large, calibrated on simulated bodies. Each centre is relative to the joint below, whose slide is included.
+        seen = np.isfinite(off[used])
+        lasting, chance = lag_one_covariance(np.where(seen, off[used], 0), seen)
+        slip = np.empty(len(arcs))
+        for k in range(1, len(arcs) + 1):
+            members = segment == k
+            slip[k - 1] = max(np.mean(lasting[members] - chance[members]), 0) / 2 / members.sum()
+        at_joint = (slip + np.concatenate([[0.0], slip[:-1]])) / np.maximum(arcs, 1e-6) ** 2
+        variance = _UNSEEN**2 * (at_joint + np.concatenate([[0.0], at_joint[:-1]]))
+        covariance = covariance + variance[:, None, None] * np.eye(2)
     sd = length_sd(state.centres, covariance)
     return ChainFit(state.centres, state.local, segment, angles, covariance, sd, _rms(off), arcs)
 
@@ -183,46 +209,6 @@ def find_used_frames(angles: FloatArray) -> BoolArray:
     return used
 
 
-def _jackknife_covariance(points: ComplexArray, segment: IntArray, reference: ChainState, used: IntArray) -> FloatArray:
-    """Return the covariance (n, 2, 2) of the centres by leaving out one block of time at a time (jackknife), m^2.
-
-    The covariance includes the dependence between joints and the correlation of residuals within a block, but not
-    errors common to all blocks.
-    """
-    blocks = np.array_split(used, min(_BLOCKS, len(used)))
-    refitted = []
-    for block in blocks:
-        state = rigid_body_links(np.delete(points, block, axis=0), segment)
-        centres = state.centres.copy()
-        for k in range(1, len(centres)):  # each segment frame is rotated to match the reference
-            own = segment == k
-            towards = np.vdot(state.local[own], reference.local[own]) + np.conj(state.centres[k]) * reference.centres[k]
-            centres[k] *= np.exp(1j * np.angle(towards))
-        refitted.append(centres)
-    off = np.stack(refitted)
-    off = off - off.mean(axis=0)
-    xy = np.stack([off.real, off.imag], axis=2)
-    return np.asarray((len(blocks) - 1) / len(blocks) * np.einsum("bji,bjk->jik", xy, xy))
-
-
-def _slip_variance(off: ComplexArray, segment: IntArray, arcs: FloatArray) -> FloatArray:
-    """Return the variance (n,) of each centre from skin that slides with the angle, m^2.
-
-    A slide of s over an arc shifts the centre by about s / arc without a residual. The visible part of the slide is the
-    part of the residuals ``off`` (T, M; NaN where missing) that persists to the next frame. The invisible part is
-    :data:`_UNSEEN` times as large, calibrated on simulated bodies. Each centre is relative to the joint below, whose
-    slide is included.
-    """
-    seen = np.isfinite(off)
-    lasting, chance = lag_one_covariance(np.where(seen, off, 0), seen)
-    slip = np.empty(len(arcs))
-    for k in range(1, len(arcs) + 1):
-        members = segment == k
-        slip[k - 1] = max(np.mean(lasting[members] - chance[members]), 0) / 2 / members.sum()
-    at_joint = (slip + np.concatenate([[0.0], slip[:-1]])) / np.maximum(arcs, 1e-6) ** 2
-    return np.asarray(_UNSEEN**2 * (at_joint + np.concatenate([[0.0], at_joint[:-1]])))
-
-
 def _rms(off: ComplexArray) -> FloatArray:
     return np.asarray(np.sqrt(np.nanmean(np.abs(off) ** 2, axis=0)))
 
@@ -247,19 +233,11 @@ def fit_chain(
 ) -> ChainFit:
     """Fit the serial chain to the markers of its segments.
 
-    Parameters
-    ----------
-    points : (F, M) complex array
-        Trajectories in the plane, m; NaN where missing.
-    segment : (M,) int array
-        Segment of each marker, 0 = base, 1 … n from base to tip. Every segment has at least two markers unless
-        ``start`` is given.
-    auxiliary : mapping of int to (F,) complex array
-        Positions in the plane, m, of joints 1 … n according to markers at the joints; NaN where missing (p_A of 3.15).
-    pull : float
-        Weight of an auxiliary point relative to an average marker (lambda_A of 3.16).
-    start : ChainState, optional
-        First guess: centres, coordinates of all M markers, angles (F, n); NaN where unknown.
+    The trajectories ``points`` (F, M) are in the plane, m, NaN where missing, and ``segment`` (M,) is 0 on the base and
+    1 … n from base to tip. ``auxiliary`` are positions (F,) in the plane, m, of joints 1 … n according to markers at
+    the joints, NaN where missing (p_A of 3.15), and ``pull`` is the weight of such a point relative to an average
+    marker (lambda_A of 3.16). ``start`` is a first guess: centres, coordinates of all M markers, and angles (F, n), NaN
+    where unknown. Without it, every segment needs at least two markers.
 
     Raises
     ------
@@ -284,17 +262,17 @@ def fit_chain(
     angles = np.full((len(points), problem.joints), np.nan)
     angles[used] = state.angles
     angles = unwrap_angles(angles)
-    arcs = np.array([arc(np.exp(1j * relative)) for relative in joint_angles(angles[used]).T])
+    arcs = joint_arcs(angles[used])
 
     # covariance of the centres, with that from the unknown distances of pinned markers to their joints
-    full = centre_covariance(problem, state, eliminate_angles(problem, state))
+    full = centre_covariance(problem, state)
     placement = np.zeros(full.shape)
-    at_rest = eliminate_angles(problem, state).step()[0] if problem.pinned.any() else np.zeros(len(full))
+    at_rest = gauss_newton_step(problem, state)[0] if problem.pinned.any() else np.zeros(len(full))
     for column in np.flatnonzero(problem.pinned):
         for offset in (_OFF_JOINT, 1j * _OFF_JOINT):
             shifted = problem.points.copy()
             shifted[:, column] += offset
-            moved = (eliminate_angles(replace(problem, points=shifted), state).step()[0] - at_rest)[: len(full)]
+            moved = (gauss_newton_step(replace(problem, points=shifted), state)[0] - at_rest)[: len(full)]
             placement += np.outer(moved, moved)
     full += placement
     covariance = np.stack([full[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] for j in range(problem.joints)])
@@ -320,7 +298,7 @@ def _solve(problem: ChainProblem, state: ChainState, pull: float) -> tuple[Chain
 
         # a Gauss-Newton step, which is halved while the cost increases
         before, previous = state, cost
-        common, turns = eliminate_angles(problem, before).step()
+        common, turns = gauss_newton_step(problem, before)
         highest = float(np.sum(problem.weights * off**2)) * (1 + _CONVERGED)
         for _ in range(_SHORTENINGS + 1):
             state = before.change(common, turns)

@@ -14,6 +14,7 @@ from scipy.optimize import least_squares, minimize_scalar
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from mocap_id.geometry.planar import PlaneFrame, marker_positions, rotate
+from mocap_id.kinematics.joint import arc
 
 
 @dataclass(frozen=True)
@@ -51,23 +52,15 @@ class ChainProblem:
         return cls(points, weights, segment, pinned, joints)
 
     @property
-    def unknowns(self) -> int:
-        """Number of real unknowns common to all frames, including the coordinates of pinned markers."""
-        return 2 * (self.joints + len(self.segment))
-
-    @property
     def free(self) -> IntArray:
         """Indices of the common unknowns without the coordinates of pinned markers."""
         return np.flatnonzero(np.repeat(np.append(np.zeros(self.joints, dtype=np.bool_), self.pinned), 2) == 0)
 
-    def predict(self, state: ChainState) -> ComplexArray:
-        """Return the predicted marker positions (T, K), m."""
-        origin, turn = joint_positions(state)
-        return np.asarray(origin[:, self.segment - 1] + turn[:, self.segment - 1] * state.local)
-
     def residuals(self, state: ChainState) -> ComplexArray:
         """Return measured minus predicted marker positions (T, K), m; meaningless where a marker is missing."""
-        return self.points - self.predict(state)
+        origin, turn = joint_positions(state)
+        predicted = origin[:, self.segment - 1] + turn[:, self.segment - 1] * state.local
+        return np.asarray(self.points - predicted)
 
 
 @dataclass(frozen=True)
@@ -103,10 +96,9 @@ def angle_jacobian(problem: ChainProblem, state: ChainState) -> ComplexArray:
 
 
 def _levers(problem: ChainProblem, state: ChainState) -> tuple[ComplexArray, ComplexArray, BoolArray]:
-    """Return the derivatives of the markers with respect to the centres and to their own coordinates.
+    """Return the derivatives of the markers by the centres (T, n) and by their own coordinates (T, K).
 
-    The results are the derivatives (T, n) with respect to the centres, the derivatives (T, K) with respect to the
-    marker's coordinates, and the centres (K, n) on which each marker depends.
+    The third result is the centres (K, n) on which each marker depends.
     """
     turn = np.exp(1j * state.angles)
     lever = np.concatenate([np.ones((len(turn), 1)), turn[:, :-1]], axis=1)
@@ -160,36 +152,31 @@ def normal_equations(
     )
 
 
-@dataclass(frozen=True)
-class ReducedEquations:
-    """Normal equations after elimination of the angles."""
+def eliminate_angles(problem: ChainProblem, state: ChainState) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the normal equations of the common unknowns after elimination of the angles, frame by frame.
 
-    inverse: FloatArray  # (P, P) pseudo-inverse of the Schur complement; zero for pinned coordinates
-    scores: FloatArray  # (T, P) reduced gradient of every frame
-    solved: FloatArray  # (T, n, P + 1) solutions of the angle blocks for cross terms and right-hand side
-
-    def step(self) -> tuple[FloatArray, FloatArray]:
-        """Return the shortest Gauss-Newton step: (P,) of the common unknowns and (T, n) of the angles."""
-        delta = self.inverse @ self.scores.sum(axis=0)
-        return delta, self.solved[..., -1] - self.solved[..., :-1] @ delta
-
-
-def eliminate_angles(problem: ChainProblem, state: ChainState) -> ReducedEquations:
-    """Return the normal equations after elimination of the angles, frame by frame.
-
-    The pseudo-inverse ignores the orientations of the segment frames, which do not change marker positions.
+    The results are the pseudo-inverse (P, P) of the Schur complement, which is zero for pinned coordinates; the reduced
+    gradient (T, P) of every frame; and the solutions (T, n, P + 1) of the angle blocks for cross terms and right-hand
+    side. The pseudo-inverse ignores the orientations of the segment frames, which do not change marker positions.
     """
     common, cross, angles, pull, turn = normal_equations(problem, state)
     # with as many right-hand sides as unknowns, the product with the inverse is twice as fast as solving
     solved = np.linalg.inv(angles) @ np.concatenate([cross, turn[..., None]], axis=2)
-    flat = cross.reshape(-1, problem.unknowns)
+    flat = cross.reshape(-1, cross.shape[2])
     hessian = common - flat.T @ solved[..., :-1].reshape(flat.shape)
     free = np.ix_(problem.free, problem.free)
     values, vectors = np.linalg.eigh((hessian[free] + hessian[free].T) / 2)
     kept = slice(problem.joints, None)
     inverse = np.zeros_like(hessian)
     inverse[free] = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
-    return ReducedEquations(inverse, pull - np.einsum("tnp,tn->tp", cross, solved[..., -1]), solved)
+    return inverse, pull - np.einsum("tnp,tn->tp", cross, solved[..., -1]), solved
+
+
+def gauss_newton_step(problem: ChainProblem, state: ChainState) -> tuple[FloatArray, FloatArray]:
+    """Return the shortest Gauss-Newton step: (P,) of the common unknowns and (T, n) of the angles."""
+    inverse, scores, solved = eliminate_angles(problem, state)
+    delta = inverse @ scores.sum(axis=0)
+    return delta, solved[..., -1] - solved[..., :-1] @ delta
 
 
 def remaining_share(weights: FloatArray, local: ComplexArray) -> FloatArray:
@@ -271,6 +258,11 @@ def joint_angles(absolute: FloatArray) -> FloatArray:
     return np.diff(absolute, axis=1, prepend=0.0)
 
 
+def joint_arcs(absolute: FloatArray) -> FloatArray:
+    """Return the 2.5 to 97.5 % ranges (n,) of the joint angles, rad, from the absolute angles (F, n)."""
+    return np.array([arc(np.exp(1j * relative)) for relative in joint_angles(absolute).T])
+
+
 def length_sd(centres: ComplexArray, covariance: FloatArray) -> FloatArray:
     """Return the standard deviations (n - 1,) of the distances between neighbouring joints, m."""
     along = np.stack([centres.real, centres.imag], axis=1)[1:] / np.abs(centres[1:])[:, None]
@@ -288,17 +280,15 @@ def unwrap_angles(angles: FloatArray) -> FloatArray:
 _BLOCKS = 20  # blocks of time assumed independent
 
 
-def centre_covariance(problem: ChainProblem, state: ChainState, reduced: ReducedEquations) -> FloatArray:
-    """Return the covariance (2 n, 2 n) of the centres, m^2, in the order x, y of each centre.
-
-    The arguments are values at the solution of the joint fit.
-    """
-    centres = reduced.inverse[:, : 2 * problem.joints]
-    blocks = np.array_split(reduced.scores, min(_BLOCKS, len(reduced.scores)))
+def centre_covariance(problem: ChainProblem, state: ChainState) -> FloatArray:
+    """Return the covariance (2 n, 2 n) of the centres, m^2, in the order x, y of each centre, at the solution."""
+    inverse, scores, solved = eliminate_angles(problem, state)
+    centres = inverse[:, : 2 * problem.joints]
+    blocks = np.array_split(scores, min(_BLOCKS, len(scores)))
     sums = np.stack([block.sum(axis=0) for block in blocks]) @ centres
     noise = len(sums) / max(len(sums) - 1, 1) * sums.T @ sums
     sizes = np.sqrt(slide_variances(problem, state))
-    moved = slide_responses(problem, state, reduced, slide_shapes(problem, state), centres)
+    moved = slide_responses(problem, state, solved, slide_shapes(problem, state), centres)
     flat = (moved * sizes[:, None, None, None]).reshape(-1, 2 * problem.joints)
     return np.asarray(noise + flat.T @ flat)
 
@@ -331,12 +321,12 @@ def lag_one_covariance(off: ComplexArray, seen: BoolArray) -> tuple[FloatArray, 
 
 
 def slide_responses(
-    problem: ChainProblem, state: ChainState, reduced: ReducedEquations, shape: FloatArray, towards: FloatArray
+    problem: ChainProblem, state: ChainState, solved: FloatArray, shape: FloatArray, towards: FloatArray
 ) -> FloatArray:
     """Return the change (K, S, 2, p) of p common unknowns if each marker slides along x or y of its segment.
 
-    ``shape`` (T, K, S) are S time courses of the slide of each marker, m. ``towards`` (P, p) are the columns of
-    ``reduced.inverse`` for the requested unknowns. The other arguments are values at the solution.
+    ``shape`` (T, K, S) are S time courses of the slide of each marker, m. ``solved`` is that of
+    :func:`eliminate_angles`, and ``towards`` (P, p) are the columns of its inverse for the requested unknowns.
     """
     joints = problem.joints
     lever, own, below = _levers(problem, state)
@@ -350,7 +340,7 @@ def slide_responses(
     rows = towards[2 * joints :].reshape(-1, 2, towards.shape[1])  # (K, 2, p)
     of_itself = itself[:, :, None, None] * rows[:, None]
     pull = np.conj(angle_jacobian(problem, state))[:, :, None, :] * slid[..., None]  # (T, K, S, n)
-    solved = reduced.solved[..., :-1]  # (T, n, P)
+    solved = solved[..., :-1]  # (T, n, P)
     turned = [np.tensordot(part, solved, axes=([0, 3], [0, 1])) for part in (pull.real, -pull.imag)]
     return np.asarray(of_centre + of_itself - np.stack(turned, axis=2) @ towards)
 
@@ -371,19 +361,13 @@ _STEPS = 72  # directions of the first search
 _UNKNOWN = np.radians(20.0)  # standard deviation above which the markers do not determine an angle
 
 
-@dataclass(frozen=True)
-class StaticPose:
-    """Joint angles in a still pose."""
-
-    theta: FloatArray  # (n,) joint angles with the zero of the chain's frames, rad; NaN where not determined
-    sd: FloatArray  # (n,) standard deviations, rad
-    residual: float  # rms distance of the markers from the chain, m
-
-
 def fit_static_pose(
     points: FloatArray, lateral: FloatArray, segment: IntArray, local: FloatArray, centres: FloatArray
-) -> StaticPose:
+) -> tuple[FloatArray, FloatArray, float]:
     """Fit a chain to the marker positions of a still pose.
+
+    The results are the joint angles (n,) with the zero of the chain's frames, rad, NaN where not determined; their
+    standard deviations (n,), rad; and the rms distance of the markers from the chain, m.
 
     ``points`` (M, 3) are the markers in the pose, in a lab with Z up, m. ``lateral`` (M,) are the mean out-of-plane
     coordinates of the same markers in the trial of the chain, m; they and ``local`` determine the direction of the
@@ -428,4 +412,4 @@ def fit_static_pose(
     sd = np.sqrt(size * np.diag(np.linalg.inv(jacobian.T @ jacobian + weak)))[3:]
     theta = (fit.x[3:] + np.pi) % (2 * np.pi) - np.pi
     distance = np.linalg.norm(fit.fun[:-1].reshape(-1, 2), axis=1) * _MARKER_SD
-    return StaticPose(np.where(sd < _UNKNOWN, theta, np.nan), sd, float(np.sqrt(np.mean(distance**2))))
+    return np.where(sd < _UNKNOWN, theta, np.nan), sd, float(np.sqrt(np.mean(distance**2)))

@@ -1,4 +1,4 @@
-"""Constraints of the user, and clusters of markers that move as one body."""
+"""Constraints of the user, still markers, clusters of markers that move as one body, and the poses of clusters."""
 
 from __future__ import annotations
 
@@ -167,7 +167,11 @@ class MarkerClusters:
             bodies = [self._fit(group) for group in groups if len(group) > 1]
             if len(bodies) < 2:
                 break
-            residuals = np.stack([self._residuals(body) for body in bodies])
+            keys = [body.markers.tobytes() for body in bodies]
+            for key, body in zip(keys, bodies, strict=True):
+                if key not in self._off:  # residuals (M,) of all moving markers on a body, m
+                    self._off[key] = marker_residuals(body, self.points[:, self.moving])
+            residuals = np.stack([self._off[key] for key in keys])
             best = self.constraints.nearest_bodies(residuals**2, self.moving)
             # foreign markers fit their nearest body much worse than its typical marker does
             own = residuals[best, np.arange(len(best))]
@@ -226,13 +230,6 @@ class MarkerClusters:
         if key not in self._bodies:
             self._bodies[key] = fit_body(self.points, markers)
         return self._bodies[key]
-
-    def _residuals(self, body: RigidBody) -> FloatArray:
-        """Return the residuals (M,) of all moving markers on a body, m."""
-        key = body.markers.tobytes()
-        if key not in self._off:
-            self._off[key] = marker_residuals(body, self.points[:, self.moving])
-        return self._off[key]
 
 
 LEAST_MARKERS = 2
@@ -304,7 +301,7 @@ def _fit_poses(
 ) -> tuple[ComplexArray, ComplexArray, IntArray, FloatArray]:
     """Return rotation and position (f,), NaN if unknown, number of markers used (f,), and their residuals, m.
 
-    Samples whose residual is far above the usual residual ``own`` (m,), m, of their marker are left out.
+    Samples far above the usual residual ``own`` (m,), m, of their marker are left out.
     """
     seen = np.isfinite(points)
     rotation, position, off = _fit_template(points, seen, template)
@@ -363,15 +360,6 @@ class HipShift:
     across: FloatArray | None = None  # (F,) motion of the hip across the thigh relative to a rigid trunk, m; has NaN
 
 
-@dataclass(frozen=True)
-class AnklePosition:
-    """Position of the ankle."""
-
-    foot: complex  # position in the foot's frame, m
-    shank: complex  # position in the shank's frame, m
-    sd: float  # standard deviation in one direction, m
-
-
 def estimate_hip_shift(
     thigh: tuple[ComplexArray, FloatArray], trunk: tuple[ComplexArray, FloatArray], marker: ComplexArray
 ) -> HipShift:
@@ -406,13 +394,12 @@ def estimate_hip_shift(
 
 def locate_ankle(
     foot: tuple[ComplexArray, FloatArray], shank: tuple[ComplexArray, FloatArray], ankle: complex
-) -> AnklePosition | None:
+) -> tuple[complex, complex, float] | None:
     """Return the position of the ankle between a moving foot and the shank; None with fewer than ten common frames.
 
-    It is that of the joint fit if only the skin of the foot moves.
-
-    Each body is given by the origin (F,), m, and the angle (F,), rad, of its frame, NaN where unknown. ``ankle`` is the
-    position in the foot's frame from the joint fit, m.
+    The results are the positions in the frames of foot and shank, m, and the standard deviation in one direction, m.
+    The position is that of the joint fit, ``ankle`` in the foot's frame, m, if only the skin of the foot moves. Each
+    body is given by the origin (F,), m, and the angle (F,), rad, of its frame, NaN where unknown.
     """
     below, above = np.exp(1j * foot[1]), np.exp(1j * shank[1])
     apart = shank[0] - foot[0] - below * ankle
@@ -431,7 +418,7 @@ def locate_ankle(
     variance = gap / _INDEPENDENT * float(np.linalg.inv(normal)[0, 0].real)
     shift *= min(1.0, farthest / max(abs(shift), _LEAST_GAP))
     beyond = (target[1] - normal[1, 0] * shift) / normal[1, 1]
-    return AnklePosition(ankle + shift, complex(beyond), float(np.sqrt(variance)))
+    return ankle + shift, complex(beyond), float(np.sqrt(variance))
 
 
 def _measure_gap(columns: ComplexArray, apart: ComplexArray) -> float:

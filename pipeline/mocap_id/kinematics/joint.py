@@ -218,7 +218,7 @@ def fit_joint(parent: RigidBody, child: RigidBody) -> PairJoint:
 
     Angle noise of variance v multiplies the mean of a rotation by 1 - v/2. C, f and h then belong to the points (1 -
     v_r/2) p and (1 - v_s/2) q, but r* r on the diagonal stays 1 instead of (1 - v_r/2)^2. This error moves the centre
-    towards the markers. Therefore v_r and v_s are subtracted from the diagonal (:func:`_angle_noise`). The noise of a
+    towards the markers. Therefore v_r and v_s are subtracted from the diagonal. The noise of a
     body's origin, its centroid, is independent of the noise of its angle.
 
     At most half of the variance of the relative angle is subtracted, and nothing if noise could explain all of it. The
@@ -233,39 +233,34 @@ def fit_joint(parent: RigidBody, child: RigidBody) -> PairJoint:
     relative = np.conj(r) * s
     angle = np.unwrap(np.angle(relative))
     c, f, h = complex(relative.mean()), complex(np.vdot(r, gap)) / frames, complex(np.vdot(s, gap)) / frames
-    noise = _angle_noise(angle, 1 - abs(c) ** 2, (parent, r), (child, s))
+
+    # The residual of a body and the variance of its rotation are both upper limits of its angle noise (the base has
+    # none). Skin that slides with the angle also leaves a residual, but no angle noise. The sum of the two variances is
+    # therefore limited to the white part of the relative angle: the variance of its third differences, to which the
+    # movement contributes little, divided by 20. The median of the differences ignores frames with fast movement.
+    stated = np.array(
+        [min(body.angle_noise**2, max(1 - abs(u.mean()) ** 2, 0)) for body, u in ((parent, r), (child, s))]
+    )
+    total, variance, noise = float(stated.sum()), 1 - abs(c) ** 2, np.zeros(2)
+    if total > 0 and variance > 0 and frames >= 4:
+        third = np.sort(np.abs(angle[3:] - angle[:-3] + 3 * (angle[1:-2] - angle[2:-1])))
+        white = min(total, (third[len(third) // 2] / _NORMAL_MEDIAN) ** 2 / _THIRD_DIFFERENCE)
+        believed = np.clip(variance / white - 1, 0, 1) if white > 0 else 0.0
+        noise = stated * (believed * white / total)
     first, second = 1 - noise + _RIDGE
     determinant = first * second - abs(c) ** 2
     p, q = (second * f - c * h) / determinant, (np.conj(c) * f - first * h) / determinant
     off = r * p - s * q - gap
-    return PairJoint(complex(p), complex(q), float(np.sqrt(np.vdot(off, off).real / frames)), _measure_range(angle))
-
-
-def _angle_noise(angle: FloatArray, variance: float, *bodies: tuple[RigidBody, ComplexArray]) -> FloatArray:
-    """Return the variances (2,) to subtract for the two bodies' rotations, rad^2.
-
-    The residual of a body and the variance of its rotation are both upper limits of its angle noise (the base has
-    none). Skin that slides with the angle also leaves a residual, but no angle noise. The sum of the two variances is
-    therefore limited to the white part of the relative ``angle`` (F,): the variance of its third differences, to which
-    the movement contributes little, divided by 20. The median of the differences ignores frames with fast movement.
-    """
-    stated = np.array([min(body.angle_noise**2, max(1 - abs(u.mean()) ** 2, 0)) for body, u in bodies])
-    total = float(stated.sum())
-    if total == 0 or variance <= 0 or len(angle) < 4:
-        return np.zeros(2)
-    third = np.sort(np.abs(angle[3:] - angle[:-3] + 3 * (angle[1:-2] - angle[2:-1])))
-    white = min(total, (third[len(third) // 2] / _NORMAL_MEDIAN) ** 2 / _THIRD_DIFFERENCE)
-    believed = np.clip(variance / white - 1, 0, 1) if white > 0 else 0.0
-    return np.asarray(stated * (believed * white / total))
+    return PairJoint(complex(p), complex(q), float(np.sqrt(np.vdot(off, off).real / frames)), measure_range(angle))
 
 
 def arc(rotation: ComplexArray) -> float:
     """Return the 2.5 to 97.5 % range of an unwrapped rotation (F,), rad."""
     angle = unwrap_rotation(rotation)
-    return _measure_range(angle[np.isfinite(angle)])
+    return measure_range(angle[np.isfinite(angle)])
 
 
-def _measure_range(angle: FloatArray) -> float:
+def measure_range(angle: FloatArray) -> float:
     """Return the 2.5 to 97.5 % range of angles (F,), rad; ``np.quantile`` takes twenty times as long."""
     last = len(angle) - 1
     low, high = np.interp([0.025 * last, 0.975 * last], np.arange(len(angle)), np.sort(angle))

@@ -1,6 +1,7 @@
-"""Fit of a chain with single-marker segments: the segment of each marker, and the joints that are at a marker.
+"""Chains of markers on a base: hypotheses of rigid bodies, and fits with single-marker segments.
 
-Assignment and chain are fitted alternately. Every marker is assigned to the segment that fits it best. Then the chain
+A hypothesis is a path from the base over real joints between rigid bodies. In a chain with single-marker segments,
+assignment and chain are fitted alternately. Every marker is assigned to the segment that fits it best. Then the chain
 is fitted to the markers with a robust loss (Cauchy's, with a decreasing scale). The iteration ends when no marker
 changes its segment.
 """
@@ -17,7 +18,7 @@ from typing import TypeAlias
 import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
-from mocap_id.kinematics.chain_fit import ChainProblem, ChainState, eliminate_angles, joint_positions
+from mocap_id.kinematics.chain_fit import ChainProblem, ChainState, gauss_newton_step, joint_positions
 from mocap_id.kinematics.clusters import Base, Constraints, MarkerClusters
 from mocap_id.kinematics.joint import PairJoint, RigidBody, arc, count_positions, fit_circles
 
@@ -139,11 +140,25 @@ def find_hypotheses(problem: SegmentationProblem) -> Iterator[Hypothesis]:
         if key(bodies) in sorted_before:
             continue
         sorted_before.add(key(bodies))
-        for hypothesis in _search_level(problem, bodies):
-            if not hypothesis.best_of_level:
+        paths = _best_chains(problem, bodies)
+        if not paths:
+            continue
+        # the best chain of the level, shortened if too long, then the best chain of every other allowed length
+        best = min(paths, key=lambda path: path[0])
+        longest, cut = problem.rules.longest - 1, 0.0
+        for path in (best, *(path for path in paths if path is not best and len(path[1]) <= longest)):
+            chain, joints = path[1][:longest], path[2][:longest]
+            on_chain = np.concatenate([link.markers for link in chain])
+            left_out = tuple(body for body in bodies if not np.isin(body.markers, on_chain).all())
+            predicted, cost = _rate_chain(problem, chain, joints)
+            first = path is best
+            hypothesis = Hypothesis(chain, joints, left_out, predicted, cost + cut, best_of_level=first, cut=cut)
+            if not first:
                 others.append(hypothesis)
-            elif key(hypothesis.chain) not in known:
-                known.add(key(hypothesis.chain))
+                continue
+            cut = cost - best[0]
+            if key(chain) not in known:
+                known.add(key(chain))
                 yield hypothesis
     for other in others:
         if key(other.chain) not in known:
@@ -154,30 +169,8 @@ def find_hypotheses(problem: SegmentationProblem) -> Iterator[Hypothesis]:
 _Path: TypeAlias = tuple[float, tuple[RigidBody, ...], tuple[PairJoint, ...]]  # cost, segments and joints
 
 
-def _search_level(problem: SegmentationProblem, bodies: list[RigidBody]) -> Iterator[Hypothesis]:
-    """Yield the best chain of a level, shortened if too long, then the best chain of every other allowed length."""
-    paths = _best_chains(problem, bodies)
-    best = min(paths, key=lambda path: path[0], default=None)
-    if best is None:
-        return
-    longest, cut = problem.rules.longest - 1, 0.0
-    for path in (best, *(path for path in paths if path is not best and len(path[1]) <= longest)):
-        chain, joints = path[1][:longest], path[2][:longest]
-        on_chain = np.concatenate([link.markers for link in chain])
-        left_out = tuple(body for body in bodies if not np.isin(body.markers, on_chain).all())
-        predicted, cost = _rate_chain(problem, chain, joints)
-        if path is best:
-            yield Hypothesis(chain, joints, left_out, predicted, cost, best_of_level=True, cut=0.0)
-            cut = cost - best[0]
-        else:
-            yield Hypothesis(chain, joints, left_out, predicted, cost + cut, best_of_level=False, cut=cut)
-
-
 def _best_chains(problem: SegmentationProblem, bodies: list[RigidBody]) -> list[_Path]:
-    """Return the path with the lowest cost, from the base over real joints, for each number of segments.
-
-    All paths are tried.
-    """
+    """Return the path with the lowest cost from the base, of all over real joints, for each number of segments."""
     rules, clusters, lateral = problem.rules, problem.clusters, problem.lateral
     links: list[RigidBody] = [problem.ground, *(body for body in bodies if body.residual <= rules.max_body_residual)]
     pairs = [(i, j) for i in range(len(links)) for j in range(1, len(links)) if i != j]
@@ -210,8 +203,18 @@ def _best_chains(problem: SegmentationProblem, bodies: list[RigidBody]) -> list[
             of_tip = {k for k in below if not _is_pair_of_limbs(lateral, tip, links[k])}
             real |= {(k, new) for k in of_tip if rules.is_joint(joints[k, new])}
             links.append(tip)
+
+    def extend(path: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+        """Yield every path over real joints that begins with ``path``; only with ``rules.count`` segments if given."""
+        if len(path) > 1 and rules.count in (None, len(path)):
+            yield path
+        if len(path) < (rules.count or _DEEPEST):
+            for following in range(1, len(links)):
+                if following not in path and (path[-1], following) in real:
+                    yield from extend((*path, following))
+
     best: dict[int, _Path] = {}
-    for path in _extend_path((0,), real, len(links), rules):
+    for path in extend((0,)):
         chain = tuple(links[i] for i in path[1:])
         markers = np.concatenate([body.markers for body in chain])
         repeated = len(np.unique(markers)) < len(markers)  # a merged tip may contain a body of the chain
@@ -238,26 +241,10 @@ def _is_pair_of_limbs(lateral: FloatArray, child: RigidBody, parent: RigidBody) 
     return bool(high - low > _APART and (from_middle < _MIDDLE).any())
 
 
-def _extend_path(
-    path: tuple[int, ...], real: set[tuple[int, int]], count: int, rules: SegmentationRules
-) -> Iterator[tuple[int, ...]]:
-    """Yield every path over real joints that begins with ``path``; only with ``rules.count`` segments if given."""
-    if len(path) > 1 and rules.count in (None, len(path)):
-        yield path
-    if len(path) < (rules.count or _DEEPEST):
-        for following in range(1, count):
-            if following not in path and (path[-1], following) in real:
-                yield from _extend_path((*path, following), real, count, rules)
-
-
 def _rate_chain(
     problem: SegmentationProblem, chain: tuple[RigidBody, ...], joints: tuple[PairJoint, ...]
 ) -> tuple[FloatArray, float]:
-    """Return the residuals (M,), m, of the chain's markers predicted through their joints, and the cost of the chain.
-
-    For other markers, the residual is the scatter. The cost is the summed log residual of the moving markers, plus a
-    penalty for each segment.
-    """
+    """Return the residuals (M,) of markers predicted through the chain's joints (else the scatter), m, and the cost."""
     floor = max(problem.base.noise, FLOOR)
     residual = np.maximum(problem.base.scatter, floor)
     for body, joint in zip(chain, joints, strict=True):
@@ -284,16 +271,6 @@ _SHORTEST = 0.03  # m; a shorter link is not accepted
 
 
 @dataclass(frozen=True)
-class Pin:
-    """Markers that represent a joint."""
-
-    joint: int  # number of the joint from 0
-    unit: IntArray  # columns of the markers
-    track: ComplexArray  # (F,) position of the joint according to these markers, m
-    weight: float  # weight of one frame of the joint relative to one frame of a marker
-
-
-@dataclass(frozen=True)
 class LinkFit:
     """Chain fitted to all markers of a trial."""
 
@@ -302,13 +279,7 @@ class LinkFit:
     residual: FloatArray  # (M,) typical residual of each marker on its segment, m
     state: ChainState  # centres, coordinates of the M markers on their segments, angles in the frames ``used``
     used: IntArray  # (T,) frames in which every angle is known
-    pins: tuple[Pin, ...] = ()  # joints that markers represent
-
-    @property
-    def arcs(self) -> FloatArray:
-        """2.5 to 97.5 % ranges (n,) of the joint angles, rad."""
-        turns = np.diff(self.state.angles, axis=1, prepend=0.0)
-        return np.array([arc(np.exp(1j * turn)) for turn in turns.T])
+    pins: dict[int, IntArray]  # columns of the markers that represent a joint, by the number of the joint from 0
 
     def ratios(self, points: ComplexArray) -> tuple[float, ...]:
         """Return, for each joint, the residual of the markers beyond it without the joint, divided by that with it."""
@@ -325,15 +296,15 @@ class LinkFit:
     def points(self) -> tuple[int, ...]:
         """Number of distinct points of each moving segment, without points that represent a joint."""
         local, segment = self.state.local, self.segment.copy()
-        for pin in self.pins:
-            segment[pin.unit] = -1
+        for unit in self.pins.values():
+            segment[unit] = -1
         return tuple(count_positions(local[segment == k + 1]) for k in range(len(self.state.centres)))
 
     @property
     def loose(self) -> tuple[int, ...]:
         """Joints (from 0) of segments with a single point and no marker at either joint."""
-        count, pinned = len(self.state.centres), {pin.joint for pin in self.pins}
-        weak = [k for k, points in enumerate(self.points) if not {k, k + 1} & pinned and points < 2]
+        count = len(self.state.centres)
+        weak = [k for k, points in enumerate(self.points) if not {k, k + 1} & self.pins.keys() and points < 2]
         return tuple(sorted({joint for k in weak for joint in (k, k + 1) if 0 < joint < count}))
 
 
@@ -355,7 +326,7 @@ def path_cost(problem: SegmentationProblem, path: Path) -> float:
     return float(each[np.isfinite(problem.base.scatter)].sum()) + SEGMENT_PRICE * len(path)
 
 
-def fit_path(problem: SegmentationProblem, path: Path, pins: tuple[Pin, ...] = ()) -> LinkFit | None:
+def fit_path(problem: SegmentationProblem, path: Path, pins: dict[int, IntArray]) -> LinkFit | None:
     """Fit the chain of a path, with pinned joints, to all markers; None with too few frames or markers."""
     state, used = _start_chain(path)
     if len(used) < _FRAMES_A_SEGMENT * len(path):
@@ -365,6 +336,9 @@ def fit_path(problem: SegmentationProblem, path: Path, pins: tuple[Pin, ...] = (
     costs, local = costs_on_segments(points, state)
     known, every = np.isfinite(problem.base.scatter), np.arange(points.shape[1])
     segment: IntArray | None = None
+    tracks = {joint + 1: points[:, unit].mean(axis=1) for joint, unit in pins.items()}
+    off_axis = (SCALE / _OFF_AXIS) ** 2  # weight of a frame of a joint relative to a frame of a marker
+    weights = [off_axis * (min(_INNER_FRAMES / len(used), 1.0) if joint else 1.0) for joint in pins]
     for _ in range(_ROUNDS):
         # every marker is assigned to the segment that fits it best, or to none if it is foreign there
         assigned = np.argmin(costs, axis=0)
@@ -381,7 +355,8 @@ def fit_path(problem: SegmentationProblem, path: Path, pins: tuple[Pin, ...] = (
         segment = assigned
         if (segment > 0).sum() <= len(path):
             return None
-        fitted = _fit_robustly(points, segment, replace(state, local=local[np.maximum(segment, 0), every]), pins, used)
+        start = replace(state, local=local[np.maximum(segment, 0), every])
+        fitted = _fit_robustly(points, segment, start, tracks, weights)
         if fitted is None:
             return None
         state = fitted
@@ -397,10 +372,10 @@ def fit_path(problem: SegmentationProblem, path: Path, pins: tuple[Pin, ...] = (
 
 def _start_chain(path: Path) -> tuple[ChainState, IntArray]:
     """Return the initial chain of a path from its joints' tracks, and the frames in which all joints are known."""
-    tracks = np.stack([part.joint for part in path], axis=1)
+    tracks = np.stack([joint for joint, _, _ in path], axis=1)
     angles = np.empty(tracks.shape)
-    for k, part in enumerate(path):
-        angles[:, k] = np.angle(part.body.rotation if part.body is not None else tracks[:, k + 1] - tracks[:, k])
+    for k, (_, body, _) in enumerate(path):
+        angles[:, k] = np.angle(body.rotation if body is not None else tracks[:, k + 1] - tracks[:, k])
     known = np.isfinite(angles).all(axis=1) & np.isfinite(tracks).all(axis=1)
     centres = np.zeros(len(path), dtype=np.complex128)
     if known.any():
@@ -434,13 +409,20 @@ def _invert_cost(cost: FloatArray) -> FloatArray:
 
 
 def _fit_robustly(
-    points: ComplexArray, segment: IntArray, state: ChainState, pins: tuple[Pin, ...], used: IntArray
+    points: ComplexArray,
+    segment: IntArray,
+    state: ChainState,
+    tracks: dict[int, ComplexArray],
+    pin_weights: list[float],
 ) -> ChainState | None:
-    """Return the chain fitted to its moving markers by Gauss-Newton with Cauchy's loss; None if singular."""
+    """Return the chain fitted to its moving markers by Gauss-Newton with Cauchy's loss; None if singular.
+
+    ``tracks`` (T,) are positions of joints 1 … n according to their markers, m, and ``pin_weights`` the weight of a
+    frame of each, relative to a frame of another marker.
+    """
     moving = np.flatnonzero(segment > 0)
-    tracks = {pin.joint + 1: pin.track[used] for pin in pins}
     chain = ChainProblem.with_joint_markers(points[:, moving], segment[moving], tracks, len(state.centres))
-    seen, weight = chain.weights > 0, np.array([1.0] * len(moving) + [pin.weight for pin in pins])
+    seen, weight = chain.weights > 0, np.array([1.0] * len(moving) + pin_weights)
 
     def loss(state: ChainState, scale: float) -> tuple[FloatArray, float]:
         """Return the weights of the residuals, and the loss. The weight of a pin is constant."""
@@ -449,12 +431,12 @@ def _fit_robustly(
         each = scale**2 * weight * np.where(chain.pinned, off**2, np.log1p(off**2))
         return np.where(seen, weights, 0.0), float(np.sum(each, where=seen))
 
-    state = replace(state, local=np.concatenate([state.local[moving], np.zeros(len(pins))]))
+    state = replace(state, local=np.concatenate([state.local[moving], np.zeros(len(tracks))]))
     for scale in SCALE * np.array(_ANNEALED):
         weights, cost = loss(state, scale)
         for _ in range(_STEPS):
             try:
-                common, turns = eliminate_angles(replace(chain, weights=weights), state).step()
+                common, turns = gauss_newton_step(replace(chain, weights=weights), state)
             except np.linalg.LinAlgError:
                 return None
             for shorter in (1.0, 0.4, 0.16, 0.06, 0.03):
@@ -473,24 +455,18 @@ def _fit_robustly(
 _ROUND = 0.012  # m; largest rms distance of a link marker from its circle
 _NEAREST = 0.06  # m; smallest radius of this circle
 _CONSTANT = 0.015  # m; largest rms change of the distance between the joints of one segment
-_LINK_MARKERS_SHORTEST = 0.05  # m; shortest segment
+_SHORTEST_LINK = 0.05  # m; shortest segment between two bodies
 _AS_STILL = 0.012  # m; largest rms change of the distance from a still marker at the centre
 _USUAL = 0.88  # fraction of the frames used for these residuals; the others may contain faults
 _FEWEST_FRAMES = 20
-_LINK_FIT_SAME_PLACE = 0.03  # m; a left and a right marker this close in the plane are one point
+_ONE_POINT = 0.03  # m; a left and a right marker this close in the plane are one point
 _OTHER_SIDE = 0.08  # m; least distance across the plane between them
 _MIN_SPREAD = 0.03  # m; rms size of a body whose rotation can be measured
-_LINK_FIT_LEVELS = 12
 
 
-@dataclass(frozen=True)
-class PathSegment:
-    """One segment of a path, and its joint with the previous segment."""
-
-    joint: ComplexArray  # (F,) track of this joint in the plane, m
-    body: RigidBody | None  # rigid body of the segment; None if it has none
-    markers: IntArray  # columns of the segment's own markers
-
+PathSegment: TypeAlias = tuple[ComplexArray, RigidBody | None, IntArray]
+"""Track (F,) of the joint with the previous segment in the plane, m; rigid body, None for a segment without one; and
+columns of the segment's own markers."""
 
 Path: TypeAlias = tuple[PathSegment, ...]
 
@@ -505,7 +481,7 @@ def find_linked_paths(problem: SegmentationProblem) -> Iterator[Path]:
 
     # every body of any level whose rotation can be measured, and the points on no rigid body of three points
     bodies_by_markers: dict[bytes, RigidBody] = {}
-    for level in range(1, min(_LINK_FIT_LEVELS, max(len(problem.moving) // 2, 1)) + 1):
+    for level in range(1, min(_LEVELS, max(len(problem.moving) // 2, 1)) + 1):
         found = problem.clusters.bodies_at(level)
         merged = problem.clusters.merge(found, rules.min_arc, rules.merge_tolerance)
         for body in (*merged, *found):
@@ -516,9 +492,9 @@ def find_linked_paths(problem: SegmentationProblem) -> Iterator[Path]:
     on_bodies = [body.markers for body in bodies[1:] if len(list(group_points(points, lateral, body.markers))) > 2]
     loose = np.setdiff1d(problem.moving, np.concatenate(on_bodies)) if on_bodies else problem.moving
     units = list(group_points(points, lateral, loose))
-    tracks = [average_track(points, unit) for unit in units]
+    tracks = [points[:, unit].mean(axis=1) for unit in units]
     still = group_points(points, lateral, problem.base.markers)
-    rests = [complex(np.nanmean(average_track(points, unit))) for unit in still]
+    rests = [complex(np.nanmean(points[:, unit].mean(axis=1))) for unit in still]
 
     @cache
     def find_centres(index: int, unit: int) -> list[complex]:
@@ -543,27 +519,29 @@ def find_linked_paths(problem: SegmentationProblem) -> Iterator[Path]:
                 continue
             joint = problem.clusters.joint(parent, child)
             if rules.is_joint(joint):
-                yield (PathSegment(_track_point(parent, joint.in_parent), child, child.markers),), following
+                yield ((parent.position + parent.rotation * joint.in_parent, child, child.markers),), following
             for unit, (markers, track) in enumerate(zip(units, tracks, strict=True)):
                 for near in find_centres(index, unit):
                     for far in find_centres(following, unit):
-                        first, last = _track_point(parent, near), _track_point(child, far)
+                        first = parent.position + parent.rotation * near
+                        last = child.position + child.rotation * far
                         length, off = _measure_constancy(np.abs(first - last))
-                        link, end = PathSegment(first, None, markers), PathSegment(last, child, child.markers)
+                        link: PathSegment = (first, None, markers)
+                        end: PathSegment = (last, child, child.markers)
                         if off > _CONSTANT:
-                            yield (link, PathSegment(track, None, markers), end), following
-                        elif length > _LINK_MARKERS_SHORTEST:
+                            yield (link, (track, None, markers), end), following
+                        elif length > _SHORTEST_LINK:
                             yield (link, end), following
 
     connections = [list(connect(index)) for index in range(len(bodies))]
 
     def extend(index: int, path: Path, used: frozenset[int]) -> Iterator[Path]:
         for parts, following in connections[index]:
-            own = frozenset(int(m) for part in parts for m in part.markers)
+            own = frozenset(int(m) for _, _, markers in parts for m in markers)
             if used & own or len(path) + len(parts) > rules.longest - 1:
                 continue
             longer = (*path, *parts)
-            if any(part.body is None for part in longer):
+            if any(body is None for _, body, _ in longer):
                 yield longer
             yield from extend(following, longer, used | own)
 
@@ -585,28 +563,15 @@ def group_points(points: ComplexArray, lateral: FloatArray, markers: IntArray) -
             and (np.isfinite(points[:, one]) & np.isfinite(points[:, other])).any()
         }
         mate = min(apart, key=apart.__getitem__, default=None)
-        if mate is not None and apart[mate] < _LINK_FIT_SAME_PLACE:
+        if mate is not None and apart[mate] < _ONE_POINT:
             left.remove(mate)
             yield np.array([one, mate])
         else:
             yield np.array([one])
 
 
-def average_track(points: ComplexArray, unit: IntArray) -> ComplexArray:
-    """Return the mean (F,) of some markers, m; NaN unless all of them are visible."""
-    return np.asarray(points[:, unit].mean(axis=1))
-
-
-def _track_point(body: RigidBody, place: complex) -> ComplexArray:
-    """Return the track (F,) of a point on a body, m."""
-    return np.asarray(body.position + body.rotation * place)
-
-
 def _measure_constancy(distance: FloatArray) -> tuple[float, float]:
-    """Return the median of a distance (F,), m, and the rms difference from it without the largest differences.
-
-    With too few frames, the result is (0, inf).
-    """
+    """Return the median of a distance (F,), and the rms difference without the largest, m; (0, inf) if hardly known."""
     known = distance[np.isfinite(distance)]
     if len(known) < _FEWEST_FRAMES:
         return 0.0, np.inf
@@ -646,7 +611,8 @@ _INNER_FRAMES = 30.0  # weight of this marker in frames, because its error is th
 
 def find_best_links(problem: SegmentationProblem) -> LinkFit | None:
     """Return the chain with the lowest cost that has a single-marker segment; None if no chain is possible."""
-    if len(list(group_points(problem.points, problem.lateral, problem.moving))) > _MOST_POINTS:
+    points = problem.points
+    if len(list(group_points(points, problem.lateral, problem.moving))) > _MOST_POINTS:
         return None
     paths = list(find_linked_paths(problem))
     costs = [path_cost(problem, path) for path in paths]
@@ -661,7 +627,7 @@ def find_best_links(problem: SegmentationProblem) -> LinkFit | None:
         ):
             continue
         tried[len(path)] += 1
-        fit = fit_path(problem, path)
+        fit = fit_path(problem, path, {})
         if fit is None:
             continue
         members = [np.flatnonzero(fit.segment == k) for k in range(fit.segment.max() + 1)]
@@ -670,21 +636,15 @@ def find_best_links(problem: SegmentationProblem) -> LinkFit | None:
     if not fits:
         return None
     fit, path = min(fits, key=lambda each: each[0].cost)
-    fit = _add_joint_markers(problem, path, fit)
-    alone = [points for part, points in zip(path, fit.points, strict=True) if part.body is None]
-    return fit if min(alone) < 2 else None  # other chains are found by the search for rigid bodies
 
-
-def _add_joint_markers(problem: SegmentationProblem, path: Path, fit: LinkFit) -> LinkFit:
-    """Return the fit in which markers represent the ankle and the inner joints, where this hardly raises the cost."""
-    points, weight = problem.points, (SCALE / _OFF_AXIS) ** 2
+    # markers represent the ankle and the inner joints, where this hardly raises the cost
     units = list(group_points(points, problem.lateral, problem.base.markers))
     moves = [float(np.mean(problem.base.scatter[unit])) for unit in units]
     best: LinkFit | None = None
     for unit, scatter in zip(units, moves, strict=True):
         if scatter < _MORE_THAN_STILL * min(moves):
             continue
-        pinned = fit_path(problem, path, (Pin(0, unit, average_track(points, unit), weight),))
+        pinned = fit_path(problem, path, {0: unit})
         if pinned is not None and pinned.cost - fit.cost < _RISE and (best is None or pinned.cost < best.cost):
             best = pinned
     fit = best or fit
@@ -694,18 +654,19 @@ def _add_joint_markers(problem: SegmentationProblem, path: Path, fit: LinkFit) -
         place, _ = joint_positions(fit.state)
         near = []
         for unit in group_points(points, problem.lateral, moving):
-            off = np.abs(average_track(points, unit)[fit.used] - place[:, joint])
+            off = np.abs(points[:, unit].mean(axis=1)[fit.used] - place[:, joint])
             if np.isfinite(off).any() and np.nanmedian(off) < _NEAR:
                 near.append((float(np.nanmedian(off)), unit))
         for _, unit in sorted(near, key=lambda each: each[0]):
-            in_frames = weight * min(_INNER_FRAMES / len(fit.used), 1.0)
-            pinned = fit_path(problem, path, (*fit.pins, Pin(joint, unit, average_track(points, unit), in_frames)))
+            pinned = fit_path(problem, path, {**fit.pins, joint: unit})
             if pinned is not None and pinned.cost - fit.cost < _INNER_RISE:
                 fit = pinned
                 break
     # the still markers at the ankle are on segment 1
-    ankle = np.array([marker for pin in fit.pins if pin.joint == 0 for marker in pin.unit], dtype=np.int64)
+    ankle = fit.pins.get(0, np.zeros(0, dtype=np.int64))
     segment, local = fit.segment.copy(), fit.state.local.copy()
     segment[ankle] = 1
     local[ankle] = costs_on_segments(points[fit.used], fit.state)[1][1, ankle]
-    return replace(fit, segment=segment, state=replace(fit.state, local=local))
+    fit = replace(fit, segment=segment, state=replace(fit.state, local=local))
+    alone = [distinct for (_, body, _), distinct in zip(path, fit.points, strict=True) if body is None]
+    return fit if min(alone) < 2 else None  # other chains are found by the search for rigid bodies

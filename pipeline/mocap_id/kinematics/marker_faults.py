@@ -1,4 +1,4 @@
-"""Markers that are bad for a part of a trial: frozen, attached again elsewhere, mislabelled, or not on the body.
+"""Bad stretches of markers (frozen, attached again elsewhere, mislabelled, not on the body), bursts, and label swaps.
 
 Every marker is followed in the frame of its own segment, after the chain is fitted robustly to every frame. A good
 marker keeps its position there, within the motion of the skin. In a bad interval, the marker is elsewhere. The interval
@@ -37,17 +37,12 @@ _MOSTLY = 0.8  # least fraction of still samples in a still interval
 _STEP = 0.6  # least fraction of a displacement that occurs between two samples
 _STILL = 2e-3  # m; largest distance of a still marker from its median
 _SEGMENT_MOVES = 0.02  # m; least motion of the segment of a still marker
-_REPEATED_MOVES = 0.003  # m; the same, if exactly the same coordinates are repeated
+_REPEATED_MOVES = 0.003  # m; the same, of neighbours too and as a jump afterwards, if the same coordinates are repeated
 
 
-@dataclass(frozen=True)
-class _Position:
-    """Usual position of a marker on a segment."""
-
-    segment: int
-    local: complex  # coordinates, m
-    usual: float  # usual distance from this position, m
-    share: float  # fraction of the motion in which the marker is there
+_Position: TypeAlias = tuple[int, complex, float, float]
+"""Segment of a marker, its usual position there, m, its usual distance from this position, m, and the fraction of the
+motion in which it is there."""
 
 
 @dataclass(frozen=True)
@@ -73,62 +68,26 @@ def find_bad_stretches(
     ``fitted`` (f, M) are the trajectories from which the segments were found, m. They are also NaN where samples are
     known to be bad.
     """
-    tracks = _express_in_segments(recorded, segmentation, fitted)
-    if tracks is None:
-        return ()
-    plane = recorded.points[..., 0] + 1j * recorded.points[..., 1]
-    along = tracks[:, frames_along_motion(plane, _ALONG)]
-    own = [_find_position(along, int(k), m) if k >= 0 else None for m, k in enumerate(segmentation.segment)]
-    typical = {
-        k: float(np.median([place.usual for place in own if place is not None and place.segment == k]))
-        for k in {place.segment for place in own if place is not None}
-    }
-    bad: list[BadStretch] = []
-    strays: list[int] = []
-    for marker in (int(marker) for marker in examined):
-        place = own[marker]
-        if place is not None:
-            place = replace(place, usual=max(place.usual, typical[place.segment]))
-        else:  # on the moving segment where the marker stays longest, or on the base
-            places = [_find_position(along, k, marker) for k in range(len(along))]
-            moving = [each for each in places[1:] if each is not None]
-            best = max(moving, key=lambda each: each.share, default=None)
-            place = best if best is not None and best.share >= _LEAST_SHARE else places[0]
-        found = []
-        if place is not None and place.share >= _LEAST_SHARE:
-            found = _find_stretches(recorded, tracks[place.segment, :, marker], place, marker)
-        if not found and segmentation.segment[marker] < 0:
-            strays.append(marker)
-        bad += found
-    ghosts = np.intersect1d(strays, np.flatnonzero(find_lone_markers(recorded.points)))
-    return (*bad, *(BadStretch(int(marker), 0, int(recorded.rows[-1]), "ghost") for marker in ghosts))
-
-
-def _express_in_segments(
-    recorded: RecordedMarkers, segmentation: Segmentation, fitted: ComplexArray
-) -> ComplexArray | None:
-    """Return every marker in the frame of every segment, (n + 1, T, M), m; NaN where unknown.
-
-    The angles of the segments are fitted to each frame with Cauchy's loss. The result is None if the angles are known
-    in too few frames.
-    """
+    # Every marker in the frame of every segment, (n + 1, T, M), m; NaN where unknown. The angles of the segments are
+    # fitted to each frame with Cauchy's loss.
     rows, plane = recorded.rows, recorded.points[..., 0] + 1j * recorded.points[..., 1]
-    segment, assigned = segmentation.segment, np.flatnonzero(segmentation.segment >= 0)
+    assigned = np.flatnonzero(segmentation.segment >= 0)
+    on_chain = segmentation.segment[assigned]
     if segmentation.links is None:
-        state = rigid_body_links(fitted[:, assigned], segment[assigned])
+        state = rigid_body_links(fitted[:, assigned], on_chain)
         joint_tracks = {}
     else:
         state = replace(segmentation.links.state, local=segmentation.links.state.local[assigned])
-        joint_tracks = {pin.joint + 1: plane[:, pin.unit].mean(axis=1) for pin in segmentation.links.pins}
-    start = chain_angles(plane[:, assigned], segment[assigned], state.centres, state.local, joint_tracks)
+        joint_tracks = {j + 1: plane[:, unit].mean(axis=1) for j, unit in segmentation.links.pins.items()}
+    start = chain_angles(plane[:, assigned], on_chain, state.centres, state.local, joint_tracks)
     known = np.isfinite(start)
     if known.all(axis=1).sum() < _FEWEST:
-        return None
+        return ()
     start = np.stack([np.interp(rows, rows[k], np.unwrap(a[k])) for a, k in zip(start.T, known.T, strict=True)], axis=1)
-    moving, joints = segment[assigned] > 0, len(state.centres)
-    state = replace(state, local=state.local[moving], angles=start)
-    problem = ChainProblem.with_joint_markers(plane[:, assigned[moving]], segment[assigned[moving]], {}, joints)
-    seen, ridge = np.isfinite(plane[:, assigned[moving]]), _RIDGE * np.eye(joints)
+    moves, joints = on_chain > 0, len(state.centres)
+    state = replace(state, local=state.local[moves], angles=start)
+    problem = ChainProblem.with_joint_markers(plane[:, assigned[moves]], on_chain[moves], {}, joints)
+    seen, ridge = np.isfinite(plane[:, assigned[moves]]), _RIDGE * np.eye(joints)
     for scale in _SCALES:
         off = problem.residuals(state)
         weights = seen / (1 + (np.abs(off) / scale) ** 2)
@@ -139,11 +98,40 @@ def _express_in_segments(
         state = replace(state, angles=state.angles + np.linalg.solve(normal, turn[..., None])[..., 0])
     origin, turns = joint_positions(state)
     turns = np.where(known, turns, np.nan)
-    return np.stack([plane, *(np.conj(turns[:, k, None]) * (plane - origin[:, k, None]) for k in range(joints))])
+    tracks = np.stack([plane, *(np.conj(turns[:, k, None]) * (plane - origin[:, k, None]) for k in range(joints))])
+
+    along = tracks[:, frames_along_motion(plane, _ALONG)]
+    own = [_find_position(along, int(k), m) if k >= 0 else None for m, k in enumerate(segmentation.segment)]
+    located = [each for each in own if each is not None]
+    typical = {
+        k: float(np.median([usual for segment, _, usual, _ in located if segment == k]))
+        for k in {segment for segment, *_ in located}
+    }
+    bad: list[BadStretch] = []
+    strays: list[int] = []
+    for marker in (int(marker) for marker in examined):
+        place = own[marker]
+        if place is not None:
+            segment, local, usual, share = place
+            place = segment, local, max(usual, typical[segment]), share
+        else:  # on the moving segment where the marker stays longest, or on the base
+            places = [_find_position(along, k, marker) for k in range(len(along))]
+            moving = [each for each in places[1:] if each is not None]
+            best = max(moving, key=lambda each: each[3], default=None)
+            place = best if best is not None and best[3] >= _LEAST_SHARE else places[0]
+        found = []
+        if place is not None and place[3] >= _LEAST_SHARE:
+            segment, local, usual, _ = place
+            found = _find_stretches(recorded, tracks[segment, :, marker], local, usual, marker)
+        if not found and segmentation.segment[marker] < 0:
+            strays.append(marker)
+        bad += found
+    ghosts = np.intersect1d(strays, np.flatnonzero(find_lone_markers(recorded.points)))
+    return (*bad, *(BadStretch(int(marker), 0, int(recorded.rows[-1]), "ghost") for marker in ghosts))
 
 
 def _find_position(along: ComplexArray, segment: int, marker: int) -> _Position | None:
-    """Return the position of a marker in a segment's frame for most of the motion; None if it is hardly visible.
+    """Return the position of a marker in a segment for most of the motion; None if hardly visible.
 
     ``along`` (n + 1, A, M) are the markers in the frames of the segments, evenly along the motion, m.
     """
@@ -157,15 +145,20 @@ def _find_position(along: ComplexArray, segment: int, marker: int) -> _Position 
         place = complex(track[np.abs(track - place) < _HELD].mean())
     off = np.abs(track - place)
     near = off < _HELD
-    return _Position(segment, place, float(np.median(off[near])), float(near.mean()))
+    return segment, place, float(np.median(off[near])), float(near.mean())
 
 
-def _find_stretches(recorded: RecordedMarkers, local: ComplexArray, place: _Position, marker: int) -> list[BadStretch]:
-    """Return the bad intervals of a marker that is otherwise on its segment, in whose frame its track is ``local``."""
+def _find_stretches(
+    recorded: RecordedMarkers, local: ComplexArray, place: complex, usual: float, marker: int
+) -> list[BadStretch]:
+    """Return the bad intervals of a marker that is otherwise on its segment, in whose frame its track is ``local``.
+
+    ``place``, m, is its usual position there, and ``usual`` its usual distance from it, m.
+    """
     points, rate = recorded.points[:, marker], recorded.rate
     seen = np.flatnonzero(np.isfinite(local))
     rows, local = recorded.rows[seen], local[seen]
-    out = np.abs(local - place.local) > max(_LEAST_OFF, _OFF * place.usual)
+    out = np.abs(local - place) > max(_LEAST_OFF, _OFF * usual)
     out |= _find_repeated(points[seen])
     if not out.any():
         return []
@@ -190,7 +183,8 @@ def _find_stretches(recorded: RecordedMarkers, local: ComplexArray, place: _Posi
             continue
         begin, end = find_nearest_jump(there[steps + 1], first), find_nearest_jump(there[steps], last)
         sudden = begin is not None or end is not None
-        reach = _measure_range(local[run])
+        low, high = np.quantile(np.stack([local[run].real, local[run].imag]), [0.05, 0.95], axis=1)
+        reach = float(np.max(high - low))
         # frozen: the marker stands still in the laboratory while its segment moves
         inside = (there >= first) & (there <= last)
         rest = np.median(positions[inside], axis=0)
@@ -207,7 +201,7 @@ def _find_stretches(recorded: RecordedMarkers, local: ComplexArray, place: _Posi
         moved = False
         if reach < 2 * _HELD and (run.start == 0) != (run.stop == len(local)):
             at = run.start if run.start else run.stop
-            away = abs(np.median(local[run].real) + 1j * np.median(local[run].imag) - place.local)
+            away = abs(np.median(local[run].real) + 1j * np.median(local[run].imag) - place)
             moved = bool(abs(local[at] - local[at - 1]) > _STEP * away)
         if not sudden and not moved:
             continue
@@ -225,23 +219,15 @@ def _find_repeated(positions: FloatArray) -> BoolArray:
     return np.asarray(same[1:] | same[:-1])
 
 
-def _measure_range(track: ComplexArray) -> float:
-    """Return the largest 5 to 95 % range of the coordinates of a track, m."""
-    low, high = np.quantile(np.stack([track.real, track.imag]), [0.05, 0.95], axis=1)
-    return float(np.max(high - low))
-
-
 _FRAMES = 120
-_SIMPLE_FAULTS_FEWEST = 20  # fewest frames in which both markers are visible
+_FEWEST_TOGETHER = 20  # fewest frames in which both markers are visible
 _MOVES = 0.02  # m rms; least scatter of a moving marker
 _NEAR_BASE = 0.07  # m rms; a marker that moves less may be near the first joint and keep its distance from the base
-_SIMPLE_FAULTS_MOST = 0.1  # largest fraction of lone markers; more of them are limbs with one marker each
+_MOST_LONE = 0.1  # largest fraction of lone markers; more of them are limbs with one marker each
 _SHARE = 0.3  # least 10 to 90 % range of a lone marker's distances, relative to its own scatter
 _STRAYS = (0.02, 0.04)  # m; range of this limit
-_SIMPLE_FAULTS_SHORTEST = 0.2  # s; shortest repetition
 _NEIGHBOURS = 3  # number of nearest markers whose motion is compared
-_REPEAT_MOVES = 0.003  # m; least motion of the neighbours, and least jump of the marker afterwards
-_SIMPLE_FAULTS_MOSTLY = 0.8  # largest fraction of the interval in which a neighbour also repeats its position
+_ALSO_REPEATS = 0.8  # largest fraction of the interval in which a neighbour also repeats its position
 
 
 @dataclass(frozen=True)
@@ -274,7 +260,7 @@ def find_lone_markers(points: FloatArray) -> BoolArray:
     mean = np.where(seen[..., None], some, 0).sum(axis=0) / counts[:, None]
     away = np.where(seen, np.linalg.norm(some - mean, axis=2), 0)
     scatter = np.sqrt((away**2).sum(axis=0) / counts)
-    moves = (scatter > _MOVES) & (counts >= _SIMPLE_FAULTS_FEWEST)
+    moves = (scatter > _MOVES) & (counts >= _FEWEST_TOGETHER)
     lone = moves.copy()
     for marker in np.flatnonzero(moves):
         others = (moves | (scatter[marker] < _NEAR_BASE)) & (np.arange(len(moves)) != marker)
@@ -283,9 +269,9 @@ def find_lone_markers(points: FloatArray) -> BoolArray:
         together = np.isfinite(distance).sum(axis=0)
         last, column = np.maximum(together - 1, 0), np.arange(distance.shape[1])
         low, high = (distance[np.round(share * last).astype(np.int64), column] for share in (0.1, 0.9))
-        nearest = np.where(together >= _SIMPLE_FAULTS_FEWEST, high - low, np.inf).min(initial=np.inf)
+        nearest = np.where(together >= _FEWEST_TOGETHER, high - low, np.inf).min(initial=np.inf)
         lone[marker] = np.isfinite(nearest) and nearest > np.clip(_SHARE * scatter[marker], *_STRAYS)
-    return lone if lone.mean() <= _SIMPLE_FAULTS_MOST else np.zeros_like(lone)
+    return lone if lone.mean() <= _MOST_LONE else np.zeros_like(lone)
 
 
 def find_repeats(points: FloatArray, rate: float) -> tuple[BadStretch, ...]:
@@ -299,18 +285,18 @@ def find_repeats(points: FloatArray, rate: float) -> tuple[BadStretch, ...]:
     same = np.all(points[1:] == points[:-1], axis=2)
     for marker in range(points.shape[1]):
         for run in find_runs(same[:, marker]):
-            if run.stop - run.start < _SIMPLE_FAULTS_SHORTEST * rate:
+            if run.stop - run.start < _SHORTEST * rate:
                 continue
             inside = slice(run.start, run.stop + 1)
             away = np.linalg.norm(points[inside] - points[run.start, marker], axis=2)
             later = points[inside.stop :, marker]
             seen = later[np.isfinite(later).all(axis=1)]
-            if not len(seen) or np.linalg.norm(seen[0] - points[run.start, marker]) <= _REPEAT_MOVES:
+            if not len(seen) or np.linalg.norm(seen[0] - points[run.start, marker]) <= _REPEATED_MOVES:
                 continue
-            known = np.flatnonzero(np.isfinite(away).any(axis=0) & (same[run].mean(axis=0) < _SIMPLE_FAULTS_MOSTLY))
+            known = np.flatnonzero(np.isfinite(away).any(axis=0) & (same[run].mean(axis=0) < _ALSO_REPEATS))
             near = known[np.argsort(np.nanmedian(away[:, known], axis=0))[:_NEIGHBOURS]]
             travel = np.nanmax(points[inside][:, near], axis=0) - np.nanmin(points[inside][:, near], axis=0)
-            if len(near) and float(np.median(travel.max(axis=1))) > _REPEAT_MOVES:
+            if len(near) and float(np.median(travel.max(axis=1))) > _REPEATED_MOVES:
                 bad.append(BadStretch(marker, inside.start, inside.stop - 1, "frozen"))
     return tuple(bad)
 
@@ -376,7 +362,7 @@ def find_jumps(velocity: FloatArray, apart: IntArray) -> tuple[IntArray, FloatAr
     return steps[jumps], excess[jumps]
 
 
-_SWAPS_NEAR = 3.0  # s before and after, in which the usual change of a distance is measured
+_AROUND = 3.0  # s before and after, in which the usual change of a distance is measured
 _SAMPLES = 24  # changes in this time
 _QUANTILE = 0.65  # the scale of a distance is this quantile of its changes; other swaps nearby may disturb larger ones
 _PARTNERS = 10  # most rigid partners used
@@ -401,7 +387,7 @@ class Continuations:
 
     def __init__(self, positions: FloatArray, rate: float) -> None:
         self._positions = positions
-        self._near = max(round(_SWAPS_NEAR * rate), _SAMPLES)
+        self._near = max(round(_AROUND * rate), _SAMPLES)
 
     def find_violations(self, column: IntArray, last: IntArray, following: IntArray) -> BoolArray:
         """Return whether two or more distances of a column change more than usual between two frames, for N cases (N,).
@@ -456,19 +442,13 @@ class Continuations:
         return out
 
     def _changes(self, column: IntArray, last: IntArray, other: IntArray, frame: IntArray) -> FloatArray:
-        """Return the absolute changes (N, M) of the distances to all markers, m.
-
-        Distances are measured from ``column`` at frame ``last``, and from ``other`` at ``frame``.
-        """
+        """Return how the distances (N, M), m, change from ``column`` at ``last`` to ``other`` at ``frame``."""
         points = self._positions
         before = _norm(points[last] - points[last, column][:, None])
         return np.abs(_norm(points[frame] - points[frame, other][:, None]) - before)
 
     def _usual_changes(self, column: IntArray, frame: IntArray, lag: IntArray, side: int) -> FloatArray:
-        """Return the usual change (N, M), m, of distances over a lag before or after a frame; NaN if unknown.
-
-        ``side`` is -1 for the time before the frame, and 1 for the time after it.
-        """
+        """Return the usual change (N, M), m, of distances over a lag before (``side`` -1) or after (1) a frame."""
         points = self._positions
         room = frame + 1 if side < 0 else len(points) - frame
         spread = np.clip(np.minimum(room, self._near + lag) - 1 - lag, 0, None)
@@ -533,7 +513,50 @@ def find_swaps(positions: FloatArray, rate: float) -> tuple[Swap, ...]:
     suspects = breaks[:, np.unique(_drop_implausible(positions, breaks, *_pair_overlapping(breaks))[0])]
     continuations = Continuations(positions, rate)
     suspects = suspects[:, continuations.find_violations(*suspects)]
-    swaps = _find_durations(_find_exchanges(positions, suspects, continuations), markers, count)
+
+    # first frame and columns of each exchange; each marker continues in the next column (cyclically)
+    source, target = _drop_implausible(positions, suspects, *_pair_overlapping(suspects))
+    (column, last, following), (other, _, there) = suspects[:, source], suspects[:, target]
+    evidence = continuations.weigh_evidence(column, last, following, other, there)
+    gap = np.maximum(following, there) - last > 1
+    strong = np.flatnonzero(evidence > np.where(gap, _EVIDENCE[1], _EVIDENCE[0]))
+    while not (mutual := np.isin(target[strong], source[strong])).all():
+        strong = strong[mutual]  # a marker can only continue in a column that another marker leaves
+    strongest_last = strong[np.argsort(evidence[strong], kind="stable")]
+    best = {int(source[link]): int(target[link]) for link in strongest_last}
+    events: list[tuple[int, tuple[int, ...]]] = []
+    done = set[int]()
+    for start in best:
+        path = [start]
+        while path[-1] not in done and best.get(path[-1], start) not in path:
+            path.append(best[path[-1]])
+        if best.get(path[-1]) == start and not done.intersection(path):
+            done.update(path)
+            columns, lasts, followings = suspects[:, path]
+            first = int(followings.min())
+            if lasts.max() < first:
+                events.append((first, tuple(columns.tolist())))
+
+    # the swaps of two columns with their durations
+    shown_by = list(range(markers))  # the marker in each column
+    standing: dict[tuple[int, int], int] = {}
+    swaps: list[Swap] = []
+    for frame in sorted({event[0] for event in events}):
+        for _, exchanged in sorted(event for event in events if event[0] == frame):
+            shown = [shown_by[each] for each in exchanged]
+            for each, marker in zip(exchanged[1:] + exchanged[:1], shown, strict=True):
+                shown_by[each] = marker
+        # exchanges of two columns that restore the order of all columns; each column comes first at most once
+        rest, now = list(shown_by), []
+        for one in range(len(rest)):
+            if rest[one] != one:
+                two = rest.index(one)
+                rest[one], rest[two] = rest[two], rest[one]
+                now.append((one, two))
+        swaps += [Swap(*pair, begun, frame) for pair, begun in standing.items() if pair not in now]
+        standing = {pair: standing.get(pair, frame) for pair in now}
+    swaps += [Swap(*pair, begun, count) for pair, begun in standing.items()]
+    swaps.sort(key=lambda swap: (swap.start, swap.first))
     bounded = [_bound_swap(positions, rate, breaks, swap) if swap.stop == count else swap for swap in swaps]
     return tuple(sorted(bounded, key=lambda swap: (swap.start, swap.first)))
 
@@ -590,34 +613,6 @@ def _drop_implausible(
     return source[keep], target[keep]
 
 
-def _find_exchanges(
-    positions: FloatArray, breaks: _Breaks, continuations: Continuations
-) -> list[tuple[int, tuple[int, ...]]]:
-    """Return first frame and columns of each exchange; each marker continues in the next column (cyclically)."""
-    source, target = _drop_implausible(positions, breaks, *_pair_overlapping(breaks))
-    (column, last, following), (other, _, there) = breaks[:, source], breaks[:, target]
-    evidence = continuations.weigh_evidence(column, last, following, other, there)
-    gap = np.maximum(following, there) - last > 1
-    strong = np.flatnonzero(evidence > np.where(gap, _EVIDENCE[1], _EVIDENCE[0]))
-    while not (mutual := np.isin(target[strong], source[strong])).all():
-        strong = strong[mutual]  # a marker can only continue in a column that another marker leaves
-    strongest_last = strong[np.argsort(evidence[strong], kind="stable")]
-    best = {int(source[link]): int(target[link]) for link in strongest_last}
-    out, done = [], set[int]()
-    for start in best:
-        path = [start]
-        while path[-1] not in done and best.get(path[-1], start) not in path:
-            path.append(best[path[-1]])
-        closed = best.get(path[-1]) == start and not done.intersection(path)
-        if closed:
-            done.update(path)
-            columns, lasts, followings = breaks[:, path]
-            first = int(followings.min())
-            if lasts.max() < first:
-                out.append((first, tuple(columns.tolist())))
-    return sorted(out)
-
-
 def _pair_overlapping(breaks: _Breaks) -> tuple[IntArray, IntArray]:
     """Return all ordered pairs of breaks of two columns that overlap in time, as two arrays of indices."""
     column, last, following = breaks
@@ -630,29 +625,6 @@ def _pair_overlapping(breaks: _Breaks) -> tuple[IntArray, IntArray]:
     apart = column[one] != column[two]
     one, two = one[apart], two[apart]
     return np.concatenate([one, two]), np.concatenate([two, one])
-
-
-def _find_durations(events: list[tuple[int, tuple[int, ...]]], markers: int, count: int) -> tuple[Swap, ...]:
-    """Return the swaps of two columns with their durations, from exchanges (frame, columns) in ``events``."""
-    shown_by = list(range(markers))  # the marker in each column
-    standing: dict[tuple[int, int], int] = {}
-    out: list[Swap] = []
-    for frame in sorted({event[0] for event in events}):
-        for _, columns in (event for event in events if event[0] == frame):
-            shown = [shown_by[column] for column in columns]
-            for column, marker in zip(columns[1:] + columns[:1], shown, strict=True):
-                shown_by[column] = marker
-        # exchanges of two columns that restore the order of all columns; each column comes first at most once
-        rest, now = list(shown_by), []
-        for column in range(len(rest)):
-            if rest[column] != column:
-                other = rest.index(column)
-                rest[column], rest[other] = rest[other], rest[column]
-                now.append((column, other))
-        out += [Swap(*pair, start, frame) for pair, start in standing.items() if pair not in now]
-        standing = {pair: standing.get(pair, frame) for pair in now}
-    out += [Swap(*pair, start, count) for pair, start in standing.items()]
-    return tuple(sorted(out, key=lambda swap: (swap.start, swap.first)))
 
 
 def _bound_swap(positions: FloatArray, rate: float, breaks: _Breaks, swap: Swap) -> Swap:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,32 +61,26 @@ def fit_plane(positions: FloatArray) -> PlaneFit:
         return PlaneFit(0.0, 0.0)
     total = np.sum(displacements**2)
 
-    # a vertical plane: the axis has the largest weighted second moment of the horizontal displacements
-    weights = np.ones(len(horizontal))
-    for _ in range(_REWEIGHTINGS + 1):
-        axis = np.linalg.eigh((horizontal * weights[:, None]).T @ horizontal)[1][:, 1]
-        off_plane = horizontal @ np.array([-axis[1], axis[0]])
-        scale = 1.4826 * np.median(np.abs(off_plane))
-        if scale == 0:
-            break
-        weights = 1 / (1 + (off_plane / (3 * scale)) ** 2)
-    yaw = _wrap_half_circle(float(np.arctan2(axis[1], axis[0])))
-    vertical = PlaneFit(yaw, float(np.sum(off_plane**2) / total))
+    def fit(vectors: FloatArray, find_normal: Callable[[FloatArray], FloatArray]) -> tuple[FloatArray, float]:
+        """Return the normal of the plane, from the principal axes of weighted vectors, and the planarity."""
+        weights = np.ones(len(vectors))
+        for _ in range(_REWEIGHTINGS + 1):
+            normal = find_normal(np.linalg.eigh((vectors * weights[:, None]).T @ vectors)[1])
+            off_plane = vectors @ normal
+            scale = 1.4826 * np.median(np.abs(off_plane))
+            if scale == 0:
+                break
+            weights = 1 / (1 + (off_plane / (3 * scale)) ** 2)
+        return normal, float(np.sum(off_plane**2) / total)
 
-    # a plane with any normal
-    weights = np.ones(len(displacements))
-    for _ in range(_REWEIGHTINGS + 1):
-        normal = np.linalg.eigh((displacements * weights[:, None]).T @ displacements)[1][:, 0]
-        off_plane = displacements @ normal
-        scale = 1.4826 * np.median(np.abs(off_plane))
-        if scale == 0:
-            break
-        weights = 1 / (1 + (off_plane / (3 * scale)) ** 2)
-    x, y, z = normal
+    # a vertical plane, along the largest weighted second moment of the horizontal displacements, or one with any normal
+    (x, y), planarity = fit(horizontal, lambda axes: np.array([-axes[1, 1], axes[0, 1]]))
+    vertical = PlaneFit(_wrap_half_circle(float(np.arctan2(-x, y))), planarity)
+    (x, y, z), planarity = fit(displacements, lambda axes: axes[:, 0])
     yaw = _wrap_half_circle(float(np.arctan2(x, -y)))
     if x * np.sin(yaw) - y * np.cos(yaw) < 0:  # the normal points along z of the plane frame
         z = -z
-    leaning = PlaneFit(yaw, float(np.sum(off_plane**2) / total), -float(np.arcsin(np.clip(z, -1, 1))))
+    leaning = PlaneFit(yaw, planarity, -float(np.arcsin(np.clip(z, -1, 1))))
     clear = _LEANS[0] <= abs(leaning.lean) <= _LEANS[1] and leaning.planarity < _EXPLAINED * vertical.planarity
     return leaning if clear else vertical
 

@@ -8,14 +8,14 @@ joints. The hypothesis that best predicts the markers for its number of segments
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeAlias
 
 import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.errors import Refused
+from mocap_id.kinematics.chain_fit import joint_arcs
 from mocap_id.kinematics.clusters import Base, Constraints, MarkerClusters, find_base
 from mocap_id.kinematics.joint import RigidBody, fit_body, fit_joint, marker_residuals, still_body
 from mocap_id.kinematics.link_fit import (
@@ -29,9 +29,6 @@ from mocap_id.kinematics.link_fit import (
     find_hypotheses,
     log_cost,
 )
-
-Evidence: TypeAlias = Literal["skipped", "left-out", "axis", "first-joint", "base", "runner-up", "links", "ankle"]
-"""Names of the evidence against the segments."""
 
 _BEST = 3.8  # log odds without evidence against the segments
 _SURE_SKIPPED = 3.5  # growth of the residual without a segment; 4.0 for correct segments, 3.0 for wrong ones
@@ -94,24 +91,6 @@ def assess_confidence(
     return weigh_evidence(_BEST, joints, against)
 
 
-def assess_links(links: LinkFit, explained: float, gap: float) -> Confidence:
-    """Return the confidence in a chain with single-marker segments.
-
-    Evidence against the segments, besides ``left-out`` and ``base`` of :func:`assess_confidence`:
-
-    - ``links``: a segment has a single marker, and no marker is at either of its joints;
-    - ``ankle``: joint 1 rotates little, and no marker is at it.
-    """
-    ankle_marked = any(pin.joint == 0 for pin in links.pins)
-    against = {
-        "left-out": _LEFT_OUT_OF_LINKS if explained < 1 else 0.0,
-        "base": 0.0 if ankle_marked else 2 * log_shortfall(gap, _SURE_GAP),
-        "links": _LOOSE if links.loose else 0.0,
-        "ankle": 0.0 if ankle_marked else 4 * log_shortfall(float(links.arcs[0]), _SURE_ANKLE_ARC),
-    }
-    return weigh_evidence(_BEST, tuple(1.0 for _ in links.arcs), against)
-
-
 def log_shortfall(value: float, enough: float) -> float:
     """Return ln(enough / value), at least 0."""
     return float(max(np.log(max(enough, 1e-3)) - np.log(max(value, 1e-3)), 0.0))
@@ -158,8 +137,21 @@ def find_axis_markers(
     on_base = marker_residuals(problem.ground, points)
     reassigned: dict[int, float] = {}
     margin = np.inf
+    # single markers, and pairs: a left and a right marker at the same position in the side view
     alone = np.bincount(constraints.unit)[constraints.unit] == 1
-    left = list(_pair_markers(problem, problem.ground.markers[alone[problem.ground.markers]]))
+    markers = problem.ground.markers[alone[problem.ground.markers]]
+    left: list[tuple[int, ...]] = []
+    if len(markers):
+        place = np.nanmean(points[:, markers], axis=0)
+        side = problem.lateral[markers] - np.median(problem.lateral[problem.moving])
+        apart = np.abs(place[:, None] - place)
+        apart[(side[:, None] * side) >= 0] = np.inf
+        mate = np.argmin(apart, axis=1)
+        for i, j in enumerate(mate):
+            if not (apart[i, j] < _PAIR and mate[j] == i):
+                left.append((int(markers[i]),))
+            elif i < j:
+                left.append((int(markers[i]), int(markers[j])))
     while left:
         members = np.concatenate([first.markers, np.array(list(reassigned), dtype=np.int64)])
         there = np.concatenate([on_segment, np.array(list(reassigned), dtype=np.int64)])
@@ -180,23 +172,6 @@ def find_axis_markers(
         reassigned.update(zip(best, residual.tolist(), strict=True))
         left.remove(best)
     return reassigned, float(margin)
-
-
-def _pair_markers(problem: SegmentationProblem, markers: IntArray) -> Iterator[tuple[int, ...]]:
-    """Yield tuples of one marker, or of a left and a right marker at the same position in the side view."""
-    if not len(markers):
-        return
-    place = np.nanmean(problem.points[:, markers], axis=0)
-    side = problem.lateral[markers] - np.median(problem.lateral[problem.moving])
-    apart = np.abs(place[:, None] - place)
-    apart[(side[:, None] * side) >= 0] = np.inf
-    mate = np.argmin(apart, axis=1)
-    for i, j in enumerate(mate):
-        if apart[i, j] < _PAIR and mate[j] == i:
-            if i < j:
-                yield int(markers[i]), int(markers[j])
-        else:
-            yield (int(markers[i]),)
 
 
 _ADOPT = 2.0  # largest residual of an adopted marker, relative to the segment's own
@@ -224,14 +199,9 @@ def segment_markers(
 ) -> Segmentation:
     """Sort markers into the segments of a serial chain on a fixed base.
 
-    Parameters
-    ----------
-    points : (F, M) complex array
-        Trajectories in the plane, m; NaN where missing. A few hundred frames along the motion are enough.
-    lateral : (M,) array
-        Mean out-of-plane coordinate of every marker, m. It distinguishes a pair of limbs from the trunk between them.
-    rules : SegmentationRules
-    constraints : Constraints, optional
+    The trajectories ``points`` (F, M) are in the plane, m, NaN where missing; a few hundred frames along the motion are
+    enough. ``lateral`` (M,) are the mean out-of-plane coordinates, m, which distinguish a pair of limbs from the trunk
+    between them.
 
     Raises
     ------
@@ -282,8 +252,17 @@ def segment_markers(
             return rigid
     if links is not None:
         explained = explained_share(links.segment, lateral, moving)
-        confidence, ratios = assess_links(links, explained, base.gap), links.ratios(points)
-        count = len(links.state.centres) + 1
+        ankle_marked, arcs = 0 in links.pins, joint_arcs(links.state.angles)
+        against = {
+            "left-out": _LEFT_OUT_OF_LINKS if explained < 1 else 0.0,
+            "base": 0.0 if ankle_marked else 2 * log_shortfall(base.gap, _SURE_GAP),
+            # a segment has a single marker, and no marker is at either of its joints
+            "links": _LOOSE if links.loose else 0.0,
+            # joint 1 rotates little, and no marker is at it
+            "ankle": 0.0 if ankle_marked else 4 * log_shortfall(float(arcs[0]), _SURE_ANKLE_ARC),
+        }
+        confidence, count = weigh_evidence(_BEST, (1.0,) * len(arcs), against), len(links.state.centres) + 1
+        ratios = links.ratios(points)
         return Segmentation(links.segment, links.residual, count, confidence, ratios, base, considered, links)
     if rigid is None:
         raise _explain_missing_chain(problem)

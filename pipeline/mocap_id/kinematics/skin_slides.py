@@ -156,10 +156,10 @@ def fit_response(
     ``shape`` (T, K, 2) are the time courses (shapes) of the slides; ``camera_sd`` is the standard deviation of the
     camera noise, m.
     """
-    reduced = eliminate_angles(problem, state)
-    values, vectors = np.linalg.eigh(reduced.inverse)
+    inverse, _, solved = eliminate_angles(problem, state)
+    values, vectors = np.linalg.eigh(inverse)
     noise = vectors * (camera_sd * np.sqrt(np.maximum(values, 0)))
-    return slide_responses(problem, state, reduced, shape, reduced.inverse), noise
+    return slide_responses(problem, state, solved, shape, inverse), noise
 
 
 def skin_from_residuals(

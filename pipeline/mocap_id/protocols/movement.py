@@ -12,8 +12,7 @@ import numpy as np
 from mocap_id.anatomy.landmarks import SEGMENTS, Side, find_landmarks, find_roles
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_runs
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData
-from mocap_id.kinematics import propose_window
-from mocap_id.kinematics.base_motion import find_base_motion
+from mocap_id.kinematics.base_motion import find_base_motion, propose_window
 from mocap_id.protocols.repetitions import Posture, Repetition, compute_posture
 from mocap_id.protocols.sit_to_stand import (
     Contact,

@@ -12,7 +12,7 @@ from mocap_id.estimation.space import SpatialStates
 from mocap_id.estimation.space.frame_poses import remove_fast_part
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
-from mocap_id.kinematics import SkinModel
+from mocap_id.kinematics.skin_slides import SkinModel
 from mocap_id.kinematics.space.bodies import rigid_poses
 from mocap_id.store import Tree
 from mocap_id.store.provenance import SKIN

@@ -9,10 +9,10 @@ from mocap_id.geometry import so3
 from mocap_id.kinematics.space.bundle import (
     BundleProblem,
     BundleState,
-    ChainPrior,
     apply_step,
     eliminate_frames,
     linearise,
+    prior_equations,
 )
 
 _STEP = 1e-6
@@ -36,9 +36,12 @@ def case(request: pytest.FixtureRequest) -> tuple[BundleProblem, BundleState]:
         ("ball", "two-axis", "hinge"),
         _units(rng, 1)[0],
         np.arange(markers) == 3,
-        True,
         _units(rng, 3),
         np.array([0.5, 0.0, 2.0]),
+        np.zeros((3, 3)),
+        np.full(3, 0.1),
+        np.array([False, True, False]),
+        np.zeros(3, bool),
     )
     state = BundleState(
         rng.normal(size=(markers, 3)),
@@ -58,14 +61,15 @@ def case(request: pytest.FixtureRequest) -> tuple[BundleProblem, BundleState]:
 def test_jacobians_equal_finite_differences(case: tuple[BundleProblem, BundleState]) -> None:
     problem, state = case
     linear, cols = linearise(problem, state), problem.columns
+    off, by_frame, beyond_markers = linear
     frames, markers = problem.weights.shape
-    by_chain = np.concatenate([np.zeros((*linear.off.shape, 3 * markers)), linear.by_chain], axis=2)
+    by_chain = np.concatenate([np.zeros((*off.shape, 3 * markers)), beyond_markers], axis=2)
     by_chain[:, np.arange(3 * markers), np.arange(3 * markers)] = -np.repeat(problem.weights, 3, axis=1)
 
     def slope(chain: np.ndarray, frame: np.ndarray) -> np.ndarray:
         still = np.ones((frames, 1))
         ahead, behind = (
-            linearise(problem, apply_step(problem, state, sign * chain, sign * frame * still)).off
+            linearise(problem, apply_step(problem, state, sign * chain, sign * frame * still))[0]
             for sign in (_STEP, -_STEP)
         )
         return (ahead - behind) / (2 * _STEP)
@@ -74,41 +78,41 @@ def test_jacobians_equal_finite_differences(case: tuple[BundleProblem, BundleSta
     numeric = np.stack([slope(each, fixed) for each in np.eye(cols.size)], axis=-1)
     assert np.allclose(numeric, by_chain, atol=1e-6 * np.abs(by_chain).max())
     numeric = np.stack([slope(none, each) for each in np.eye(problem.frame_size)], axis=-1)
-    assert np.allclose(numeric, linear.by_frame, atol=1e-6 * np.abs(linear.by_frame).max())
+    assert np.allclose(numeric, by_frame, atol=1e-6 * np.abs(by_frame).max())
 
 
 def test_schur_complement_equals_the_whole_system(case: tuple[BundleProblem, BundleState]) -> None:
     problem, state = case
     linear, cols = linearise(problem, state), problem.columns
+    off, by_frame, beyond_markers = linear
     frames, markers = problem.weights.shape
-    by_chain = np.concatenate([np.zeros((*linear.off.shape, 3 * markers)), linear.by_chain], axis=2)
+    by_chain = np.concatenate([np.zeros((*off.shape, 3 * markers)), beyond_markers], axis=2)
     by_chain[:, np.arange(3 * markers), np.arange(3 * markers)] = -np.repeat(problem.weights, 3, axis=1)
     size, each = problem.frame_size, cols.size
-    whole = np.zeros((linear.off.size, each + frames * size))
+    whole = np.zeros((off.size, each + frames * size))
     whole[:, :each] = by_chain.reshape(-1, each)
     for f in range(frames):
-        rows = slice(f * linear.off.shape[1], (f + 1) * linear.off.shape[1])
-        whole[rows, each + f * size : each + (f + 1) * size] = linear.by_frame[f]
-    normal, right = whole.T @ whole, -whole.T @ linear.off.ravel()
+        rows = slice(f * off.shape[1], (f + 1) * off.shape[1])
+        whole[rows, each + f * size : each + (f + 1) * size] = by_frame[f]
+    normal, right = whole.T @ whole, -whole.T @ off.ravel()
     inner = normal[each:, each:] + 1e-9 * np.eye(frames * size)
-    reduced = eliminate_frames(problem, linear)
+    matrix, vector, _ = eliminate_frames(problem, linear)
     expected = normal[:each, :each] - normal[:each, each:] @ np.linalg.solve(inner, normal[each:, :each])
-    assert np.allclose(reduced.matrix, expected, atol=1e-8 * np.abs(expected).max())
-    vector = right[:each] - normal[:each, each:] @ np.linalg.solve(inner, right[each:])
-    assert np.allclose(reduced.vector, vector, atol=1e-8 * np.abs(vector).max())
+    assert np.allclose(matrix, expected, atol=1e-8 * np.abs(expected).max())
+    remaining = right[:each] - normal[:each, each:] @ np.linalg.solve(inner, right[each:])
+    assert np.allclose(vector, remaining, atol=1e-8 * np.abs(remaining).max())
 
 
 def test_priors_equal_finite_differences(case: tuple[BundleProblem, BundleState]) -> None:
     problem, state = case
     cols = problem.columns
-    prior = ChainPrior(np.zeros((3, 3)), np.array([False, True, False]), np.zeros(3, bool), np.full(3, 0.1))
     still = np.zeros((len(problem.points), problem.frame_size))
-    rows = prior.equations(problem, state)[1]
+    rows = prior_equations(problem, state)[1]
     hinge_row = 3 * 2 + 2 + 3  # its axis is fixed within a step
     for p in [*range(cols.centre[0].start, cols.size)]:
         step = _STEP * np.eye(cols.size)[p]
         ahead, behind = (
-            prior.equations(problem, apply_step(problem, state, sign * step, still))[0] for sign in (1, -1)
+            prior_equations(problem, apply_step(problem, state, sign * step, still))[0] for sign in (1, -1)
         )
         numeric = (ahead - behind) / (2 * _STEP)
         kept = np.arange(len(numeric)) != hinge_row

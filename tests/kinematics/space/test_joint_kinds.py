@@ -46,9 +46,9 @@ def test_a_small_arc_shows_no_kind() -> None:
 
 def test_two_axes_are_found() -> None:
     turn, first, second = _turns("two-axis", 0.8)
-    pair = fit_two_axes(turn)
-    assert abs(pair.first @ first) > np.cos(np.radians(1))
-    assert abs(pair.second @ second) > np.cos(np.radians(1))
+    one, other, _ = fit_two_axes(turn)
+    assert abs(one @ first) > np.cos(np.radians(1))
+    assert abs(other @ second) > np.cos(np.radians(1))
 
 
 def test_a_wrong_second_axis_is_refused() -> None:

@@ -15,7 +15,7 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.compilation import compiled
 from mocap_id.geometry import so3
 from mocap_id.kinematics.clusters import Constraints
-from mocap_id.kinematics.joint import variance_over_time
+from mocap_id.kinematics.joint import measure_range, variance_over_time
 
 _ITERATIONS = 60
 _TOLERANCE = 1e-7  # m
@@ -217,7 +217,7 @@ NARROW = 0.01
 
 _RIDGE = 1e-4  # selects, of the many common points of a hinge, the point nearest to the markers
 _FEWEST = 10  # fewest frames in which both bodies of a joint are visible
-_BODIES_ITERATIONS = 2
+_ROUGH = 2  # iterations of a shape; enough to compare groups of markers
 _REASSIGNMENTS = 4
 _CLUSTERS = (2, 3, 4)
 _FEW = 14  # most markers of a body for which all rigid triples are tested
@@ -246,15 +246,26 @@ class SpatialBody:
 
 def fit_spatial_body(points: FloatArray, markers: IntArray) -> SpatialBody:
     """Fit a rigid body to the columns ``markers`` of the trajectories (F, M, 3), m."""
-    shape = fit_shape(points[:, markers], iterations=_BODIES_ITERATIONS)
+    shape = fit_shape(points[:, markers], iterations=_ROUGH)
     rotation, origin, _ = rigid_poses(points[:, markers], shape)
     back = (points - origin[:, None]) @ rotation
     off, _, counts = subtract_means(back)
-    for place, marker in zip(_leave_one_out_factors(shape), markers, strict=True):
-        off[:, marker] = off[:, marker] @ place
+
+    # The pose of a body absorbs the part H (3, 3) of a marker's error. From the pose of the other markers, the residual
+    # is (I - H)⁻¹ times as large. The factor is limited in directions that the other markers hardly determine (with
+    # three markers, there is one such direction).
+    seen: BoolArray = np.asarray(np.isfinite(shape).all(axis=1))
+    centred = np.where(seen[:, None], shape, 0.0)
+    inertia = np.sum(centred**2) * np.eye(3) - centred.T @ centred
+    cross = so3.hat(centred)
+    turned = cross @ np.linalg.pinv(inertia, rcond=1e-6) @ cross.transpose(0, 2, 1)
+    values, vectors = np.linalg.eigh(np.eye(3) - (np.eye(3) / max(int(seen.sum()), 1) + turned))
+    factors = np.asarray((vectors / np.maximum(values, _FREE)[:, None, :]) @ vectors.transpose(0, 2, 1))
+    for factor, marker in zip(factors, markers, strict=True):
+        off[:, marker] = off[:, marker] @ factor
     square = np.einsum("fmi,fmi->m", off, off) / np.maximum(counts, 1)
     residual = np.where(counts >= max(3, 0.02 * len(points)), np.sqrt(square), np.inf)
-    known = shape[np.isfinite(shape).all(axis=1)]
+    known = shape[seen]
     width = float(np.linalg.svd(known, compute_uv=False)[1] / np.sqrt(len(known))) if len(known) >= LEAST else 0.0
     return SpatialBody(markers, rotation, origin, residual, width)
 
@@ -265,23 +276,6 @@ def subtract_means(local: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]
     counts = np.asarray(seen.sum(axis=0))
     mean = np.where(seen[..., None], local, 0.0).sum(axis=0) / np.maximum(counts, 1)[:, None]
     return np.where(seen[..., None], local - mean, 0.0), mean, counts
-
-
-def _leave_one_out_factors(shape: FloatArray) -> FloatArray:
-    """Return matrices (k, 3, 3) that map each marker's residual to its residual from the pose of the other markers.
-
-    The pose of a body absorbs the part H (3, 3) of a marker's error. Without the marker, the residual is (I - H)⁻¹
-    times as large. The factor is limited in directions that the other markers hardly determine (with three markers,
-    there is one such direction).
-    """
-    known: BoolArray = np.asarray(np.isfinite(shape).all(axis=1))
-    centred = np.where(known[:, None], shape, 0.0)
-    inertia = np.sum(centred**2) * np.eye(3) - centred.T @ centred
-    cross = so3.hat(centred)
-    turned = cross @ np.linalg.pinv(inertia, rcond=1e-6) @ cross.transpose(0, 2, 1)
-    share = np.eye(3) / max(int(known.sum()), 1) + turned
-    values, vectors = np.linalg.eigh(np.eye(3) - share)
-    return np.asarray((vectors / np.maximum(values, _FREE)[:, None, :]) @ vectors.transpose(0, 2, 1))
 
 
 class SpatialBodies:
@@ -420,10 +414,8 @@ def fit_pair_joint(first: SpatialBody, second: SpatialBody) -> SpatialPairJoint:
     free = min(_rms(first.residual[second.markers]), _rms(second.residual[first.markers]))
     vector = so3.log(mean_rotation(turn).T @ turn)
     _, axes = np.linalg.eigh(vector.T @ vector)
-    angle = np.sort(vector @ axes[:, 2])
-    last = len(angle) - 1
-    low, high = np.interp([0.025 * last, 0.975 * last], np.arange(len(angle)), angle)
-    return SpatialPairJoint(solution[:3], solution[3:], _rms(np.linalg.norm(off, axis=1)), free, float(high - low))
+    arc = measure_range(vector @ axes[:, 2])
+    return SpatialPairJoint(solution[:3], solution[3:], _rms(np.linalg.norm(off, axis=1)), free, arc)
 
 
 def _rms(values: FloatArray) -> float:
@@ -432,7 +424,7 @@ def _rms(values: FloatArray) -> float:
 
 _REGRESSION_RIDGE = 1e-3  # ridge of the regression, whose terms have unit variance
 _TURNS = 0.09  # rad rms; smaller rotations are not used, because an undetected joint in the body also causes them
-_BODIES_FLOOR = 0.5e-3  # m; smaller residuals do not increase a gain
+_OWN_FLOOR = 0.5e-3  # m; smaller unexplained motion changes no gain and no cost
 
 
 def unexplained_motion(
@@ -445,8 +437,24 @@ def unexplained_motion(
     Neighbours are bodies that joints connect with the body. Trajectories (F, M, 3) are in the lab, m.
     """
     off, shape, _ = subtract_means(body.local(points[:, body.markers]))
-    terms = np.concatenate([np.ones((len(off), 1)), *(_posture_terms(body, other) for other in neighbours)], axis=1)
-    known = np.isfinite(terms).all(axis=1)
+    columns = [np.ones((len(off), 1))]
+    for other in neighbours:
+        # components of the rotation vector along its principal axes, small ones set to 0, and their products, with
+        # unit variance
+        turn = np.swapaxes(other.rotation, 1, 2) @ body.rotation
+        here: BoolArray = np.asarray(np.isfinite(turn[:, 0, 0]))
+        posture = np.full((len(turn), 9), np.nan)
+        if here.any():
+            vector = so3.log(mean_rotation(turn[here]).T @ turn[here])
+            vector = vector @ np.linalg.eigh(np.cov(vector.T))[1]
+            spread = vector.std(axis=0)
+            vector = np.where(spread >= _TURNS, vector / np.maximum(spread, _TURNS), 0.0)
+            first, second = np.triu_indices(3)
+            posture[here] = np.concatenate([vector, vector[:, first] * vector[:, second]], axis=1)
+            posture[here] -= posture[here].mean(axis=0)
+        columns.append(posture)
+    terms = np.concatenate(columns, axis=1)
+    known: BoolArray = np.asarray(np.isfinite(terms).all(axis=1))
     seen = np.isfinite(points[:, body.markers, 0]) & known[:, None]
     motion = np.zeros_like(off)
     counts, size = seen.sum(axis=0), terms.shape[1]
@@ -474,7 +482,7 @@ def gain_of_parts(motion: FloatArray, shape: FloatArray, parts: Sequence[IntArra
     apart = np.empty_like(together)
     for part in parts:
         apart[part] = _without_pose(motion[:, part], shape[part])
-    return float(np.sum(np.log((together**2 + _BODIES_FLOOR**2) / (apart**2 + _BODIES_FLOOR**2))) / 2)
+    return float(np.sum(np.log((together**2 + _OWN_FLOOR**2) / (apart**2 + _OWN_FLOOR**2))) / 2)
 
 
 def unexplained_distance_sd(motion: FloatArray, shape: FloatArray) -> FloatArray:
@@ -483,26 +491,6 @@ def unexplained_distance_sd(motion: FloatArray, shape: FloatArray) -> FloatArray
     along /= np.maximum(np.linalg.norm(along, axis=2), 1e-9)[..., None]
     change = np.einsum("fijc,ijc->fij", motion[:, :, None] - motion[:, None], along)
     return np.asarray(np.sqrt(np.mean(change**2, axis=0)))
-
-
-def _posture_terms(body: SpatialBody, other: SpatialBody) -> FloatArray:
-    """Return the components of the relative rotation vector and their products (F, 9), scaled to unit variance.
-
-    The components are along the principal axes of the rotation; small ones are set to 0.
-    """
-    turn = np.swapaxes(other.rotation, 1, 2) @ body.rotation
-    known = np.isfinite(turn[:, 0, 0])
-    terms = np.full((len(turn), 9), np.nan)
-    if known.any():
-        vector = so3.log(mean_rotation(turn[known]).T @ turn[known])
-        _, axes = np.linalg.eigh(np.cov(vector.T))
-        vector = vector @ axes
-        size = vector.std(axis=0)
-        vector = np.where(size >= _TURNS, vector / np.maximum(size, _TURNS), 0.0)
-        first, second = np.triu_indices(3)
-        terms[known] = np.concatenate([vector, vector[:, first] * vector[:, second]], axis=1)
-        terms[known] -= terms[known].mean(axis=0)
-    return terms
 
 
 def _without_pose(motion: FloatArray, shape: FloatArray) -> FloatArray:
@@ -526,7 +514,7 @@ _FAR_BETTER = float(np.log(3.5))  # mean log gain per marker, larger than by ski
 _RIGID = 1.2e-3  # m; residual of a body without a joint; a joint with 2° of rotation leaves more
 _NEARLY_RIGID = 0.01  # m; largest residual of a body with at most a small joint rotation
 _UNKNOWN = 10.0  # m; residual on a body whose markers are on one line
-_DIVISION_FLOOR = 1e-3  # m; smaller residuals do not increase a gain
+_LEAST_RESIDUAL = 1e-3  # m; smaller residuals change no gain and no cost
 _STAY = 0.5  # after an accepted division, a marker changes its body if its residual is reduced to this fraction
 _MOST = 16  # largest number of bodies
 
@@ -538,14 +526,7 @@ class Division:
     whole: SpatialBody
     parts: tuple[SpatialBody, SpatialBody]
     gain: float  # summed log gain of the markers' residuals
-    own: float  # the same for motion that the neighbouring joints do not explain; ``gain`` without neighbours
-    needed: float  # least ``own`` of a real division
-
-    @property
-    def evidence(self) -> float:
-        """Evidence for two bodies, relative to the required evidence: 1 or more if the bodies are real."""
-        far = self.gain / len(self.whole.markers) / _FAR_BETTER
-        return max(self.own / self.needed, far)
+    evidence: float  # evidence for two bodies, relative to the required evidence: 1 or more if the bodies are real
 
 
 def divide(
@@ -567,7 +548,21 @@ def divide(
             neighbours = [bodies[j if i == index else i] for i, j in edges if index in (i, j)]
             key = b"|".join(body.markers.tobytes() for body in (whole, *neighbours))
             if key not in tried:
-                divisions = _weigh_divisions(sorter, whole, neighbours)
+                motion, shape = unexplained_motion(sorter.points, whole, neighbours)
+                least = _GAIN_BETWEEN if len(neighbours) > 1 else _GAIN_END
+                nearly_rigid = neighbours and whole.rms_residual <= _NEARLY_RIGID
+                deviation = unexplained_distance_sd(motion, shape) if nearly_rigid else None
+                divisions = []
+                for parts in sorter.divisions(whole.markers, deviation):
+                    gain = 0.0
+                    for part in parts:
+                        before, after = (np.minimum(body.residual[part.markers], _UNKNOWN) for body in (whole, part))
+                        ratio = (before**2 + _LEAST_RESIDUAL**2) / (after**2 + _LEAST_RESIDUAL**2)
+                        gain += float(np.sum(np.log(ratio)) / 2)
+                    rows = [np.searchsorted(whole.markers, part.markers) for part in parts]
+                    own = gain_of_parts(motion, shape, rows) if neighbours else gain  # not explained by the neighbours
+                    evidence = max(own / least, gain / len(whole.markers) / _FAR_BETTER)
+                    divisions.append(Division(whole, parts, gain, evidence))
                 tried[key] = max(divisions, key=lambda division: division.evidence, default=None)
             if (division := tried[key]) is not None:
                 known.append(division)
@@ -592,28 +587,7 @@ def spanning_tree(joints: dict[tuple[int, int], SpatialPairJoint], count: int) -
     return edges
 
 
-def _weigh_divisions(sorter: SpatialBodies, whole: SpatialBody, neighbours: Sequence[SpatialBody]) -> list[Division]:
-    """Return the divisions of a body, with their gains."""
-    motion, shape = unexplained_motion(sorter.points, whole, neighbours)
-    needed = _GAIN_BETWEEN if len(neighbours) > 1 else _GAIN_END
-    divisions = []
-    deviation = unexplained_distance_sd(motion, shape) if neighbours and whole.rms_residual <= _NEARLY_RIGID else None
-    for parts in sorter.divisions(whole.markers, deviation):
-        gain = 0.0
-        for part in parts:
-            before, after = (np.minimum(body.residual[part.markers], _UNKNOWN) for body in (whole, part))
-            ratio = (before**2 + _DIVISION_FLOOR**2) / (after**2 + _DIVISION_FLOOR**2)
-            gain += float(np.sum(np.log(ratio)) / 2)
-        rows = [np.searchsorted(whole.markers, part.markers) for part in parts]
-        own = gain_of_parts(motion, shape, rows) if neighbours else gain
-        divisions.append(Division(whole, parts, gain, own, needed))
-    return divisions
-
-
 _MARGIN = 0.3  # least gain in summed log residual
-_EXCHANGE_FLOOR = 1e-3  # m; smaller residuals have equal costs
-_OWN_FLOOR = 0.5e-3  # m; the same for unexplained motion
-_EXCHANGE_UNKNOWN = 10.0  # m; residual on a body whose markers are on one line
 _FAR = 4.0  # largest ratio of residuals on the other body and on its own for a marker that may be exchanged
 _CLOSE = 0.012  # m; a marker with a smaller residual on the other body may also be exchanged
 _NEAR_JOINT = 0.06  # m; distance from the joint within which a marker fits both bodies
@@ -637,7 +611,7 @@ def exchange_markers(sorter: SpatialBodies, start: Sequence[SpatialBody]) -> lis
 
     def plain_cost(pair: _Pair) -> float:
         residual = np.concatenate([body.residual[body.markers] for body in pair])
-        return float(np.sum(np.log(np.minimum(residual, _EXCHANGE_UNKNOWN) ** 2 + _EXCHANGE_FLOOR**2))) / 2
+        return float(np.sum(np.log(np.minimum(residual, _UNKNOWN) ** 2 + _LEAST_RESIDUAL**2))) / 2
 
     def own_cost(pair: _Pair, i: int, j: int) -> float:
         at = {i: pair[0], j: pair[1]}

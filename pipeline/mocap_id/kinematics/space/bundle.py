@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
@@ -18,10 +19,15 @@ _LEAST_ALONG = 0.5  # least 1 + cos of the angle from the rest direction to the 
 
 @dataclass(frozen=True)
 class BundleProblem:
-    """Input of the bundle adjustment.
+    """Input of the bundle adjustment: markers, chain, and likely values of the chain's parameters.
 
     The axial rotation of a ball joint on the base is measured from the shortest swing from ``rest``. For other joints
     it is measured from the shortest swing from the reference pose.
+
+    The centre of a joint is likely between its clusters. The second axis of a two-axis joint is likely the long axis of
+    its segment; for example, the forearm rotates about the line from elbow to wrist. The skin follows the axial
+    rotation of the bone at the far end of a segment, at elbow and wrist, and lags behind it by a fraction that grows
+    towards the near end.
     """
 
     points: FloatArray  # (F, M, 3) marker positions, m; 0 where missing
@@ -30,10 +36,18 @@ class BundleProblem:
     parents: tuple[int, ...]  # parent of segments 1 … n
     kinds: tuple[JointKind, ...]  # kind of each joint
     rest: FloatArray  # (3,) direction of segment 1 at zero elevation, in the frame of the base
-    on_glide: BoolArray  # (M,) base markers on the shoulder girdle
-    glides: bool  # whether the glide is estimated
+    on_glide: BoolArray  # (M,) base markers on the shoulder girdle; without them, no glide is estimated
     long_axes: FloatArray  # (n, 3) long axis of each segment in its own frame, towards its joint
     slide_sd: FloatArray  # (n,) standard deviation of each joint's slide along each axis, m; 0 without a slide
+    likely_centres: FloatArray  # (n, 3) likely centres in the frames of the parents, m
+    centre_sd: FloatArray  # (n,) standard deviation of each coordinate of the centres about them, m
+    along: BoolArray  # (n,) two-axis joints whose second axis may be the long axis of their segment
+    soft: BoolArray  # (n,) segments 1 … n whose skin may move
+
+    @cached_property
+    def glides(self) -> bool:
+        """Whether the glide is estimated."""
+        return bool(self.on_glide.any())
 
     @property
     def untwisted(self) -> FloatArray:
@@ -74,7 +88,7 @@ class BundleProblem:
             at += kind == "two-axis"
         glide = slice(at, at + 3) if self.glides else None
         at += 3 * self.glides
-        return Columns(markers, centre, first, second, cosine, glide, slice(at, at + markers), at + markers)
+        return Columns(centre, first, second, cosine, glide, slice(at, at + markers), at + markers)
 
 
 @dataclass(frozen=True)
@@ -95,9 +109,8 @@ class BundleState:
 
 @dataclass(frozen=True)
 class Columns:
-    """Columns of the chain's parameters: markers first, then joints, glide and skin."""
+    """Columns of the chain's parameters: coordinates of the markers first, then joints, glide and skin."""
 
-    markers: int
     centre: list[slice]
     first: list[slice | None]
     second: list[slice | None]
@@ -175,7 +188,7 @@ def apply_step(problem: BundleProblem, state: BundleState, chain: FloatArray, fr
     slides[:, problem.sliding] += frames[:, turned:].reshape(len(frames), -1, 3)
     return replace(
         state,
-        local=state.local + chain[: 3 * cols.markers].reshape(-1, 3),
+        local=state.local + chain[: state.local.size].reshape(-1, 3),
         centres=state.centres + np.stack([chain[place] for place in cols.centre]),
         first=first,
         second=second,
@@ -213,13 +226,11 @@ def _evaluate_markers(
     return off, free, back, twist
 
 
-@dataclass(frozen=True)
-class Linear:
-    """Residuals and Jacobians, all weighted. The N rows are those of the markers, constraints and slides."""
+Linear: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
+"""Weighted equations, whose N rows are those of the markers, constraints and slides.
 
-    off: FloatArray  # (F, N) residuals
-    by_frame: FloatArray  # (F, N, d) derivatives with respect to the unknowns of the frame
-    by_chain: FloatArray  # (F, N, P - 3 M) derivatives with respect to the chain's other parameters (not markers)
+They are the residuals (F, N), and their derivatives with respect to the unknowns of the frame, (F, N, d), and to the
+chain's parameters beyond the markers' coordinates, (F, N, P - 3 M)."""
 
 
 def linearise(problem: BundleProblem, state: BundleState, *, by_frame_only: bool = False) -> Linear:
@@ -320,39 +331,35 @@ def linearise(problem: BundleProblem, state: BundleState, *, by_frame_only: bool
         of_frame[:, :, place] = np.eye(3) / problem.slide_sd[j]
         frame_rows.append(of_frame)
         chain_rows.append(np.zeros((frames, 3, size)))
-    return Linear(*(np.concatenate(each, axis=1) for each in (rows, frame_rows, chain_rows)))
+    return np.concatenate(rows, axis=1), np.concatenate(frame_rows, axis=1), np.concatenate(chain_rows, axis=1)
 
 
-@dataclass(frozen=True)
-class Reduced:
-    """Normal equations of the chain's parameters after elimination of the frames."""
+def eliminate_frames(problem: BundleProblem, linear: Linear) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the normal equations of the chain's parameters, matrix (P, P) and vector (P,), without the frames.
 
-    matrix: FloatArray  # (P, P)
-    vector: FloatArray  # (P,)
-    gain: FloatArray  # (F, d, P) negative derivative of the frames' unknowns with respect to the chain's parameters
-
-
-def eliminate_frames(problem: BundleProblem, linear: Linear) -> Reduced:
-    """Return the reduced normal equations (Schur complement over the frames)."""
-    markers = problem.points.shape[1]
-    frames, size = len(linear.off), linear.by_frame.shape[2]
-    turned = np.swapaxes(linear.by_frame, 1, 2)
-    inner = turned @ linear.by_frame
+    The frames are eliminated one by one (Schur complement). The third result (F, d, P) is the negative derivative of
+    the frames' unknowns with respect to the chain's parameters.
+    """
+    off, by_frame, by_chain = linear
+    own_rows = 3 * problem.points.shape[1]
+    frames, size = len(off), by_frame.shape[2]
+    turned = np.swapaxes(by_frame, 1, 2)
+    inner = turned @ by_frame
     weights = np.repeat(problem.weights, 3, axis=1)
-    cross = np.concatenate([-turned[:, :, : 3 * markers] * weights[:, None], turned @ linear.by_chain], axis=2)
-    right = -(turned @ linear.off[..., None])
+    cross = np.concatenate([-turned[:, :, :own_rows] * weights[:, None], turned @ by_chain], axis=2)
+    right = -(turned @ off[..., None])
     inverse = np.linalg.inv(inner + 1e-9 * np.eye(size))  # twice as fast as to solve for so many columns
     gain, own = inverse @ cross, (inverse @ right)[..., 0]
-    chain = linear.by_chain.reshape(-1, linear.by_chain.shape[2])
+    chain = by_chain.reshape(-1, by_chain.shape[2])
     matrix = np.zeros((cross.shape[2],) * 2)
-    matrix[: 3 * markers, : 3 * markers] = np.diag((weights**2).sum(axis=0))
-    mixed = -np.einsum("fr,frp->rp", weights, linear.by_chain[:, : 3 * markers])
-    matrix[: 3 * markers, 3 * markers :], matrix[3 * markers :, : 3 * markers] = mixed, mixed.T
-    matrix[3 * markers :, 3 * markers :] = chain.T @ chain
+    matrix[:own_rows, :own_rows] = np.diag((weights**2).sum(axis=0))
+    mixed = -np.einsum("fr,frp->rp", weights, by_chain[:, :own_rows])
+    matrix[:own_rows, own_rows:], matrix[own_rows:, :own_rows] = mixed, mixed.T
+    matrix[own_rows:, own_rows:] = chain.T @ chain
     matrix -= cross.reshape(frames * size, -1).T @ gain.reshape(frames * size, -1)
-    vector = np.concatenate([(weights * linear.off[:, : 3 * markers]).sum(axis=0), -chain.T @ linear.off.reshape(-1)])
+    vector = np.concatenate([(weights * off[:, :own_rows]).sum(axis=0), -chain.T @ off.reshape(-1)])
     vector -= cross.reshape(frames * size, -1).T @ own.reshape(-1)
-    return Reduced(matrix, vector, gain)
+    return matrix, vector, gain
 
 
 CENTRE_SD = 0.1
@@ -368,52 +375,38 @@ _SCATTER = 0.12  # scatter of single markers about the linear increase from the 
 _NO_SKIN = 1e-4
 
 
-@dataclass(frozen=True)
-class ChainPrior:
-    """Likely values of the parameters of a chain.
+def prior_equations(problem: BundleProblem, state: BundleState) -> tuple[FloatArray, FloatArray]:
+    """Return the weighted residuals (K,) of the likely values, and their derivatives (K, P) by the parameters."""
+    cols = problem.columns
+    values, rows = [], []
 
-    The centre of a joint is between its clusters. The second axis of a two-axis joint is the long axis of its segment;
-    for example, the forearm rotates about the line from elbow to wrist. The skin follows the axial rotation of the bone
-    at the far end of a segment, at elbow and wrist, and lags behind it by a fraction that grows towards the near end.
-    """
+    def add(value: FloatArray, place: slice, by: FloatArray) -> None:
+        block = np.zeros((len(value), cols.size))
+        block[:, place] = by
+        values.append(value)
+        rows.append(block)
 
-    centres: FloatArray  # (n, 3) likely centres in the frames of the parents, m
-    along: BoolArray  # (n,) two-axis joints whose second axis may be the long axis of their segment
-    soft: BoolArray  # (n,) segments 1 … n whose skin may move
-    centre_sd: FloatArray  # (n,) standard deviation of each coordinate of the centres, m
-
-    def equations(self, problem: BundleProblem, state: BundleState) -> tuple[FloatArray, FloatArray]:
-        """Return the weighted residuals (K,) of the prior, and their derivatives (K, P) by the parameters."""
-        cols = problem.columns
-        values, rows = [], []
-
-        def add(value: FloatArray, place: slice, by: FloatArray) -> None:
-            block = np.zeros((len(value), cols.size))
-            block[:, place] = by
-            values.append(value)
-            rows.append(block)
-
-        for j, place in enumerate(cols.centre):
-            sd = self.centre_sd[j]
-            add((state.centres[j] - self.centres[j]) / sd, place, np.eye(3) / sd)
-            if problem.kinds[j] == "hinge":
-                axis = state.first[j][None]
-                add(axis @ (state.centres[j] - self.centres[j]) / _ON_HINGE, place, axis / _ON_HINGE)
-            second = cols.second[j]
-            if self.along[j] and second is not None:
-                across = tangents(problem.long_axes[j]).T / _LONG_AXIS
-                add(across @ state.second[j], second, across @ tangents(state.second[j]))
-        if cols.glide is not None:
-            add(state.glide / _GLIDE, cols.glide, np.eye(3) / _GLIDE)
-        root = np.eye(len(problem.segment)) / _NO_SKIN  # (M, M) of the inverse covariance of the fractions of skin
-        for k in np.flatnonzero(self.soft) + 1:
-            here = np.flatnonzero(problem.segment == k)
-            length = np.linalg.norm(state.centres[problem.parents.index(k)])
-            height = np.clip(1 + state.local[here] @ problem.long_axes[k - 1] / length, 0, 1.2)
-            covariance = _SCATTER**2 * np.eye(len(here)) + _SLOPE**2 * np.outer(height, height)
-            root[np.ix_(here, here)] = np.linalg.cholesky(np.linalg.inv(covariance)).T
-        add(root @ state.skin, cols.skin, root)
-        return np.concatenate(values), np.concatenate(rows)
+    for j, place in enumerate(cols.centre):
+        sd, off = problem.centre_sd[j], state.centres[j] - problem.likely_centres[j]
+        add(off / sd, place, np.eye(3) / sd)
+        if problem.kinds[j] == "hinge":
+            axis = state.first[j][None]
+            add(axis @ off / _ON_HINGE, place, axis / _ON_HINGE)
+        second = cols.second[j]
+        if problem.along[j] and second is not None:
+            across = tangents(problem.long_axes[j]).T / _LONG_AXIS
+            add(across @ state.second[j], second, across @ tangents(state.second[j]))
+    if cols.glide is not None:
+        add(state.glide / _GLIDE, cols.glide, np.eye(3) / _GLIDE)
+    root = np.eye(len(problem.segment)) / _NO_SKIN  # (M, M) of the inverse covariance of the fractions of skin
+    for k in np.flatnonzero(problem.soft) + 1:
+        here = np.flatnonzero(problem.segment == k)
+        length = np.linalg.norm(state.centres[problem.parents.index(k)])
+        height = np.clip(1 + state.local[here] @ problem.long_axes[k - 1] / length, 0, 1.2)
+        covariance = _SCATTER**2 * np.eye(len(here)) + _SLOPE**2 * np.outer(height, height)
+        root[np.ix_(here, here)] = np.linalg.cholesky(np.linalg.inv(covariance)).T
+    add(root @ state.skin, cols.skin, root)
+    return np.concatenate(values), np.concatenate(rows)
 
 
 _ITERATIONS = 60
@@ -439,13 +432,12 @@ class Bundle:
 
     problem: BundleProblem  # with the final weights
     state: BundleState
-    linear: Linear  # equations at the solution, without priors
+    linear: Linear  # equations at the solution, without the likely values
     gain: FloatArray  # (F, d, P) negative derivative of the frames' unknowns with respect to the chain's parameters
-    matrix: FloatArray  # (P, P) normal matrix with priors and with the rows that fix the segment axes
+    matrix: FloatArray  # (P, P) normal matrix with the likely values and with the rows that fix the segment axes
     sd: FloatArray  # (M,) standard deviation of one coordinate of each marker, m
     together: FloatArray  # (M,) number of frames over which the error of each marker persists; they count as one
     iterations: int
-    prior: ChainPrior | None = None
 
     def rotation_noise(self, joint: int) -> FloatArray:
         """Return the covariance (3, 3), rad², of the rotation of a joint at one time, in the parent's axes."""
@@ -464,7 +456,7 @@ class Bundle:
         return np.asarray(np.linalg.inv(np.trace(square) * np.eye(3) - square))
 
 
-def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) -> Bundle:
+def solve_bundle(problem: BundleProblem, state: BundleState) -> Bundle:
     """Fit the chain to the markers, starting from the weights in ``problem`` (zero where missing) and from ``state``.
 
     Raises
@@ -474,30 +466,44 @@ def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) 
     """
     cols = problem.columns
     seen = problem.weights > 0
+    own = np.arange(cols.size) < state.local.size  # coordinates of the markers
     sd, together = np.full(seen.shape[1], np.nan), np.ones(seen.shape[1])
-    steps = np.full(cols.size, _STEP["axes"])
-    steps[: 3 * cols.markers] = _STEP["markers"]
+    steps = np.where(own, _STEP["markers"], _STEP["axes"])
     for place in (*cols.centre, *([cols.glide] if cols.glide else [])):
         steps[place] = _STEP["centres"]
     steps[cols.skin] = _STEP["skin"]
     scale = 1 / steps**2
-    fixed = gauge_rows(problem, state) / _FIXED
-    fixed = fixed.T @ fixed + np.diag((np.arange(cols.size) < 3 * cols.markers) / _ANYWHERE**2)
+
+    # the axes of a segment's frame, and the origin of the base, are arbitrary: the mean rotation of each segment's
+    # markers, and the shift of the base markers, are fixed
+    rows = []
+    for k in range(len(problem.parents) + 1):
+        here = np.flatnonzero(problem.segment == k)
+        about = state.local[here] - state.local[here].mean(axis=0)
+        inertia = np.sum(about**2) * np.eye(3) - about.T @ about
+        turn, shift = np.zeros((2, 3, cols.size))
+        levers = np.linalg.solve(inertia, so3.hat(about).transpose(1, 0, 2).reshape(3, -1)).reshape(3, -1, 3)
+        for m, lever in zip(here, levers.transpose(1, 0, 2), strict=True):
+            turn[:, 3 * m : 3 * m + 3] = lever
+            shift[:, 3 * m : 3 * m + 3] = np.eye(3) / len(here)
+        rows += [turn, shift] if k == 0 else [turn]
+    gauge = np.concatenate(rows) / _FIXED
+    fixed = gauge.T @ gauge + np.diag(own / _ANYWHERE**2)
     damping, weighings, since = 1.0, 0, 0
 
     def sum_squares(linear: Linear, state: BundleState) -> float:
-        """Return the cost: the sum of squared weighted residuals of markers and prior."""
-        return float(np.sum(linear.off**2) + np.sum(prior.equations(problem, state)[0] ** 2))
+        """Return the cost: the sum of squared weighted residuals of markers and likely values."""
+        return float(np.sum(linear[0] ** 2) + np.sum(prior_equations(problem, state)[0] ** 2))
 
     state, linear = _settle_repeatedly(problem, state)
     cost = sum_squares(linear, state)
     for iteration in range(1, _ITERATIONS + 1):
-        reduced = eliminate_frames(problem, linear)
-        value, rows = prior.equations(problem, state)
-        matrix, vector = reduced.matrix + rows.T @ rows, reduced.vector - rows.T @ value
+        matrix, vector, gain = eliminate_frames(problem, linear)
+        value, prior = prior_equations(problem, state)
+        matrix, vector = matrix + prior.T @ prior, vector - prior.T @ value
         while True:
             step = np.asarray(np.linalg.solve(matrix + fixed + np.diag(damping * scale), vector), dtype=np.float64)
-            tried, tried_linear = fit_frames(problem, apply_step(problem, state, step, -reduced.gain @ step))
+            tried, tried_linear = fit_frames(problem, apply_step(problem, state, step, -gain @ step))
             tried_cost = sum_squares(tried_linear, tried)
             if tried_cost <= cost * (1 + 1e-9) or damping > 1e6:
                 break
@@ -512,17 +518,16 @@ def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) 
             root = 1 / (sd * np.sqrt(together))
             size, limit = np.linalg.norm(residuals(problem, state), axis=2), _HUBER * np.sqrt(3) * sd
             outliers = np.sqrt(np.minimum(1.0, limit / np.maximum(size, limit)))
-            problem = replace(problem, weights=seen * root * outliers)
-            problem = replace(problem, long_axes=long_axes(problem, state))
+            axes = long_axes(problem.parents, problem.segment, state)
+            problem = replace(problem, weights=seen * root * outliers, long_axes=axes)
             linear = linearise(problem, state)
             cost = sum_squares(linear, state)
             weighings, damping = weighings + 1, max(damping, 1e-2)
             since = 0
         elif fall <= (_CONVERGED if iteration < _ITERATIONS else _NEARLY) * cost:
-            reduced = eliminate_frames(problem, linear)
-            rows = prior.equations(problem, state)[1]
-            matrix = reduced.matrix + rows.T @ rows + fixed
-            return Bundle(problem, state, linear, reduced.gain, matrix, sd, together, iteration, prior)
+            matrix, _, gain = eliminate_frames(problem, linear)
+            prior = prior_equations(problem, state)[1]
+            return Bundle(problem, state, linear, gain, matrix + prior.T @ prior + fixed, sd, together, iteration)
     raise NumericalError(
         f"the joint fit did not converge in {_ITERATIONS} iterations; check the markers of the segments"
     )
@@ -537,7 +542,7 @@ def _settle_repeatedly(problem: BundleProblem, state: BundleState) -> tuple[Bund
     cost = np.inf
     for _ in range(_FRAME_STEPS):
         state, linear = fit_frames(problem, state)
-        before, cost = cost, float(np.sum(linear.off**2))
+        before, cost = cost, float(np.sum(linear[0] ** 2))
         if before - cost <= _NEARLY * cost:
             break
     return state, linear
@@ -549,48 +554,26 @@ def fit_frames(problem: BundleProblem, state: BundleState) -> tuple[BundleState,
     Frames in which the step increases the cost stay unchanged. The constraints make the cost a curved valley, so the
     steps of the chain's parameters would be short without this step.
     """
-    linear = linearise(problem, state, by_frame_only=True)
-    turned = np.swapaxes(linear.by_frame, 1, 2)
-    inner = turned @ linear.by_frame + 1e-9 * np.eye(problem.frame_size)
-    own = np.asarray(-np.linalg.solve(inner, turned @ linear.off[..., None])[..., 0], dtype=np.float64)
+    off, by_frame, _ = linearise(problem, state, by_frame_only=True)
+    turned = np.swapaxes(by_frame, 1, 2)
+    inner = turned @ by_frame + 1e-9 * np.eye(problem.frame_size)
+    own = np.asarray(-np.linalg.solve(inner, turned @ off[..., None])[..., 0], dtype=np.float64)
     unmoved = np.zeros(problem.columns.size)
-    before = (linear.off**2).sum(axis=1)
     settled = apply_step(problem, state, unmoved, own)
     after = linearise(problem, settled)
-    worse = (after.off**2).sum(axis=1) > before
+    worse = (after[0] ** 2).sum(axis=1) > (off**2).sum(axis=1)
     if worse.any():
         settled = apply_step(problem, state, unmoved, np.where(worse[:, None], 0.0, own))
         after = linearise(problem, settled)
     return settled, after
 
 
-def gauge_rows(problem: BundleProblem, state: BundleState) -> FloatArray:
-    """Return derivatives (K, P) of the mean rotation of each segment's markers, rad, and of the base markers' shift, m.
-
-    The axes of a segment's frame, and the origin of the base, are arbitrary, so they are fixed to the markers.
-    """
-    rows = []
-    for k in range(len(problem.parents) + 1):
-        here = np.flatnonzero(problem.segment == k)
-        about = state.local[here] - state.local[here].mean(axis=0)
-        inertia = np.sum(about**2) * np.eye(3) - about.T @ about
-        turn, shift = np.zeros((2, 3, problem.columns.size))
-        levers = np.linalg.solve(inertia, so3.hat(about).transpose(1, 0, 2).reshape(3, -1)).reshape(3, -1, 3)
-        for m, lever in zip(here, levers.transpose(1, 0, 2), strict=True):
-            turn[:, 3 * m : 3 * m + 3] = lever
-            shift[:, 3 * m : 3 * m + 3] = np.eye(3) / len(here)
-        rows.append(turn)
-        if k == 0:
-            rows.append(shift)
-    return np.concatenate(rows)
-
-
-def long_axes(problem: BundleProblem, state: BundleState) -> FloatArray:
+def long_axes(parents: tuple[int, ...], segment: IntArray, state: BundleState) -> FloatArray:
     """Return the long axis (n, 3) of each segment, from its next joint or its markers' mean to its own joint."""
-    axes = np.zeros((len(problem.parents), 3))
-    for k in range(1, len(problem.parents) + 1):
-        children = [j for j, parent in enumerate(problem.parents) if parent == k]
-        far = state.centres[children[0]] if children else state.local[problem.segment == k].mean(axis=0)
+    axes = np.zeros((len(parents), 3))
+    for k in range(1, len(parents) + 1):
+        children = [j for j, parent in enumerate(parents) if parent == k]
+        far = state.centres[children[0]] if children else state.local[segment == k].mean(axis=0)
         axes[k - 1] = -far / max(float(np.linalg.norm(far)), 1e-6)
     return axes
 
@@ -599,8 +582,8 @@ def fit_frames_only(problem: BundleProblem, state: BundleState) -> Bundle:
     """Fit only the frames' unknowns, with given parameters of the chain; the normal matrix of the result is NaN."""
     state, linear = _settle_repeatedly(problem, state)
     sd, together = marker_errors(problem, state, linear)
-    reduced = eliminate_frames(problem, linear)
-    return Bundle(problem, state, linear, reduced.gain, np.full(reduced.matrix.shape, np.nan), sd, together, 0)
+    matrix, _, gain = eliminate_frames(problem, linear)
+    return Bundle(problem, state, linear, gain, np.full(matrix.shape, np.nan), sd, together, 0)
 
 
 def marker_errors(problem: BundleProblem, state: BundleState, linear: Linear) -> tuple[FloatArray, FloatArray]:
@@ -608,11 +591,12 @@ def marker_errors(problem: BundleProblem, state: BundleState, linear: Linear) ->
 
     A residual is smaller than the error, because the unknowns of the frame absorb a part of it.
     """
+    _, by_frame, _ = linear
     seen = problem.weights > 0
     off = residuals(problem, state)
-    inner = np.swapaxes(linear.by_frame, 1, 2) @ linear.by_frame
+    inner = np.swapaxes(by_frame, 1, 2) @ by_frame
     markers = problem.points.shape[1]
-    rows = linear.by_frame[:, : 3 * markers]
+    rows = by_frame[:, : 3 * markers]
     absorbed = np.einsum("frd,frd->fr", rows, np.swapaxes(np.linalg.solve(inner, np.swapaxes(rows, 1, 2)), 1, 2))
     left = np.where(seen, np.maximum(3 - absorbed.reshape(len(off), markers, 3).sum(axis=2), 0.05), 0).sum(axis=0)
     size = np.linalg.norm(off, axis=2)
@@ -657,13 +641,14 @@ def chain_covariance(bundle: Bundle) -> FloatArray:
     if np.isnan(bundle.matrix).any():
         return bundle.matrix
     inverse = np.linalg.inv(bundle.matrix)
-    problem, state, linear, cols = bundle.problem, bundle.state, bundle.linear, bundle.problem.columns
+    problem, state, cols = bundle.problem, bundle.state, bundle.problem.columns
+    off, by_frame, by_chain = bundle.linear
     rows = 3 * len(problem.segment)
-    frames = len(linear.off)
-    by = np.concatenate([np.zeros((frames, rows, rows)), linear.by_chain[:, :rows]], axis=2)
+    frames = len(off)
+    by = np.concatenate([np.zeros((frames, rows, rows)), by_chain[:, :rows]], axis=2)
     weights = np.repeat(problem.weights, 3, axis=1)
     by[:, np.arange(rows), np.arange(rows)] -= weights
-    by -= linear.by_frame[:, :rows] @ bundle.gain
+    by -= by_frame[:, :rows] @ bundle.gain
     by *= weights[..., None]
     lasting = bundle.sd**2 * np.maximum(1 - 1 / bundle.together, 0)
     turns = joint_rotations(problem, state)
@@ -672,8 +657,8 @@ def chain_covariance(bundle: Bundle) -> FloatArray:
     # second derivatives (F, 3 J, P) of the cost by slides of J joints, as multiples of their rms, and by parameters
     size = np.array([np.sqrt(np.mean(state.slides[:, j] ** 2)) for j in problem.sliding])
     weights = np.repeat(size / problem.slide_sd[problem.sliding], 3)
-    last = slice(linear.off.shape[1] - 3 * len(problem.sliding), None)
-    sliding = np.asarray(weights[:, None] * (linear.by_frame[:, last] @ bundle.gain))
+    last = slice(off.shape[1] - 3 * len(problem.sliding), None)
+    sliding = np.asarray(weights[:, None] * (by_frame[:, last] @ bundle.gain))
 
     for j, parent in enumerate(problem.parents):
         shape = so3.log(mean_rotation(turns[:, j]).T @ turns[:, j])
@@ -696,14 +681,13 @@ def chain_covariance(bundle: Bundle) -> FloatArray:
             turned[:, here] = np.cross(axes.T[:, None], about) * np.sqrt(share * sizes)[:, None, None]
             flat = (turned.reshape(3, -1) @ moved).reshape(-1, inverse.shape[0])
             total = total + _TURN * flat.T @ flat
-    if bundle.prior is not None:
-        gradients = np.zeros((2 * len(problem.kinds), cols.size))  # of the cost for typical errors of the likely axes
-        for j, second in enumerate(cols.second):
-            if bundle.prior.along[j] and second is not None:
-                across = tangents(problem.long_axes[j]).T @ tangents(state.second[j])
-                gradients[2 * j : 2 * j + 2, second] = across * _OFF_LONG_AXIS / _LONG_AXIS**2
-        flat = gradients @ inverse
-        total = total + flat.T @ flat
+    gradients = np.zeros((2 * len(problem.kinds), cols.size))  # of the cost for typical errors of the likely axes
+    for j, second in enumerate(cols.second):
+        if problem.along[j] and second is not None:
+            across = tangents(problem.long_axes[j]).T @ tangents(state.second[j])
+            gradients[2 * j : 2 * j + 2, second] = across * _OFF_LONG_AXIS / _LONG_AXIS**2
+    flat = gradients @ inverse
+    total = total + flat.T @ flat
     along_hinges = np.zeros((cols.size, cols.size))
     for j, kind in enumerate(problem.kinds):
         if kind == "hinge":

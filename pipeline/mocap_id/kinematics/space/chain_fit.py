@@ -26,7 +26,6 @@ from mocap_id.kinematics.space.bundle import (
     Bundle,
     BundleProblem,
     BundleState,
-    ChainPrior,
     apply_step,
     chain_covariance,
     count_correlated_frames,
@@ -59,7 +58,7 @@ _LASTING = 1.5  # frames over which errors persist; a larger number is soft tiss
 _UP = (0.0, 1.0, 0.0)
 _BALL: JointKind = "ball"
 _SIMPLEST: tuple[JointKind, ...] = ("hinge", "two-axis", _BALL)
-_NO_AXES = JointAxes(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]), 1.0)
+_NO_AXES: JointAxes = (np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]), 1.0)
 
 
 def fit_spatial_chain(
@@ -76,36 +75,27 @@ def fit_spatial_chain(
 ) -> SpatialFit:
     """Fit a chain of rigid segments to marker trajectories by one bundle adjustment.
 
-    Parameters
-    ----------
-    points : (F, M, 3) array
-        Trajectories in the frame of the trial, m; NaN where missing.
-    segment : (M,) int array
-        Segment of each marker, 0 = base … n. Every segment has at least three markers that are not on one line.
-    parents : sequence of int, length n
-        Parent of segment 1 … n, smaller than the segment.
-    kinds : mapping of int to kind, optional
-        Kinds of joints that the user has set, by the number of their segment, 1 … n. The others are chosen by evidence.
-        A two-axis joint with nearly parallel axes becomes a ball, because its axes would not determine its angles.
-    estimator : {"bundle", "score", "sphere", "helical"}
-        ``bundle`` is the bundle adjustment. The others find centres from pairs of clusters. The result then has no
-        covariances, no glide and no motion of the skin, and every centre counts as known.
-    near : mapping of int to (F, 3) array, optional
-        Trajectories of points near the joints, such as the middle of the epicondyles, by the number of the segment, m;
-        NaN where missing.
-    firm : collection of int
-        Segments, 1 … n, for which no sliding of the skin under axial rotation is fitted, such as a shoulder girdle.
-    girdle : collection of int
-        Markers, 0 … M - 1, that are on the shoulder girdle by their names. Others are found by their motion.
-    up : (3,) sequence
-        Direction from which the elevation of the girdle is measured, in the frame of the trial.
+    The trajectories ``points`` (F, M, 3) are in the frame of the trial, m, NaN where missing, and ``segment`` (M,) is
+    the segment of each marker, 0 = base … n. Every segment has at least three markers that are not on one line.
+    ``parents`` are the parents of segments 1 … n, smaller than the segments. Segments are numbers 1 … n in:
+
+    - ``kinds``: kinds of joints that the user has set. The others are chosen by evidence. A two-axis joint with nearly
+      parallel axes becomes a ball, because its axes would not determine its angles.
+    - ``near``: trajectories (F, 3) of points near the joints, such as the middle of the epicondyles, m; NaN where
+      missing.
+    - ``firm``: segments for which no sliding of the skin under axial rotation is fitted, such as a shoulder girdle.
+
+    ``bundle`` is the bundle adjustment. The other estimators find centres from pairs of clusters; the result then has
+    no covariances, no glide and no motion of the skin, and every centre counts as known. ``girdle`` are the markers,
+    0 … M - 1, that are on the shoulder girdle by their names; others are found by their motion. ``up`` (3,) is the
+    direction from which the elevation of the girdle is measured, in the frame of the trial.
 
     Raises
     ------
     NumericalError
         Too few frames contain all segments, or the iteration does not converge.
     """
-    given = kinds or {}
+    given, parents = kinds or {}, tuple(parents)
     seen: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
     enough = np.all([seen[:, segment == k].sum(axis=1) >= 3 for k in range(int(segment.max()) + 1)], axis=0)
     among = np.flatnonzero(enough)
@@ -115,60 +105,143 @@ def fit_spatial_chain(
         )
     used = frames_along_motion(points.reshape(len(points), -1).astype(np.complex128), _FRAMES, among)
     reference = int(np.argmax(seen[used][: max(len(used) // 10, 1)].sum(axis=1)))
-    clusters = fit_clusters(points[used], segment, reference)
-    known = np.isfinite(clusters.rotation).all(axis=(1, 2, 3))
-    clusters, used = replace(clusters, rotation=clusters.rotation[known], origin=clusters.origin[known]), used[known]
-    every = np.arange(len(used))
-    few = np.unique(np.linspace(0, len(used) - 1, min(len(used), _FRAMES_OF_KINDS)).astype(np.int64))
-    start = _Start(
-        points[used],
-        segment,
-        tuple(parents),
-        clusters,
-        np.asarray(up, dtype=np.float64),
-        {k: track[used] for k, track in (near or {}).items()},
-        _estimate_slide_sds(clusters, segment, parents) if estimator == "bundle" else np.zeros(len(parents)),
-        frozenset(firm),
-    )
+    local, rotation, origin, cluster_sd = fit_clusters(points[used], segment, reference)
+    known = np.isfinite(rotation).all(axis=(1, 2, 3))
+    rotation, origin, used = rotation[known], origin[known], used[known]
+    count, points = len(parents), points[used]
+    beside = {k: track[used] for k, track in (near or {}).items()}
+    slide_sd = np.zeros(count)
+    if estimator == "bundle":
+        slide_sd = _estimate_slide_sds(local, rotation, origin, cluster_sd, segment=segment, parents=parents)
+    inner = np.isin(np.arange(1, count + 1), parents)  # segments that carry another joint
+    rest = (np.swapaxes(rotation[:, 0], 1, 2) @ np.asarray(up, dtype=np.float64)).mean(axis=0)
+
+    def build_problem(
+        frames: IntArray,
+        kinds: tuple[JointKind, ...],
+        firm: frozenset[int],
+        *,
+        rough: Bundle | None = None,
+        riding: BoolArray | None = None,
+        estimator: Estimator = "bundle",
+    ) -> tuple[BundleProblem, BundleState]:
+        """Return problem and first guess for some frames.
+
+        ``rough`` is a fit with ball joints, and ``riding`` (M,) marks the base markers on the girdle.
+        """
+        seen: BoolArray = np.asarray(np.isfinite(points[frames]).all(axis=2))
+
+        # centres in the clusters of the parents, and origins of the segments in their own clusters
+        own, centres = np.zeros((count + 1, 3)), np.zeros((count, 3))
+        for j, parent in enumerate(parents):
+            if j + 1 in beside and estimator == "bundle":
+                centres[j], own[j + 1] = (
+                    np.nanmedian(np.einsum("fji,fj->fi", rotation[:, k], beside[j + 1] - origin[:, k]), axis=0)
+                    for k in (parent, j + 1)
+                )
+            else:
+                turns, apart = (rotation[:, parent], rotation[:, j + 1]), origin[:, j + 1] - origin[:, parent]
+                centres[j], own[j + 1] = estimate_centre(estimator, *turns, apart, local[segment == j + 1])
+        centres = centres - own[list(parents)]
+
+        soft = inner & ~np.isin(np.arange(1, count + 1), list(firm))
+        axes, along = [_NO_AXES] * count, np.zeros(count, dtype=bool)
+        first_centres, first_local = centres, np.nan_to_num(local) - own[segment]
+        skin = np.zeros(len(segment))
+        weights = seen / _FIRST_SD
+        if rough is not None:
+            joints = joint_rotations(rough.problem, rough.state)
+            for j, kind in enumerate(kinds):
+                if kind == "hinge":
+                    axes[j] = fit_hinge(joints[:, j])
+                elif kind == "two-axis":
+                    pin = rough.problem.long_axes[j]
+                    pair = fit_pin_axes(joints[:, j], rough.rotation_noise(j), pin) if inner[j] else None
+                    axes[j], along[j] = pair or fit_two_axes(joints[:, j]), pair is not None
+            soft &= np.array([rough.together[segment == k + 1].mean() > _LASTING for k in range(count)])
+            weights = seen / (rough.sd * np.sqrt(rough.together))
+            if estimator == "bundle":  # markers and centres of the rough fit, with hinges shifted along their axes
+                first_centres, first_local = rough.state.centres.copy(), rough.state.local.copy()
+                skin = rough.state.skin * np.isin(segment, np.flatnonzero(soft) + 1)
+                for j, (kind, (first, second, _)) in enumerate(zip(kinds, axes, strict=True)):
+                    if kind == "hinge":
+                        ahead = first @ (centres[j] - first_centres[j])
+                        first_centres[j] += ahead * first
+                        first_local[segment == j + 1] -= ahead * second
+                        first_centres[np.array(parents) == j + 1] -= ahead * second
+        firsts, seconds, cosines = zip(*axes, strict=True)
+        state = BundleState(
+            first_local,
+            first_centres,
+            np.array(firsts),
+            np.array(seconds),
+            np.array(cosines),
+            np.zeros(3),
+            skin,
+            origin[frames, 0],
+            rotation[frames],
+            np.zeros((len(frames), count, 3)),
+        )
+        problem = BundleProblem(
+            np.where(seen[..., None], points[frames], 0.0),
+            weights,
+            segment,
+            parents,
+            kinds,
+            np.asarray(rest / np.linalg.norm(rest)),
+            np.zeros(len(segment), dtype=bool) if riding is None else riding,
+            long_axes(parents, segment, state),
+            slide_sd,
+            centres,
+            np.array([MARKED_SD if j + 1 in beside else CENTRE_SD for j in range(count)]),
+            along,
+            soft,
+        )
+        return problem, state
 
     # fit to some frames with ball joints only; implausible skin motion is set to zero
-    balls = (_BALL,) * len(parents)
-    rough = solve_bundle(*start.build_problem(few, balls))
+    every = np.arange(len(used))
+    few = np.unique(np.linspace(0, len(used) - 1, min(len(used), _FRAMES_OF_KINDS)).astype(np.int64))
+    balls, still = (_BALL,) * count, frozenset(firm)
+    rough = solve_bundle(*build_problem(few, balls, still))
     if unlike := find_implausible_skin(rough.problem, rough.state):
-        start = replace(start, firm=start.firm | unlike)
-        rough = solve_bundle(*start.build_problem(few, balls))
+        still |= unlike
+        rough = solve_bundle(*build_problem(few, balls, still))
 
     # kinds of the joints: an axial rotation that all markers of a segment share is hardly visible, so its error can
     # tilt an axis. Therefore a simpler kind is preferred if it explains the rotation without motion of the skin.
+    arcs = [
+        rotation_arc(np.swapaxes(rotation[:, parent], 1, 2) @ rotation[:, j]) for j, parent in enumerate(parents, 1)
+    ]
+
     def weigh(bundle: Bundle) -> tuple[JointEvidence, ...]:
         turns = joint_rotations(bundle.problem, bundle.state)
-        arcs = [rotation_arc(clusters.relative_rotation(parent, j + 1)) for j, parent in enumerate(parents)]
         return tuple(
             weigh_kinds(turns[:, j], bundle.rotation_noise(j), arc, given.get(j + 1)) for j, arc in enumerate(arcs)
         )
 
     evidence = weigh(rough)
     if any(each.kind != "hinge" for j, each in enumerate(evidence, start=1) if j not in given):
-        every_segment = frozenset(range(1, len(parents) + 1))
-        bare = solve_bundle(*replace(start, firm=every_segment).build_problem(few, balls))
+        bare = solve_bundle(*build_problem(few, balls, frozenset(range(1, count + 1))))
         pairs = zip(evidence, weigh(bare), strict=True)
         evidence = tuple(min(pair, key=lambda each: _SIMPLEST.index(each.kind)) for pair in pairs)
     chosen: tuple[JointKind, ...] = tuple(each.kind for each in evidence)
     if estimator != "bundle":
-        problem, state, _ = start.build_problem(every, chosen, rough, estimator=estimator)
-        return collect_result(fit_frames_only(problem, state), evidence)
+        return collect_result(
+            fit_frames_only(*build_problem(every, chosen, still, rough=rough, estimator=estimator)), evidence
+        )
 
     # fit to all frames, repeated until the kinds of all joints and the skin motion are plausible
     guess, named = rough, np.isin(np.arange(len(segment)), list(girdle))
     while True:
         riding = _find_girdle_markers(rough, chosen, named)
-        bundle = solve_bundle(*start.build_problem(every, chosen, guess, riding))
+        bundle = solve_bundle(*build_problem(every, chosen, still, rough=guess, riding=riding))
         parallel = (np.abs(bundle.state.cosine) > PARALLEL) & (np.array(chosen) == "two-axis")
         if parallel.any():
             chosen = tuple(_BALL if near else kind for kind, near in zip(chosen, parallel, strict=True))
             guess = rough  # because wrong axes distort the whole fit
-        elif unlike := find_implausible_skin(bundle.problem, bundle.state) - start.firm:
-            start, guess = replace(start, firm=start.firm | unlike), bundle
+        elif unlike := find_implausible_skin(bundle.problem, bundle.state) - still:
+            still, guess = still | unlike, bundle
         else:
             final = zip(evidence, chosen, strict=True)
             return collect_result(bundle, tuple(replace(each, kind=kind) for each, kind in final))
@@ -183,22 +256,15 @@ _TURN = 0.25  # lag between the two poses of a finite rotation, as a fraction of
 _LEAST_TURN = 1e-3  # weight of the child's mean position, for directions that the motion does not determine
 
 
-@dataclass(frozen=True)
-class Clusters:
-    """Marker clusters as rigid bodies, whose axes are parallel to those of the trial in one reference frame."""
+def fit_clusters(
+    points: FloatArray, segment: IntArray, reference: int
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Fit a rigid body to the markers (F, M, 3), m, of every segment, with the trial's axes in frame ``reference``.
 
-    local: FloatArray  # (M, 3) marker coordinates relative to the centroid of their cluster, m
-    rotation: FloatArray  # (F, n + 1, 3, 3) cluster to trial
-    origin: FloatArray  # (F, n + 1, 3) m
-    sd: FloatArray  # (n + 1,) standard deviation of one coordinate of a marker in its cluster, m
-
-    def relative_rotation(self, parent: int, child: int) -> FloatArray:
-        """Return the rotation (F, 3, 3) of a child's cluster in its parent's cluster."""
-        return np.asarray(np.swapaxes(self.rotation[:, parent], 1, 2) @ self.rotation[:, child])
-
-
-def fit_clusters(points: FloatArray, segment: IntArray, reference: int) -> Clusters:
-    """Fit a rigid body to the markers (F, M, 3), m, of every segment, with the trial's axes in frame ``reference``."""
+    The results are the marker coordinates (M, 3) relative to the centroid of their cluster, m; rotation (F, n + 1,
+    3, 3), cluster to trial, and origin (F, n + 1, 3), m, of every cluster; and the standard deviation (n + 1,) of one
+    coordinate of a marker in its cluster, m.
+    """
     local = np.full((points.shape[1], 3), np.nan)
     rotations, origins, variances = [], [], []
     for k in range(int(segment.max()) + 1):
@@ -211,31 +277,29 @@ def fit_clusters(points: FloatArray, segment: IntArray, reference: int) -> Clust
         rotations.append(rotation)
         origins.append(origin)
         variances.append(np.nanmean(off**2) * known / max(known - 2, 1))
-    return Clusters(local, np.stack(rotations, axis=1), np.stack(origins, axis=1), np.sqrt(np.array(variances)))
+    return local, np.stack(rotations, axis=1), np.stack(origins, axis=1), np.sqrt(np.array(variances))
 
 
 def estimate_centre(
-    estimator: Estimator, clusters: Clusters, parent: int, child: int, local: FloatArray
+    estimator: Estimator, own: FloatArray, other: FloatArray, apart: FloatArray, local: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return a joint centre (3,) in the frame of the parent's cluster and in that of the child's cluster, m.
 
-    ``local`` (k, 3) are the markers of the child in the frame of its cluster, m. ``score`` (also for ``bundle``) is the
-    symmetrical centre of rotation (SCoRE, Ehrig et al. 2006), the point that moves least between the two bodies, with a
-    weak pull to the middle between the bodies for directions that the motion does not determine.
+    ``own`` and ``other`` (F, 3, 3) are the rotations of the clusters of parent and child, ``apart`` (F, 3) is the
+    vector between their origins, m, and ``local`` (k, 3) are the markers of the child in the frame of its cluster, m.
+    ``score`` (also for ``bundle``) is the symmetrical centre of rotation (SCoRE, Ehrig et al. 2006), the point that
+    moves least between the two bodies, with a weak pull to the middle between the bodies for directions that the motion
+    does not determine.
     """
-    apart = clusters.origin[:, child] - clusters.origin[:, parent]
+    origin = np.einsum("fji,fj->fi", own, apart)
     if estimator in ("bundle", "score"):
-        own, other = clusters.rotation[:, parent], clusters.rotation[:, child]
         rows = np.concatenate([own, -other], axis=2).reshape(-1, 6)
-        likely = np.concatenate(
-            [np.einsum("fji,fj->fi", own, apart).mean(axis=0), -np.einsum("fji,fj->fi", other, apart).mean(axis=0)]
-        )
+        likely = np.concatenate([origin.mean(axis=0), -np.einsum("fji,fj->fi", other, apart).mean(axis=0)])
         weight = (_SOFT / _FAR) ** 2 * len(own)
         inverse = np.linalg.inv(rows.T @ rows + weight * np.eye(6))
         point = inverse @ (rows.T @ apart.reshape(-1) + weight * likely / 2)
         return point[:3], point[3:]
-    turn = clusters.relative_rotation(parent, child)
-    origin = np.einsum("fji,fj->fi", clusters.rotation[:, parent], apart)
+    turn = np.asarray(np.swapaxes(own, 1, 2) @ other)
     if estimator == "sphere":  # common centre of the spheres on which the markers of the child move in the parent
         places = origin[:, None] + np.einsum("fij,kj->fki", turn, local)
         middle = places.mean(axis=0)
@@ -254,134 +318,40 @@ def estimate_centre(
     return centre, np.einsum("fji,fj->fi", turn, centre - origin).mean(axis=0)
 
 
-def _estimate_slide_sds(clusters: Clusters, segment: IntArray, parents: Sequence[int]) -> FloatArray:
-    """Return the standard deviation of each joint's slide (n,), m; 0 without a slide.
+def _estimate_slide_sds(
+    local: FloatArray,
+    rotation: FloatArray,
+    origin: FloatArray,
+    sd: FloatArray,
+    *,
+    segment: IntArray,
+    parents: tuple[int, ...],
+) -> FloatArray:
+    """Return the standard deviation of each joint's slide (n,), m; 0 without a slide. See :func:`fit_clusters`.
 
     The slide (F, n, 3) is the displacement between both clusters at the joint. The standard deviation is increased,
     because the slides of neighbouring frames are correlated.
     """
-    slides = np.zeros((len(clusters.rotation), len(parents), 3))
+    slides = np.zeros((len(rotation), len(parents), 3))
     for j, parent in enumerate(parents):
-        centre, own = estimate_centre("score", clusters, parent, j + 1, clusters.local)
-        ends = [
-            clusters.origin[:, k] + clusters.rotation[:, k] @ place for k, place in ((parent, centre), (j + 1, own))
-        ]
-        apart = np.einsum("fji,fj->fi", clusters.rotation[:, parent], ends[1] - ends[0])
+        between = origin[:, j + 1] - origin[:, parent]
+        centre, own = estimate_centre("score", rotation[:, parent], rotation[:, j + 1], between, local)
+        ends = [origin[:, k] + rotation[:, k] @ place for k, place in ((parent, centre), (j + 1, own))]
+        apart = np.einsum("fji,fj->fi", rotation[:, parent], ends[1] - ends[0])
         square = np.sort(np.sum((apart - np.median(apart, axis=0)) ** 2, axis=1))
         size = float(np.sqrt(square[: max(int(_USUAL * len(square)), 1)].mean() / 3))
         explained = 0.0  # variance per axis of the point in both clusters from independent errors of their markers
         for k, point in ((parent, centre), (j + 1, own)):
-            local = clusters.local[segment == k]
-            local = local[np.isfinite(local).all(axis=1)]
-            inertia = np.sum(local**2) * np.eye(3) - local.T @ local
+            markers = local[segment == k]
+            markers = markers[np.isfinite(markers).all(axis=1)]
+            inertia = np.sum(markers**2) * np.eye(3) - markers.T @ markers
             lever = so3.hat(point)
             turned = np.trace(lever @ np.linalg.solve(inertia, lever.T)) / 3
-            explained += float(clusters.sd[k] ** 2 * (1 / len(local) + turned))
+            explained += float(sd[k] ** 2 * (1 / len(markers) + turned))
         if size > max(_LEAST, _BEYOND * float(np.sqrt(explained))):
             slides[:, j] = apart
     about = slides - slides.mean(axis=0)
     return np.asarray(np.sqrt((about**2).mean(axis=(0, 2)) * count_correlated_frames(about)))
-
-
-@dataclass(frozen=True)
-class _Start:
-    """Markers, clusters and settings from which the first guess of each fit is built."""
-
-    points: FloatArray
-    segment: IntArray
-    parents: tuple[int, ...]
-    clusters: Clusters
-    up: FloatArray
-    near: Mapping[int, FloatArray]
-    slides: FloatArray
-    firm: frozenset[int]
-
-    def build_problem(
-        self,
-        frames: IntArray,
-        kinds: tuple[JointKind, ...],
-        rough: Bundle | None = None,
-        riding: BoolArray | None = None,
-        estimator: Estimator = "bundle",
-    ) -> tuple[BundleProblem, BundleState, ChainPrior]:
-        """Return problem, first guess and prior for some frames.
-
-        ``rough`` is a fit with ball joints, and ``riding`` (M,) marks the base markers on the girdle.
-        """
-        points, clusters = self.points[frames], self.clusters
-        count, markers = len(self.parents), points.shape[1]
-        seen: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
-
-        # centres in the clusters of the parents, and origins of the segments in their own clusters
-        own, centres = np.zeros((count + 1, 3)), np.zeros((count, 3))
-        for j, parent in enumerate(self.parents):
-            if j + 1 in self.near and estimator == "bundle":
-                centres[j], own[j + 1] = (
-                    np.nanmedian(
-                        np.einsum("fji,fj->fi", clusters.rotation[:, k], self.near[j + 1] - clusters.origin[:, k]),
-                        axis=0,
-                    )
-                    for k in (parent, j + 1)
-                )
-            else:
-                markers_of_child = clusters.local[self.segment == j + 1]
-                centres[j], own[j + 1] = estimate_centre(estimator, clusters, parent, j + 1, markers_of_child)
-        centres = centres - own[list(self.parents)]
-
-        inner = np.isin(np.arange(1, count + 1), self.parents)  # segments that carry another joint
-        soft = inner & ~np.isin(np.arange(1, count + 1), list(self.firm))
-        axes, along = [_NO_AXES] * count, np.zeros(count, dtype=bool)
-        first_centres, first_local = centres, np.nan_to_num(clusters.local) - own[self.segment]
-        skin = np.zeros(markers)
-        weights = seen / _FIRST_SD
-        if rough is not None:
-            turns = joint_rotations(rough.problem, rough.state)
-            for j, kind in enumerate(kinds):
-                if kind == "hinge":
-                    axes[j] = fit_hinge(turns[:, j])
-                elif kind == "two-axis":
-                    pin = rough.problem.long_axes[j]
-                    pair = fit_pin_axes(turns[:, j], rough.rotation_noise(j), pin) if inner[j] else None
-                    axes[j], along[j] = pair or fit_two_axes(turns[:, j]), pair is not None
-            soft &= np.array([rough.together[self.segment == k + 1].mean() > _LASTING for k in range(count)])
-            weights = seen / (rough.sd * np.sqrt(rough.together))
-            if estimator == "bundle":  # markers and centres of the rough fit, with hinges shifted along their axes
-                first_centres, first_local = rough.state.centres.copy(), rough.state.local.copy()
-                skin = rough.state.skin * np.isin(self.segment, np.flatnonzero(soft) + 1)
-                for j, kind in enumerate(kinds):
-                    if kind == "hinge":
-                        ahead = axes[j].first @ (centres[j] - first_centres[j])
-                        first_centres[j] += ahead * axes[j].first
-                        first_local[self.segment == j + 1] -= ahead * axes[j].second
-                        first_centres[np.array(self.parents) == j + 1] -= ahead * axes[j].second
-        state = BundleState(
-            first_local,
-            first_centres,
-            np.array([each.first for each in axes]),
-            np.array([each.second for each in axes]),
-            np.array([each.cosine for each in axes]),
-            np.zeros(3),
-            skin,
-            clusters.origin[frames, 0],
-            clusters.rotation[frames],
-            np.zeros((len(frames), count, 3)),
-        )
-        rest = (np.swapaxes(clusters.rotation[:, 0], 1, 2) @ self.up).mean(axis=0)
-        riding = np.zeros(markers, dtype=bool) if riding is None else riding
-        problem = BundleProblem(
-            np.where(seen[..., None], points, 0.0),
-            weights,
-            self.segment,
-            self.parents,
-            kinds,
-            np.asarray(rest / np.linalg.norm(rest)),
-            riding,
-            bool(riding.any()),
-            np.zeros((count, 3)),
-            self.slides,
-        )
-        sd = np.array([MARKED_SD if j + 1 in self.near else CENTRE_SD for j in range(count)])
-        return replace(problem, long_axes=long_axes(problem, state)), state, ChainPrior(centres, along, soft, sd)
 
 
 _LEAST_GLIDE = 0.004  # m; least modelled motion at an elevation of 180°
@@ -599,9 +569,8 @@ _SHOWN = 0.85  # largest ratio of the standard deviations of the first axis afte
 def refine_axes(chain: SpatialChain, rotations: FloatArray) -> tuple[SpatialChain, tuple[int, ...]]:
     """Return the calibrated chain with corrected axes of two-axis joints, and the numbers of these joints, from 0.
 
-    Only joints whose axes become clearly more certain are corrected.
-
-    ``rotations`` (F, n + 1, 3, 3) are the rotations of the clusters in the new trial, NaN where unknown.
+    Only joints whose axes become clearly more certain are corrected. ``rotations`` (F, n + 1, 3, 3) are the rotations
+    of the clusters in the new trial, NaN where unknown.
     """
     joints, refined = list(chain.joints), []
     for k, joint in enumerate(chain.joints):
@@ -609,7 +578,41 @@ def refine_axes(chain: SpatialChain, rotations: FloatArray) -> tuple[SpatialChai
         turn = turn[np.isfinite(turn).all(axis=(1, 2))]
         if not has_known_axes(joint) or not len(turn):
             continue
-        better = _refine_joint(joint, turn)
+
+        # axes and κ are refined by Gauss-Newton; the error of the skin is the same in all frames
+        axis, pin = joint.first_axis, joint.second_axis
+        before = cosine = float(axis @ joint.offset @ pin)
+        bases = tangents(axis), tangents(pin)
+        known = [
+            np.linalg.inv(basis.T @ covariance @ basis)
+            for basis, covariance in zip(bases, joint.axes_covariance, strict=True)
+        ]
+        weight = 1 / (_CHANGING_ANGLE**2 * len(turn))
+        for _ in range(_ITERATIONS):
+            along, across = tangents(axis), tangents(pin)
+            rotated_pin = turn @ pin
+            rows = np.column_stack([rotated_pin @ along, (axis @ turn) @ across, -np.ones(len(turn))])
+            matrix = weight * rows.T @ rows
+            vector = weight * rows.T @ (rotated_pin @ axis - cosine)
+            places = (slice(0, 2), axis, joint.first_axis, along), (slice(2, 4), pin, joint.second_axis, across)
+            for (at, now, start, by), basis, inverse in zip(places, bases, known, strict=True):
+                turned = basis.T @ by
+                matrix[at, at] += turned.T @ inverse @ turned
+                vector[at] += turned.T @ inverse @ basis.T @ (now - start)
+            matrix[4, 4] += 1 / _OTHER_ANGLE**2
+            vector[4] += (cosine - before) / _OTHER_ANGLE**2
+            step = -np.linalg.solve(matrix, vector)
+            axis, pin, cosine = axis + along @ step[:2], pin + across @ step[2:4], cosine + float(step[4])
+            axis, pin = axis / np.linalg.norm(axis), pin / np.linalg.norm(pin)
+        spread = np.linalg.inv(matrix)
+        along, across = tangents(axis), tangents(pin)
+        better = replace(
+            joint,
+            first_axis=axis,
+            second_axis=pin,
+            axes_covariance=np.stack([along @ spread[:2, :2] @ along.T, across @ spread[2:4, 2:4] @ across.T]),
+            offset=align_offset(joint.offset, axis, pin, cosine),
+        )
         if np.trace(better.axes_covariance[0]) < _SHOWN**2 * np.trace(joint.axes_covariance[0]):
             joints[k] = better
             refined.append(k)
@@ -619,40 +622,3 @@ def refine_axes(chain: SpatialChain, rotations: FloatArray) -> tuple[SpatialChai
 def has_known_axes(joint: SpatialJoint) -> bool:
     """Return whether a joint has two axes with known covariances."""
     return joint.kind == "two-axis" and bool(np.isfinite(joint.axes_covariance).all())
-
-
-def _refine_joint(joint: SpatialJoint, turn: FloatArray) -> SpatialJoint:
-    """Return the joint with axes and κ refined by Gauss-Newton; the error of the skin is the same in all frames."""
-    axis, pin = joint.first_axis, joint.second_axis
-    before = cosine = float(axis @ joint.offset @ pin)
-    bases = tangents(axis), tangents(pin)
-    known = [
-        np.linalg.inv(basis.T @ covariance @ basis)
-        for basis, covariance in zip(bases, joint.axes_covariance, strict=True)
-    ]
-    weight = 1 / (_CHANGING_ANGLE**2 * len(turn))
-    for _ in range(_ITERATIONS):
-        along, across = tangents(axis), tangents(pin)
-        rotated_pin = turn @ pin
-        rows = np.column_stack([rotated_pin @ along, (axis @ turn) @ across, -np.ones(len(turn))])
-        matrix = weight * rows.T @ rows
-        vector = weight * rows.T @ (rotated_pin @ axis - cosine)
-        places = (slice(0, 2), axis, joint.first_axis, along), (slice(2, 4), pin, joint.second_axis, across)
-        for (at, now, start, by), basis, inverse in zip(places, bases, known, strict=True):
-            turned = basis.T @ by
-            matrix[at, at] += turned.T @ inverse @ turned
-            vector[at] += turned.T @ inverse @ basis.T @ (now - start)
-        matrix[4, 4] += 1 / _OTHER_ANGLE**2
-        vector[4] += (cosine - before) / _OTHER_ANGLE**2
-        step = -np.linalg.solve(matrix, vector)
-        axis, pin, cosine = axis + along @ step[:2], pin + across @ step[2:4], cosine + float(step[4])
-        axis, pin = axis / np.linalg.norm(axis), pin / np.linalg.norm(pin)
-    spread = np.linalg.inv(matrix)
-    along, across = tangents(axis), tangents(pin)
-    return replace(
-        joint,
-        first_axis=axis,
-        second_axis=pin,
-        axes_covariance=np.stack([along @ spread[:2, :2] @ along.T, across @ spread[2:4, 2:4] @ across.T]),
-        offset=align_offset(joint.offset, axis, pin, cosine),
-    )

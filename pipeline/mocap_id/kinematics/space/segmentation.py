@@ -103,33 +103,29 @@ def give_landmarks_to_parents(bodies: Sequence[SpatialBody], sorter: SpatialBodi
     the joint does. Bony landmarks there, such as epicondyles, malleoli and styloid processes, are ends of the segment
     before the joint.
     """
-    bodies = list(bodies)
+    bodies, constraints = list(bodies), sorter.constraints
     for _ in range(_ROUNDS):
         before = [body.markers for body in bodies]
         for k in range(1, len(bodies)):
-            bodies[k - 1], bodies[k] = _give_landmarks(bodies[k - 1], bodies[k], sorter)
+            parent, child = bodies[k - 1 : k + 1]
+            own = child.markers
+            _, place, _ = subtract_means(child.local(sorter.points[:, own]))
+            near = np.linalg.norm(place - sorter.joint(parent, child).in_second, axis=1) <= _NEAR_JOINT
+            near &= parent.residual[own] <= np.minimum(_AS_RIGID * child.residual[own], _MOST)
+            for size in range(min(int(near.sum()), len(own) - LEAST), 0, -1):
+                possible = []
+                for group in islice(combinations(own[near].tolist(), size), _CHOICES):
+                    given = np.array(group)
+                    kept, taken = np.setdiff1d(own, given), np.sort(np.concatenate([parent.markers, given]))
+                    together = bool(np.isin(constraints.unit[given], constraints.unit[kept]).any())
+                    if not together and constraints.allow(taken) and sorter.body(kept).width >= NARROW:
+                        possible.append((sorter.body(taken), sorter.body(kept)))
+                if possible:
+                    bodies[k - 1], bodies[k] = min(possible, key=lambda pair: pair[1].rms_residual)
+                    break
         if all(map(np.array_equal, before, [body.markers for body in bodies])):
             break
     return bodies
-
-
-def _give_landmarks(parent: SpatialBody, child: SpatialBody, sorter: SpatialBodies) -> tuple[SpatialBody, SpatialBody]:
-    """Return two bodies after the landmarks near their joint that fit the parent are assigned to it."""
-    own, constraints = child.markers, sorter.constraints
-    _, place, _ = subtract_means(child.local(sorter.points[:, own]))
-    near = np.linalg.norm(place - sorter.joint(parent, child).in_second, axis=1) <= _NEAR_JOINT
-    near &= parent.residual[own] <= np.minimum(_AS_RIGID * child.residual[own], _MOST)
-    for size in range(min(int(near.sum()), len(own) - LEAST), 0, -1):
-        possible = []
-        for group in islice(combinations(own[near].tolist(), size), _CHOICES):
-            given = np.array(group)
-            kept, taken = np.setdiff1d(own, given), np.sort(np.concatenate([parent.markers, given]))
-            together = bool(np.isin(constraints.unit[given], constraints.unit[kept]).any())
-            if not together and constraints.allow(taken) and sorter.body(kept).width >= NARROW:
-                possible.append((sorter.body(taken), sorter.body(kept)))
-        if possible:
-            return min(possible, key=lambda bodies: bodies[1].rms_residual)
-    return parent, child
 
 
 def measure_scatter(points: FloatArray) -> FloatArray:
@@ -148,28 +144,6 @@ class SpatialSearch:
     bodies: Sequence[SpatialBody]  # all rigid bodies
     made: Sequence[Division]  # accepted divisions
     refused: Sequence[Division]  # best division of every body that was not divided
-
-    @property
-    def carried(self) -> int:
-        """Number of markers on the chain."""
-        return sum(len(body.markers) for body in self.chain)
-
-
-def search_best_chain(sorter: SpatialBodies, rules: SegmentationRules) -> SpatialSearch:
-    """Return the search whose chain has most markers, among searches with and without weak divisions.
-
-    If skin is divided off as a separate body, this body is a branch. Without this division, its markers are on the
-    chain.
-    """
-    best = search = search_chain(sorter, rules, 1.0)
-    for _ in range(_ROUNDS):
-        weakest = min((each.evidence for each in search.made), default=np.inf)
-        if not best.chain or not best.branches or weakest > _CLEAR:
-            break
-        search = search_chain(sorter, rules, weakest * (1 + 1e-9))
-        if search.carried > best.carried:
-            best = search
-    return best
 
 
 def search_chain(sorter: SpatialBodies, rules: SegmentationRules, needed: float) -> SpatialSearch:
@@ -236,6 +210,15 @@ def assess_spatial_confidence(
 
     The confidence in a joint is 0.5 if its residual is half of the motion without the joint.
     """
+    # the rotation vectors of all joints are split into independent time courses (principal components); the arc of the
+    # second one is 4 standard deviations, rad, and 0 for one joint
+    second_arc = 0.0
+    turns = [np.swapaxes(a.rotation, 1, 2) @ b.rotation for a, b in pairwise(bodies)]
+    together = np.isfinite(np.stack([turn[:, 0, 0] for turn in turns])).all(axis=0)
+    if len(bodies) > 2 and together.sum() >= LEAST:
+        vectors = [so3.log(mean_rotation(turn[together]).T @ turn[together]) for turn in turns]
+        values = np.linalg.eigvalsh(np.cov(np.concatenate(vectors, axis=1).T))
+        second_arc = float(4 * np.sqrt(max(values[-2], 0.0)))
     tip = bodies[-1].markers
     hidden = [each.evidence for each in search.refused if np.array_equal(each.whole.markers, tip)]
     whole = [each.evidence for each in search.refused if not np.array_equal(each.whole.markers, tip)]
@@ -248,25 +231,9 @@ def assess_spatial_confidence(
         "base": 3 * log_shortfall(motion, _SURE_BASE),
         "not-rigid": 8 * log_shortfall(_SURE_BODY, max(body.rms_residual for body in bodies)),
         "left-out": 30 * log_shortfall(1 - left_out, 1.0),
-        "one-joint": min(10 * log_shortfall(_measure_second_arc(bodies), _SURE_SECOND), _ONE_JOINT),
+        "one-joint": min(10 * log_shortfall(second_arc, _SURE_SECOND), _ONE_JOINT),
     }
     return weigh_evidence(_BEST, tuple(ratio / (ratio + _SURE_JOINT) for ratio in ratios), against)
-
-
-def _measure_second_arc(bodies: Sequence[SpatialBody]) -> float:
-    """Return the arc of the second independent rotation of the joints, as 4 standard deviations, rad; 0 for one joint.
-
-    The rotation vectors of all joints are split into independent time courses (principal components).
-    """
-    if len(bodies) < 3:
-        return 0.0
-    turns = [np.swapaxes(a.rotation, 1, 2) @ b.rotation for a, b in pairwise(bodies)]
-    together = np.isfinite(np.stack([turn[:, 0, 0] for turn in turns])).all(axis=0)
-    if together.sum() < LEAST:
-        return 0.0
-    vectors = [so3.log(mean_rotation(turn[together]).T @ turn[together]) for turn in turns]
-    values = np.linalg.eigvalsh(np.cov(np.concatenate(vectors, axis=1).T))
-    return float(4 * np.sqrt(max(values[-2], 0.0)))
 
 
 _SEARCH_FRAMES = 120
@@ -275,7 +242,7 @@ _SEEN = 0.05  # least fraction of the frames in which a marker is visible
 _RIGID = 3e-3  # m; least standard deviation of a distance if a joint moves
 _PARTNER = 1.5  # largest standard deviation of a distance within a body, relative to the largest body residual
 _FOREIGN = 6.0  # largest residual of a marker on its segment, relative to the median residual there
-_SEGMENTATION_ROUNDS = 4
+_COUNT_ROUNDS = 4  # searches for a chain with the requested number of segments
 
 
 @dataclass(frozen=True)
@@ -303,16 +270,9 @@ def segment_in_space(
 ) -> SpatialSegmentation:
     """Sort markers into the segments of a chain in space, whose base may move.
 
-    Parameters
-    ----------
-    points : (F, M, 3) array
-        Trajectories in the lab, m; NaN where missing, and for markers that the user ignores.
-    rules : SegmentationRules, optional
-        Limits. Only ``min_arc``, ``max_residual``, ``max_body_residual``, ``still_limit`` (of a base that does not
-        move), ``count`` and ``longest`` are used.
-    constraints : Constraints, optional
-    frames : int, optional
-        Largest number of frames, chosen along the motion.
+    The trajectories ``points`` (F, M, 3) are in the lab, m; NaN where missing, and for markers that the user ignores.
+    Of the rules, only ``min_arc``, ``max_residual``, ``max_body_residual``, ``still_limit`` (of a base that does not
+    move), ``count`` and ``longest`` are used. At most ``frames`` frames are used, chosen along the motion.
 
     Raises
     ------
@@ -373,6 +333,17 @@ def segment_in_space(
         elif cost.min() <= rules.max_body_residual:
             segment[marker] = int(np.argmin(cost))
 
+    # part of the segments' squared short-time rotation in the base that is not about one axis
+    moment = np.zeros((3, 3))
+    for body in bodies[1:]:
+        turn = np.swapaxes(bodies[0].rotation, 1, 2) @ body.rotation
+        turn = turn[np.isfinite(turn[:, 0, 0])]
+        step = max(1, len(turn) // _STEPS)
+        vector = so3.log(turn[step:] @ np.swapaxes(turn[:-step], 1, 2))
+        moment += vector.T @ vector
+    values = np.linalg.eigvalsh(moment)
+    planarity = float(1 - values[2] / values.sum()) if values.sum() > 0 else 0.0
+
     scatter = measure_scatter(points)
     base, tip = (float(np.median(scatter[segment == k])) for k in (0, len(bodies) - 1))
     beside = [branch for branch, joined in zip(search.branches, search.joined, strict=True) if joined]
@@ -387,17 +358,29 @@ def segment_in_space(
         confidence=assess_spatial_confidence(bodies, joints, search, motion=tip / max(base, 1e-6), left_out=left_out),
         joints=joints,
         moving_base=base > rules.still_limit,
-        planarity=_measure_planarity(bodies),
+        planarity=planarity,
         divisions=tuple(sorted(divisions, key=lambda pair: -pair[0].gain)),
         branches=tuple(branch.markers for branch in search.branches),
     )
 
 
 def _search_with_count(sorter: SpatialBodies, rules: SegmentationRules) -> SpatialSearch:
-    """Return the search whose chain has the requested number of segments; refuse the trial if there is none."""
-    search = search_best_chain(sorter, rules)
+    """Return the search whose chain has the requested number of segments; refuse the trial if there is none.
+
+    If skin is divided off as a separate body, this body is a branch. Without this division, its markers are on the
+    chain. The search therefore begins with the chain that has most markers, with or without weak divisions.
+    """
+    search = trial = search_chain(sorter, rules, 1.0)
+    for _ in range(_ROUNDS):
+        weakest = min((each.evidence for each in trial.made), default=np.inf)
+        if not search.chain or not search.branches or weakest > _CLEAR:
+            break
+        trial = search_chain(sorter, rules, weakest * (1 + 1e-9))
+        carried, before = (sum(len(body.markers) for body in each.chain) for each in (trial, search))
+        if carried > before:
+            search = trial
     lengths = set()
-    for _ in range(_SEGMENTATION_ROUNDS):
+    for _ in range(_COUNT_ROUNDS):
         length = len(search.chain)
         lengths.add(length)
         sizes = [each.evidence for each in (search.refused if length < (rules.count or 0) else search.made)]
@@ -460,17 +443,3 @@ def _explain_assignment(
         f"on no segment: it moves by {1e3 * residuals[nearest, marker]:.0f} mm rms relative to the nearest one "
         f"({'the base' if nearest == 0 else f'segment {nearest}'}), and fewer than three markers move with it"
     )
-
-
-def _measure_planarity(bodies: Sequence[SpatialBody]) -> float:
-    """Return the fraction of the segments' squared short-time rotation in the base that is not about one axis."""
-    base = bodies[0].rotation
-    moment = np.zeros((3, 3))
-    for body in bodies[1:]:
-        turn = np.swapaxes(base, 1, 2) @ body.rotation
-        turn = turn[np.isfinite(turn[:, 0, 0])]
-        step = max(1, len(turn) // _STEPS)
-        vector = so3.log(turn[step:] @ np.swapaxes(turn[:-step], 1, 2))
-        moment += vector.T @ vector
-    values = np.linalg.eigvalsh(moment)
-    return float(1 - values[2] / values.sum()) if values.sum() > 0 else 0.0

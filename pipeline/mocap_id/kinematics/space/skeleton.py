@@ -1,4 +1,4 @@
-"""Chain of an arm with constant lengths, fitted to the joints of a skeleton (thesis 7.2.3).
+"""Kinds and axes of joints in space, and the chain of an arm with constant lengths from a skeleton (thesis 7.2.3).
 
 The joints from a depth camera have noise, and errors of some centimetres that persist for the whole trial. The
 persistent error of the elbow relative to the shoulder can be estimated, because the elbow moves on a sphere about
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -43,13 +44,8 @@ class JointEvidence:
     arc: float  # 2.5 to 97.5 % range of the rotation about its main direction, rad
 
 
-@dataclass(frozen=True)
-class JointAxes:
-    """Axes of a joint."""
-
-    first: FloatArray  # in the parent's frame
-    second: FloatArray  # in the child's frame
-    cosine: float  # cosine of the angle between them
+JointAxes: TypeAlias = tuple[FloatArray, FloatArray, float]
+"""Axis in the parent's frame, axis in the child's frame, and the cosine of the angle between them."""
 
 
 def weigh_kinds(turn: FloatArray, noise: FloatArray, arc: float, kind: JointKind | None = None) -> JointEvidence:
@@ -59,9 +55,10 @@ def weigh_kinds(turn: FloatArray, noise: FloatArray, arc: float, kind: JointKind
     one time, in the parent's axes, rad². ``arc`` is the range of the rotation between the clusters, rad.
     """
     noise = noise + _LEAST_NOISE**2 * np.eye(3)
-    hinge, pair = fit_hinge(turn), fit_two_axes(turn)
-    tilt = np.cross(hinge.first, turn @ hinge.second) @ tangents(hinge.first)
-    noise_across = tangents(hinge.first).T @ noise @ tangents(hinge.first)
+    (first, second, _), pair = fit_hinge(turn), fit_two_axes(turn)
+    across = tangents(first)
+    tilt = np.cross(first, turn @ second) @ across
+    noise_across = across.T @ noise @ across
     over = np.linalg.eigvals(np.linalg.solve(noise_across, tilt.T @ tilt / len(turn))).real.max()
     gap, size = _measure_gap(turn, pair, noise)
     ratio: dict[JointKind, float] = {
@@ -76,9 +73,10 @@ def weigh_kinds(turn: FloatArray, noise: FloatArray, arc: float, kind: JointKind
 
 def _measure_gap(turn: FloatArray, pair: JointAxes, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the angle that two axes leave unexplained (F,), rad, and the variance of its noise, rad²."""
-    rotated = turn @ pair.second
-    normal = np.cross(pair.first, rotated)
-    gap = (rotated @ pair.first - pair.cosine) / np.sqrt(max(1 - pair.cosine**2, 1e-6))
+    first, second, cosine = pair
+    rotated = turn @ second
+    normal = np.cross(first, rotated)
+    gap = (rotated @ first - cosine) / np.sqrt(max(1 - cosine**2, 1e-6))
     return gap, np.einsum("fi,ij,fj->f", normal, noise, normal) / np.maximum((normal**2).sum(axis=1), 1e-9)
 
 
@@ -89,7 +87,7 @@ def fit_pin_axes(turn: FloatArray, noise: FloatArray, pin: FloatArray) -> JointA
     spread = rotated - middle @ pin
     pull = _UPRIGHT * np.sum(spread**2) / len(turn)
     first = _smallest_eigenvectors(spread.T @ spread / len(turn) + pull * np.outer(middle @ pin, middle @ pin))
-    pair = JointAxes(first, pin, float(first @ middle @ pin))
+    pair = first, pin, float(first @ middle @ pin)
     gap, size = _measure_gap(turn, pair, noise + _LEAST_NOISE**2 * np.eye(3))
     return pair if np.sqrt(np.mean(gap**2 / size)) <= _PIN_EXPLAINED else None
 
@@ -106,7 +104,7 @@ def rotation_arc(turn: FloatArray) -> float:
 def fit_hinge(turn: FloatArray) -> JointAxes:
     """Return the axis that best keeps its direction in both bodies."""
     left, _, right = np.linalg.svd(turn.mean(axis=0))
-    return JointAxes(left[:, 0], right[0], 1.0)
+    return left[:, 0], right[0], 1.0
 
 
 def fit_two_axes(turn: FloatArray) -> JointAxes:
@@ -133,7 +131,7 @@ def fit_two_axes(turn: FloatArray) -> JointAxes:
     cosine = np.einsum("si,ij,sj->s", first, middle, second)
     value = np.einsum("ijkl,si,sj,sk,sl->s", form, first, second, first, second) / np.maximum(1 - cosine**2, 1e-6)
     best = int(np.argmin(value + (np.abs(cosine) > PARALLEL) * size))
-    return JointAxes(first[best], second[best], float(cosine[best]))
+    return first[best], second[best], float(cosine[best])
 
 
 def _smallest_eigenvectors(form: FloatArray) -> FloatArray:
@@ -146,7 +144,7 @@ LASTING_SD = 0.02
 
 _ROUNDS = 3
 _OUTLIER = 3.0  # standard deviations of a distance; farther samples have little weight
-_SKELETON_LEAST_NOISE = 2e-3  # m; least standard deviation
+_LEAST_SD = 2e-3  # m; least standard deviation
 _LEAST_FRAMES = 20
 _ITERATIONS = 30
 _MOST, _OF_NORMAL = 0.85, 1.44  # quantile of the size of noise, and its value for unit variance
@@ -174,20 +172,6 @@ class Bone:
     length: float  # m
     covariance: FloatArray  # (4, 4) covariance of centre and length, m²
     noise: float  # standard deviation of the distance, m
-
-
-@dataclass(frozen=True)
-class SensorNoise:
-    """Noise of a joint's coordinate in time: a white part, and an autocorrelated part."""
-
-    white: float  # fraction of the variance that is white
-    memory: float  # time in which the autocorrelation of the rest decays to 1/e, s
-
-    def relative_power(self, frequency: FloatArray, dt: float) -> FloatArray:
-        """Return the power at frequencies (K,), Hz, relative to white noise of the same variance."""
-        fades = float(np.exp(-dt / self.memory))
-        turned = 1 - 2 * fades * np.cos(2 * np.pi * frequency * dt) + fades**2
-        return np.asarray(self.white + (1 - self.white) * (1 - fades**2) / turned)
 
 
 def fit_trunk(points: Mapping[str, FloatArray]) -> Trunk:
@@ -293,17 +277,31 @@ def _robust_sd(off: FloatArray) -> FloatArray:
     """Return the standard deviation over the first axis, m, without outliers but with the noise of fast movement."""
     size = np.abs(off)
     usual, large = 1.4826 * np.nanmedian(size, axis=0), np.nanquantile(size, _MOST, axis=0) / _OF_NORMAL
-    return np.asarray(np.maximum(np.maximum(usual, large), _SKELETON_LEAST_NOISE))
+    return np.asarray(np.maximum(np.maximum(usual, large), _LEAST_SD))
 
 
-def fit_sensor_noise(residuals: FloatArray, rate: float) -> SensorNoise:
-    """Return the noise of the sensor from the autocorrelation of residuals (F, K), m; NaN where missing."""
+def fit_sensor_noise(residuals: FloatArray, rate: float) -> tuple[float, float]:
+    """Return the noise of the sensor from the autocorrelation of residuals (F, K), m; NaN where missing.
+
+    The results are the fraction of the variance that is white, and the time in which the autocorrelation of the rest
+    decays to 1/e, s.
+    """
     off = residuals - np.nanmedian(residuals, axis=0)
     off = np.where(np.abs(off) < _OUTLIER * _robust_sd(off), off, np.nan)
     total = np.nanmean(off**2)
     short, long = (float(np.nanmean(off[lag:] * off[:-lag]) / total) for lag in _LAGS)
     if not (short > 0.05 and 0.01 < long < short):
-        return SensorNoise(1.0, 1 / rate)
+        return 1.0, 1 / rate
     frames = (_LAGS[1] - _LAGS[0]) / np.log(short / long)
     slow = min(short * float(np.exp(_LAGS[0] / frames)), 0.98)
-    return SensorNoise(1 - slow, float(np.clip(frames / rate, 1 / rate, 2.0)))
+    return 1 - slow, float(np.clip(frames / rate, 1 / rate, 2.0))
+
+
+def sensor_noise_power(white: float, memory: float, frequency: FloatArray, dt: float) -> FloatArray:
+    """Return the power of the noise of :func:`fit_sensor_noise`, relative to white noise of the same variance.
+
+    The frequencies (K,) are in Hz, and ``dt`` is the time between samples, s.
+    """
+    fades = float(np.exp(-dt / memory))
+    turned = 1 - 2 * fades * np.cos(2 * np.pi * frequency * dt) + fades**2
+    return np.asarray(white + (1 - white) * (1 - fades**2) / turned)

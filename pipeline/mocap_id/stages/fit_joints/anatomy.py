@@ -23,7 +23,6 @@ from mocap_id.anatomy.frames import (
 from mocap_id.anatomy.landmarks import (
     SEGMENTS,
     LandmarkPosition,
-    Pointer,
     calibrate_pointer,
     find_landmarks,
     find_pointer_markers,
@@ -254,7 +253,7 @@ def fit_anatomical_frames(
             rods[name] = there[:, [each.labels.index(label) for label in rod]], rotation, origin
         if rods:
             pointer = (
-                Pointer(np.array(list(trial.pointer.values())))
+                (np.array(list(trial.pointer.values())), 0.0)
                 if trial.pointer
                 else calibrate_pointer(list(rods.values()))
             )

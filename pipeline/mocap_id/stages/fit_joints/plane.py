@@ -12,9 +12,8 @@ from mocap_id.anatomy.landmarks import find_still_pose
 from mocap_id.arrays import IntArray, as_xy
 from mocap_id.dynamics.priors import look_up_table
 from mocap_id.errors import ConfigError, RecordingError, Refused
-from mocap_id.kinematics import ChainFit, fit_chain, fit_links, frames_along_motion, orient_frames
-from mocap_id.kinematics.bundle import chain_angles
-from mocap_id.kinematics.chain_fit import ChainState, fit_static_pose
+from mocap_id.kinematics.bundle import chain_angles, fit_chain, fit_links, frames_along_motion
+from mocap_id.kinematics.chain_fit import ChainFit, ChainState, fit_static_pose, orient_frames
 from mocap_id.kinematics.joint import count_positions
 from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.calibration_trial import get_calibration, has_no_markers, read_chain
@@ -190,12 +189,12 @@ def _fit_static_trial(out: Findings, static: StaticTrial, view: Trajectories, la
     known = np.asarray(seen.any(axis=0))
     used = np.array(both)[known]
     track = view.read_positions(_columns(view, [labels[k] for k in used]), axes="z")[..., 0]
-    found = fit_static_pose(
+    theta, sd_theta, residual = fit_static_pose(
         mean[known], np.nanmean(track, axis=0), fit.segment[used], as_xy(fit.local[used]), as_xy(fit.centres)
     )
-    if found.residual > _OTHER_PERSON:
+    if residual > _OTHER_PERSON:
         raise RecordingError(
-            f"{file}: in the static pose, the markers are {1e3 * found.residual:.0f} mm rms from the chain of this "
+            f"{file}: in the static pose, the markers are {1e3 * residual:.0f} mm rms from the chain of this "
             f"trial, expected at most {1e3 * _OTHER_PERSON:.0f} mm; give a static trial of the same person with the "
             "same markers, unmoved, or leave out `static:`"
         )
@@ -207,9 +206,9 @@ def _fit_static_trial(out: Findings, static: StaticTrial, view: Trajectories, la
         out.say("static-moves", text, pose.speed, pose.reasons[0].limit)
     out.facts["static"] = {
         "trial": static.trial.name,
-        "theta": [float(angle) if np.isfinite(angle) else None for angle in found.theta],
-        "sd_theta": [float(sd) for sd in found.sd],
-        "residual_m": found.residual,
+        "theta": [float(angle) if np.isfinite(angle) else None for angle in theta],
+        "sd_theta": [float(sd) for sd in sd_theta],
+        "residual_m": residual,
     }
 
 

@@ -231,7 +231,7 @@ def fit_skeleton_chain(context: Context) -> Outputs:
     off = [_express_in_trunk(trunk, tracks[role]) - at for role, at in zip(trunk.roles, trunk.local, strict=True)]
     for arm, bone in ((inside["elbow"], upper), (inside["wrist"] - inside["elbow"], lower)):
         off.append((np.linalg.norm(arm - bone.centre, axis=1) - bone.length)[:, None])
-    sensor = fit_sensor_noise(np.hstack(off), view.rate)
+    white, memory = fit_sensor_noise(np.hstack(off), view.rate)
 
     # joints: shoulder and elbow, and the wrist if the skeleton has a hand
     axes_covariance = np.full((2, 3, 3), np.nan)
@@ -305,7 +305,7 @@ def fit_skeleton_chain(context: Context) -> Outputs:
         "still_s": None,
         "frame_covariance": {"shoulder": frames[:6, :6].tolist(), "elbow": frames[3:, 3:].tolist()},
         "wrist_offset_m": lower.centre.tolist(),
-        "noise": {"white": sensor.white, "memory_s": sensor.memory, "length_m": [bone.noise for bone in bones]},
+        "noise": {"white": white, "memory_s": memory, "length_m": [bone.noise for bone in bones]},
         "lasting_scale": scale,
     }
     out = Findings([_BIASES])

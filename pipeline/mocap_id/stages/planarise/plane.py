@@ -13,10 +13,9 @@ from mocap_id import recording
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.planar import PlaneFrame
-from mocap_id.kinematics import find_bursts, find_swaps, fit_plane, propose_window, undo_swaps
-from mocap_id.kinematics.base_motion import BaseMotion, find_base_motion, find_heel_lift
-from mocap_id.kinematics.marker_faults import find_lone_markers
-from mocap_id.kinematics.plane import find_feet
+from mocap_id.kinematics.base_motion import BaseMotion, find_base_motion, find_heel_lift, propose_window
+from mocap_id.kinematics.marker_faults import find_bursts, find_lone_markers, find_swaps, undo_swaps
+from mocap_id.kinematics.plane import find_feet, fit_plane
 from mocap_id.plates.choice import GRAVITY, PlateChoice, choose_plates, compare_courses, find_dropouts
 from mocap_id.plates.clock import ClockSearch, find_clock_offset
 from mocap_id.plates.placement import find_standing_feet
@@ -303,11 +302,11 @@ def planarise(context: Context) -> Outputs:
         heel_lift=None
         if lift is None
         else {
-            "marker": part.labels[lift.marker],
-            "about": part.labels[lift.about],
-            "height_m": lift.height,
-            "turn_deg": float(np.degrees(lift.turn)),
-            "time_s": lift.time,
+            "marker": part.labels[lift[0]],
+            "about": part.labels[lift[1]],
+            "height_m": lift[2],
+            "turn_deg": float(np.degrees(lift[3])),
+            "time_s": lift[4],
         }
     )
     if plane.lean:

@@ -11,7 +11,7 @@ from mocap_id.anatomy.landmarks import Side, find_landmarks, find_roles
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.errors import ConfigError, RecordingError, Refused
 from mocap_id.geometry.planar import PlaneFrame
-from mocap_id.kinematics import fit_plane
+from mocap_id.kinematics.plane import fit_plane
 from mocap_id.plates.choice import PlateChoice
 from mocap_id.plates.placement import find_standing_feet
 from mocap_id.recording import Recording, ThinnedFrames

@@ -10,7 +10,8 @@ import numpy as np
 from mocap_id.anatomy.landmarks import ARM, TRUNK, find_roles
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import ConfigError
-from mocap_id.kinematics import Constraints, SegmentationRules
+from mocap_id.kinematics.clusters import Constraints
+from mocap_id.kinematics.link_fit import SegmentationRules
 from mocap_id.protocols.body_names import GROUND
 from mocap_id.stages.base import Context, Findings, Outputs, find_markers
 from mocap_id.stages.calibration_trial import get_calibration, read_chain

@@ -11,8 +11,10 @@ import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray, as_xy
 from mocap_id.errors import ConfigError, Refused
-from mocap_id.kinematics import Segmentation, frames_over_time, measure_asymmetry, segment_markers
+from mocap_id.kinematics.bundle import frames_over_time
+from mocap_id.kinematics.joint import measure_asymmetry
 from mocap_id.kinematics.marker_faults import BadStretch, RecordedMarkers, find_bad_stretches, find_repeats, sample_rows
+from mocap_id.kinematics.segmentation import Segmentation, segment_markers
 from mocap_id.protocols.body_names import LONGEST, name_chain
 from mocap_id.protocols.movement import ELSEWHERE, recognise_movement
 from mocap_id.stages.base import Context, Findings, Outputs, find_markers
@@ -121,7 +123,7 @@ def segment(context: Context) -> Outputs:
     joint_markers: dict[str, list[str]] = {}
     links = None  # only with segments that have a single marker
     if found.links is not None:
-        joint_markers = {joint_names[pin.joint]: [labels[m] for m in pin.unit] for pin in found.links.pins}
+        joint_markers = {joint_names[joint]: [labels[m] for m in own] for joint, own in found.links.pins.items()}
         state = found.links.state
         links = {
             "centres": as_xy(state.centres).tolist(),

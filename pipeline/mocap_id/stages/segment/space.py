@@ -10,7 +10,7 @@ import numpy as np
 from mocap_id.anatomy.landmarks import SEGMENTS as LANDMARK_SEGMENTS
 from mocap_id.anatomy.landmarks import find_landmarks
 from mocap_id.arrays import FloatArray
-from mocap_id.kinematics import Constraints
+from mocap_id.kinematics.clusters import Constraints
 from mocap_id.kinematics.space.bodies import rigid_poses
 from mocap_id.kinematics.space.segmentation import SpatialSegmentation, segment_in_space
 from mocap_id.stages.base import Context, Findings, Outputs, find_markers

@@ -27,8 +27,8 @@ from mocap_id.estimation.lasting_errors import (
 from mocap_id.estimation.noise import MarkerChain
 from mocap_id.estimation.smoothing import find_rejected_segments
 from mocap_id.geometry.planar import marker_positions
-from mocap_id.kinematics import ChainState, SkinModel, angle_errors, fit_skin, skin_from_residuals
 from mocap_id.kinematics.base_motion import find_moving_markers
+from mocap_id.kinematics.chain_fit import ChainState
 from mocap_id.kinematics.clusters import (
     BENDS_M,
     ClusterPose,
@@ -38,6 +38,7 @@ from mocap_id.kinematics.clusters import (
     measure_cluster,
 )
 from mocap_id.kinematics.joint import count_positions
+from mocap_id.kinematics.skin_slides import SkinModel, angle_errors, fit_skin, skin_from_residuals
 from mocap_id.recording.sample_checks import describe_held
 from mocap_id.recording.sensor_logs import DEGREES
 from mocap_id.stages import skin_motion
@@ -457,8 +458,9 @@ def measure_poses(
         if hip + 1 in numbers:
             fact["joint_shift_m"] = [shift.place.real, shift.place.imag]
         if ankle is not None and numbers == [1]:
-            fact["joint_m"] = [[place.real, place.imag] for place in (ankle.foot, ankle.shank)]
-            fact["joint_sd_m"] = ankle.sd
+            in_foot, in_shank, joint_sd = ankle
+            fact["joint_m"] = [[place.real, place.imag] for place in (in_foot, in_shank)]
+            fact["joint_sd_m"] = joint_sd
         bodies.append(fact)
     table = Table(POSES, columns, {"bodies": bodies})
 

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from mocap_id.anatomy.angles import (
+    ELBOW,
     SHOULDER,
-    AngleDeviations,
+    WRIST,
     JointAngles,
     RelativeMotion,
     compose_motions,
     elbow_angles,
-    hinge_elbow_angles,
     joint_coordinates,
     shoulder_angles,
-    wrist_angles,
 )
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.estimation.smoothing import find_rejected_segments
@@ -27,7 +27,7 @@ from mocap_id.estimation.space.skeleton_smoothing import SkeletonNoise, bridge_s
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.kinematics.space.bodies import rigid_poses
-from mocap_id.kinematics.space.skeleton import SensorNoise
+from mocap_id.kinematics.space.skeleton import sensor_noise_power
 from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.skin_motion import add_axial_rotation_errors, correct_axial_rotation, correct_cluster_slides
 from mocap_id.stages.trial_keys import list_sensors
@@ -49,10 +49,10 @@ from mocap_id.store.views import SpatialSkeleton, Trajectories, is_skeleton
 
 _COMMON_WITH_IMUS = 0.1
 """Fraction of the axial rotation by which the skin under all markers and the sensor of a segment may lag together."""
-_ANATOMICAL = {
+_ANATOMICAL: Mapping[str, tuple[str, str, Callable[..., JointAngles]]] = {
     "shoulder": ("thorax", "upper_arm", shoulder_angles),
     "elbow": ("upper_arm", "forearm", elbow_angles),
-    "wrist": ("forearm", "hand", wrist_angles),
+    "wrist": ("forearm", "hand", partial(elbow_angles, names=WRIST)),
 }
 """Joints with angles of the ISB: the two segments of each, and the function of the angles."""
 
@@ -162,7 +162,8 @@ def _angles(states: SpatialStates, skeleton: SpatialSkeleton, facts: Mapping[str
         motion = _relative_motion(states, path[0])
         for k in path[1:]:
             motion = compose_motions(motion, _relative_motion(states, k))
-        compute = hinge_elbow_angles if name == "elbow" and facts["frames"] == "skeleton" else angles
+        hinge = name == "elbow" and facts["frames"] == "skeleton"
+        compute = partial(elbow_angles, names=ELBOW[:2]) if hinge else angles
         found.append(compute(motion, np.array(frames[name])))
         done |= set(path) if len(path) == 1 else set()
     for k, joint in enumerate(skeleton.chain.joints):
@@ -186,9 +187,9 @@ def _angle_columns(found: Sequence[JointAngles], time: FloatArray) -> dict[str, 
                 name: angles.angle[:, k],
                 f"d{name}": angles.rate[:, k],
                 f"dd{name}": angles.acceleration[:, k],
-                f"sd_{name}": angles.sd.angle[:, k],
-                f"sd_d{name}": angles.sd.rate[:, k],
-                f"sd_dd{name}": angles.sd.acceleration[:, k],
+                f"sd_{name}": angles.sd[:, k],
+                f"sd_d{name}": angles.sd_rate[:, k],
+                f"sd_dd{name}": angles.sd_acceleration[:, k],
                 f"constant_sd_{name}": np.where(np.isfinite(angles.angle[:, k]), angles.constant_sd[k], np.nan),
             }
         if angles.names == SHOULDER:
@@ -285,11 +286,10 @@ def smooth_skeleton_states(
         weight[:, m] /= np.where(np.isfinite(off), 1 + off**2, 1.0) ** 2
         start = points[:, m]
     weight[missing] = 0.0
-    memory = SensorNoise(facts["white"], facts["memory_s"])
     noise = SkeletonNoise(
         sd,
         weight,
-        lambda frequency: memory.relative_power(frequency, 1 / view.rate),
+        lambda frequency: sensor_noise_power(facts["white"], facts["memory_s"], frequency, 1 / view.rate),
         tree.facts["lasting_scale"] * np.where(trunk, 0.5 * _LASTING_SD, _LASTING_SD),
     )
     return smooth_skeleton(points, view.rate, chain, (rotations, origins), noise, gate=gate)
@@ -305,7 +305,7 @@ def limit_to_skeleton(angles: JointAngles) -> JointAngles:
     if angles.names != SHOULDER:
         return angles
     hidden = np.zeros(angles.angle.shape, dtype=np.bool_)
-    hidden[:, 2] = ~(angles.sd.angle[:, 2] < _LARGEST_SD)
+    hidden[:, 2] = ~(angles.sd[:, 2] < _LARGEST_SD)
 
     def hide(values: FloatArray) -> FloatArray:
         return np.where(hidden, np.nan, values)
@@ -315,6 +315,8 @@ def limit_to_skeleton(angles: JointAngles) -> JointAngles:
         angle=hide(angles.angle),
         rate=hide(angles.rate),
         acceleration=hide(angles.acceleration),
-        sd=AngleDeviations(hide(angles.sd.angle), hide(angles.sd.rate), hide(angles.sd.acceleration)),
+        sd=hide(angles.sd),
+        sd_rate=hide(angles.sd_rate),
+        sd_acceleration=hide(angles.sd_acceleration),
         constant_sd=np.hypot(angles.constant_sd, [0.0, _ELEVATION_BIAS, 0.0]),
     )
