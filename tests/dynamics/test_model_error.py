@@ -17,6 +17,7 @@ from mocap_id.dynamics.prediction import Prediction, centre_of_pressure, estimat
 from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.estimation import smooth
+from mocap_id.estimation.filter_problem import MarkerChain
 from mocap_id.geometry import planar
 from mocap_id.kinematics import ChainState, skin_from_residuals
 from mocap_id_simulation import Options, SimulatedTrial, generate
@@ -107,7 +108,7 @@ def trial(seed: int, strategy: str, tissue: float) -> tuple[SimulatedTrial, True
     centres = np.array([link.centre for link in scene.body.links[1:]])
     segment, local = scene.markers.link, scene.markers.local[:, :2]
     observed = scene.plane.to_plane(made.points)[..., :2]
-    states = smooth(observed, options.rate, centres, segment, local)
+    states = smooth(observed, options.rate, MarkerChain(centres, segment, local))
     known = states.observed.all(axis=1)
     noise = np.random.default_rng(seed).normal(size=state.wrench.shape) * [1.0, 1.0, 0.3]
     angles = (states.mean[..., k] for k in range(3))
@@ -122,7 +123,7 @@ def trial(seed: int, strategy: str, tissue: float) -> tuple[SimulatedTrial, True
     free = np.hypot(*state.chair_force.T) == 0.0
     reference = np.full(4 * (len(centres) + 1), np.nan)
     found = identify(prepared, free, build_grid(centres, segment, local), reference, error)
-    correlation = correlate_errors(recorded.q, centres, segment, local, states.noise.sigma_v)
+    correlation = correlate_errors(recorded.q, centres, segment, local, states.sigma_v)
     inner = (state.time > 0.5) & (state.time < state.time[-1] - 0.5)
     return made, state, predict(prepared, found, estimate_chain_noise(prepared, found, correlation), 20.0), free & inner
 

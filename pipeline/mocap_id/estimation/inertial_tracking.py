@@ -19,7 +19,6 @@ from mocap_id.arrays import (
     BoolArray,
     ComplexArray,
     FloatArray,
-    IntArray,
     as_complex,
     as_xy,
     find_runs,
@@ -27,7 +26,13 @@ from mocap_id.arrays import (
 )
 from mocap_id.errors import NumericalError
 from mocap_id.estimation.filter_kernels import Inertial
-from mocap_id.estimation.filter_problem import Anchors, FilterProblem, SigmaPoints, filter_forwards, smooth_backwards
+from mocap_id.estimation.filter_problem import (
+    Anchors,
+    FilterProblem,
+    MarkerChain,
+    filter_forwards,
+    smooth_backwards,
+)
 from mocap_id.estimation.inertial import (
     GRAVITY,
     MotionFromMarkers,
@@ -40,7 +45,6 @@ from mocap_id.estimation.inertial import (
     find_observed_segments,
     prepare_sensor,
 )
-from mocap_id.estimation.noise import MarkerChain
 from mocap_id.estimation.smoothing import FilterSettings, StateEstimator, States
 from mocap_id.geometry import so3
 
@@ -67,6 +71,8 @@ class KnownChain:
     sensors: tuple[WornSensor, ...]  # n sensors, one on each moving segment
     rest: FloatArray  # (n,) joint angles at which the skin under the sensors is not rotated, rad
     density: FloatArray  # (n,) spectral density of each joint's snap, rad²/s⁷
+    # (n, 3) rms errors of angle, rad, velocity, rad/s, and acceleration, rad/s², if they are estimated without markers
+    errors: FloatArray | float = 0.0
 
 
 @dataclass(frozen=True)
@@ -242,29 +248,9 @@ _LEAST = 1.0  # s, least time that the logs must have in common
 _MARGIN = 0.3  # s left out at both ends, because the clocks of the sensors may differ
 
 
-@dataclass(frozen=True)
-class TrackedStates:
-    """States of n joints at F times from inertial sensors alone."""
-
-    mean: FloatArray  # (F, n, 4) angle, rad, velocity, rad/s, acceleration, rad/s², and jerk, rad/s³
-    sd: FloatArray  # (F, n, 3) standard deviations of angle, velocity and acceleration
-    reckoning: Reckoning  # motion before the filter, with biases and clocks
-    level: FloatArray  # (n,) mean specific force out of the plane, m/s²; not zero if a sensor was rotated
-    heading: FloatArray  # (n,) rotation of each sensor about the vertical between start and end, rad
-    heading_sd: FloatArray  # (n,) its standard deviation, rad
-
-
-@dataclass(frozen=True)
-class CalibratedChain:
-    """A chain with its calibrated sensors, and the errors of its states if they are estimated without markers."""
-
-    known: KnownChain
-    errors: FloatArray  # (n, 3) rms errors of angle, rad, velocity, rad/s, and acceleration, rad/s²
-
-
 def calibrate_chain(
     states: States, time: FloatArray, sensors: Mapping[int, SensorSignals], density: FloatArray
-) -> CalibratedChain:
+) -> KnownChain:
     """Calibrate the sensors on a trial with markers, and track the same trial without the markers.
 
     ``states`` are those of the trial with markers; only ``mean``, ``observed`` and ``chain`` are used. ``time`` (F,)
@@ -298,17 +284,22 @@ def calibrate_chain(
         )
     mean, _, _ = _track(DeadReckoning(signals, stamps[inside], known))
     off = mean[..., :3] - states.mean[inside][..., :3]
-    return CalibratedChain(known, np.sqrt(np.nanmean(off**2, axis=0)))
+    return replace(known, errors=np.sqrt(np.nanmean(off**2, axis=0)))
 
 
-def track_without_markers(signals: Sequence[SensorSignals], time: FloatArray, chain: CalibratedChain) -> TrackedStates:
+def track_without_markers(
+    signals: Sequence[SensorSignals], time: FloatArray, chain: KnownChain
+) -> tuple[FloatArray, FloatArray, Reckoning, FloatArray]:
     """Return the states of the joints from ``signals``, those of the sensors on the moving segments 1 … n.
 
-    ``time`` (F,) are uniform times on the first sensor's clock, s.
+    They are the states (F, n, 4), the standard deviations (F, n, 3) of angle, velocity and acceleration, and the motion
+    before the filter, with biases and clocks. The last result (3, n) shows whether the sensors left the plane: mean
+    specific force out of it, m/s², not zero if a sensor was rotated; rotation of each sensor about the vertical between
+    start and end, rad, and its standard deviation. ``time`` (F,) are uniform times on the first sensor's clock, s.
 
     Raise NumericalError if a covariance is not positive definite.
     """
-    problem = DeadReckoning(signals, time, chain.known)
+    problem = DeadReckoning(signals, time, chain)
     mean, sd, reckoning = _track(problem)
     variance = sd[..., :3] ** 2
     variance[..., 2] *= _ACCELERATION_SHARE**2
@@ -316,15 +307,15 @@ def track_without_markers(signals: Sequence[SensorSignals], time: FloatArray, ch
     before = np.concatenate([np.zeros((len(sd), 1)), reckoning.angle_sd[:, :-1]], axis=1)
     lasting[..., 0] += np.hypot(reckoning.angle_sd, before) ** 2
     # out of the plane: mean force, and rotation about the vertical
-    level, heading, heading_sd = np.empty((3, len(signals)))
+    beyond = np.empty((3, len(signals)))
     duration = float(time[-1] - time[0])
-    for k, worn in enumerate(chain.known.sensors):
+    for k, worn in enumerate(chain.sensors):
         gyro, force = problem.prepare(k, float(reckoning.shift[k]))
         upwards = as_xy(1j * np.exp(-1j * reckoning.angle[:, k]))
-        level[k] = np.nanmean(force[:, 2])
-        heading[k] = np.nanmean(np.sum(gyro[:, :2] * upwards, axis=1)) * duration
-        heading_sd[k] = np.hypot(SWITCHED_ON, np.mean(worn.calibration.sd["gyro_bias"])) * duration
-    return TrackedStates(mean, np.sqrt(variance + lasting), reckoning, level, heading, heading_sd)
+        beyond[0, k] = np.nanmean(force[:, 2])
+        beyond[1, k] = np.nanmean(np.sum(gyro[:, :2] * upwards, axis=1)) * duration
+        beyond[2, k] = np.hypot(SWITCHED_ON, np.mean(worn.calibration.sd["gyro_bias"])) * duration
+    return mean, np.sqrt(variance + lasting), reckoning, beyond
 
 
 def _track(reckoned: DeadReckoning) -> tuple[FloatArray, FloatArray, Reckoning]:
@@ -339,9 +330,7 @@ def _track(reckoned: DeadReckoning) -> tuple[FloatArray, FloatArray, Reckoning]:
     problem = FilterProblem(
         observed=np.zeros((frames, 0, 2)),
         dt=float(reckoned.time[1] - reckoned.time[0]),
-        centres=known.centres.copy(),
-        segment=none.astype(np.int64),
-        local=np.zeros((0, 2)),
+        chain=MarkerChain(known.centres.copy(), none.astype(np.int64), np.zeros((0, 2))),
         variance=none,
         gate_variance=none,
         gate=_GATE,
@@ -352,7 +341,6 @@ def _track(reckoned: DeadReckoning) -> tuple[FloatArray, FloatArray, Reckoning]:
             np.zeros(joints.shape, np.bool_),
             np.zeros((frames, 0), np.bool_),
         ),
-        sigma_points=SigmaPoints(),
         inertial=Inertial(
             segment=np.arange(1, n + 1),
             place=np.array([each.calibration.place[:2] for each in known.sensors]),
@@ -382,16 +370,14 @@ _WORSE = 1.5  # times the residual of the markers alone, at which the sensors co
 def smooth_with_sensors(
     observed: FloatArray,
     time: FloatArray,
-    centres: FloatArray,
-    segment: IntArray,
-    local: FloatArray,
+    chain: MarkerChain,
     *,
     sensors: Mapping[int, SensorSignals],
     settings: FilterSettings,
 ) -> tuple[States, dict[int, SensorResult]]:
     """Return the states of every joint from markers and inertial sensors, and the result of each sensor by segment.
 
-    If all sensors are left out, the states come from the markers alone. Markers and chain are as for
+    If all sensors are left out, the states come from the markers alone. The markers are as for
     :func:`mocap_id.estimation.smooth`; ``observed`` is changed in place as with its ``overwrite``. ``time`` (F,) are
     uniform times of the cameras, s. ``sensors`` are numbered by their segment, 0 = base.
 
@@ -399,7 +385,7 @@ def smooth_with_sensors(
     """
     rate = (len(time) - 1) / float(time[-1] - time[0])
     times = time[0] + np.arange(len(time)) / rate
-    trial = StateEstimator(observed, rate, MarkerChain(centres, segment, local), settings)
+    trial = StateEstimator(observed, rate, chain, settings)
     alone = trial.estimate()
     motions = compute_segment_motions(alone, rate)
     results = calibrate_all(sensors, motions, times)
