@@ -1,7 +1,7 @@
-"""States of a planar chain from inertial sensors alone, on the chain of another trial, which has markers.
+"""States of a planar chain from inertial sensors, beside markers, or alone on the chain of another trial.
 
-The trial with markers calibrates the sensors on their segments. Dead reckoning then gives angles, biases and clocks,
-and the filter smooths the corrected signals. The trial with markers is also tracked without its markers; the
+Alone, the trial with markers calibrates the sensors on their segments. Dead reckoning then gives angles, biases and
+clocks, and the filter smooths the corrected signals. The trial with markers is also tracked without its markers; the
 differences give the persistent errors of mounting, chain and skin.
 """
 
@@ -35,6 +35,7 @@ from mocap_id.estimation.filter_problem import (
 )
 from mocap_id.estimation.inertial import (
     GRAVITY,
+    WORSE,
     MotionFromMarkers,
     PreparedSensor,
     SensorCalibration,
@@ -43,6 +44,7 @@ from mocap_id.estimation.inertial import (
     calibrate_all,
     calibrate_sensor,
     find_observed_segments,
+    measure_rms_distance,
     prepare_sensor,
 )
 from mocap_id.estimation.smoothing import FilterSettings, StateEstimator, States
@@ -257,10 +259,8 @@ def calibrate_chain(
     are uniform times of the cameras, s. ``sensors`` has one sensor for each moving segment 1 … n. ``density`` (n,) is
     the spectral density of each joint's snap, rad²/s⁷.
 
-    Raises
-    ------
-    NumericalError
-        A sensor contradicts the markers, the logs have no time in common, or a covariance is not positive definite.
+    NumericalError is raised if a sensor contradicts the markers, the logs have no time in common, or a covariance is
+    not positive definite.
     """
     rate = (len(time) - 1) / float(time[-1] - time[0])
     motions = compute_segment_motions(states, rate)
@@ -364,7 +364,6 @@ _SHARE_SD = 0.05  # standard deviation of the fraction of a joint's rotation tha
 _COVERED, _QUANTILE = 0.95, 1.645  # fraction of intervals whose drift is covered; this quantile in standard deviations
 _SOME = 500  # frames, for the residual
 _NORMAL, _UP = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
-_WORSE = 1.5  # times the residual of the markers alone, at which the sensors contradict them
 
 
 def smooth_with_sensors(
@@ -410,7 +409,11 @@ def smooth_with_sensors(
                 gravity=GRAVITY,
             )
         )
-        if not _measure_residual(both, observed) < _WORSE * _measure_residual(alone, observed):
+        some = slice(None, None, max(1, len(observed) // _SOME))
+        off, usual = (
+            measure_rms_distance(observed[some], each.predicted_in(some), each.used[some]) for each in (both, alone)
+        )
+        if not off < WORSE * usual:
             raise NumericalError("the sensors pull the chain away from the markers")
     except NumericalError as error:
         return alone, {s: replace(each, why=each.why or str(error)) for s, each in results.items()}
@@ -513,10 +516,3 @@ def _measure_drift(left: FloatArray, count: int, dt: float) -> FloatArray:
         sizes.append(float(np.quantile(np.abs(total[lag:] - total[:-lag])[whole], _COVERED)) / _QUANTILE)
     every = np.arange(count + 1)
     return np.asarray(np.interp(every, lags, np.maximum.accumulate(sizes)) * np.maximum(every / max(lags[-1], 1), 1.0))
-
-
-def _measure_residual(states: States, observed: FloatArray) -> float:
-    """Return the rms distance, m, of the used markers from their predicted positions; infinite if none is used."""
-    some = slice(None, None, max(1, len(observed) // _SOME))
-    squares = np.sum((observed[some] - states.predicted_in(some)) ** 2, axis=2)[states.used[some]]
-    return float(np.sqrt(np.nanmean(squares))) if np.isfinite(squares).any() else np.inf

@@ -253,7 +253,7 @@ def estimate_coloured_variance(
     return variance
 
 
-_MISSING_MARKERS_LEAST = 1e-5  # m; least rms displacement
+_LEAST_SLIDE = 1e-5  # m; least rms displacement
 _ENOUGH = 4000  # frames, spread evenly over the trial, from which the rms displacements are estimated
 
 
@@ -276,7 +276,7 @@ def compute_variance_growth(
         known = np.isfinite(off)
         squares += np.where(known, off**2, 0.0).sum(axis=(0, 2))
         count += known.sum(axis=(0, 2))
-    slide = np.asarray(np.maximum(squares / np.maximum(count, 1) - camera**2, _MISSING_MARKERS_LEAST**2))
+    slide = np.asarray(np.maximum(squares / np.maximum(count, 1) - camera**2, _LEAST_SLIDE**2))
     forgotten = compute_forgotten_share(used, frames, rate)
     factor = np.ones((len(frames), angles.shape[1]))
     some = np.flatnonzero(~used[frames][:, often > 0].all(axis=1))
