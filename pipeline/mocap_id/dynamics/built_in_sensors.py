@@ -138,7 +138,8 @@ def combine_with_sensors(
     own = alone.covariance + added
     base, covariance = _combine([(regrouping, alone.base, own), *sensors])
     half = _factorise(covariance)
-    problem = CompressedProblem.of(*(solve_triangular(half, each, lower=True) for each in (np.eye(len(base)), base)))
+    whitened, target = (solve_triangular(half, each, lower=True) for each in (np.eye(len(base)), base))
+    problem = CompressedProblem.of(whitened, target)
     solution = fit_consistent(problem, regrouping, grid=grid, reference=reference, consistency=consistency)
     gain = np.linalg.solve(own, covariance).T  # weight of the ground's values in the result
     return replace(

@@ -107,8 +107,8 @@ def check_optimality(
 ) -> Optimality:
     """Check the optimality conditions of min ‖R [mapping · body; others] - d‖² over bodies in a cone.
 
-    The problem has b + k columns: the parameters to which the ``body`` (v,) maps, then k free parameters with the
-    values ``others`` (k,). The bound ``excess`` of the result is valid for bodies of up to twice the mass.
+    ``others`` (k,) are the free parameters after those of the ``body`` (v,). The bound ``excess`` of the result is
+    valid for bodies of up to twice the mass.
     """
     if not (np.isfinite(body).all() and np.isfinite(others).all()):
         return Optimality(np.inf, np.inf, np.inf, np.inf)
@@ -293,11 +293,10 @@ def solve_links(problem: CompressedProblem, bodies: ConicBodies) -> SolverAnswer
 
 
 def find_closest_links(bodies: ConeBodies, body: FloatArray, aim: FloatArray, scale: FloatArray) -> FloatArray:
-    """Return the links (4(n + 1),) with the base parameters of ``body`` whose full parameters are closest to a target.
+    """Return the links with the base parameters of ``body`` that are closest to ``aim``, in units of ``scale``.
 
-    The target ``aim`` and its standard deviations ``scale`` are full parameters (4(n + 1),). If a link has first
-    moments but no mass, possible links with larger and larger Izz only approach its base parameters, and its Izz is
-    NaN.
+    If a link has first moments but no mass, possible links with larger and larger Izz only approach its base
+    parameters, and its Izz is NaN.
     """
     hollow, least = [], _NO_MASS * bodies.mass(body)
     for link in range(bodies.links):  # links with an unobservable Izz, and with first moments but no mass
@@ -473,9 +472,8 @@ def run_osqp(
 ) -> tuple[FloatArray, str, int]:
     """Minimise ‖y - target‖² over ρ ≥ least and y = mapped · ρ with one run of OSQP, scaled to order one.
 
-    ``mapped`` (b, p) is R B from masses to the right-hand side ``target`` (b,), and ``least`` (p,) are the lower bounds
-    of the masses, kg. OSQP's tolerances are ``accuracy``, relative to the target. Return ρ (p,), OSQP's status text and
-    the number of iterations. ρ meets its bounds within OSQP's tolerance, and is zero if OSQP finds no solution.
+    Return ρ (p,), kg, within OSQP's tolerances, ``accuracy`` relative to the target, or zero without a solution; OSQP's
+    status text; and the number of iterations.
     """
     import osqp  # noqa: PLC0415  rarely needed
 

@@ -233,10 +233,9 @@ def predict_left_out(
 ) -> LeftOutPrediction | None:
     """Predict every part of a trial with a model that was fitted to the other parts.
 
-    ``part`` (T,) is from :func:`mocap_id.dynamics.fit.number_parts`; ``result`` is the whole fit, whose weights are
-    used. ``solve`` returns the consistent parameters (b + k,) of a compressed problem. A part is not predicted if the
-    other parts do not determine the parameters. The result is None if no part is predicted, for example because there
-    is only one.
+    ``part`` (T,) is from :func:`~mocap_id.dynamics.fit.number_parts`; the weights are those of the whole fit,
+    ``result``. ``solve`` returns the consistent parameters (b + k,) of a compressed problem. A part is not predicted if
+    the others do not determine the parameters. The result is None if no part is predicted, for example of only one.
     """
     used = np.stack([select_samples(prepared, gate & (part != k)) for k in range(int(part.max()) + 1)])  # (K, T)
     # rows of the fit: columns of the design, then the target; a prior has the same weight in every fold

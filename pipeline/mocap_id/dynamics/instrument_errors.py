@@ -170,9 +170,8 @@ def correlate_errors(
 ) -> FloatArray:
     """Return the correlation (T, n, n) of the errors of the joint accelerations in every posture.
 
-    ``segment`` (M,) and ``local`` (M, 2) are the segment of each marker and its position in the segment's frame, m.
-    ``snap`` (n,) are the relative standard deviations of the joints' process noise. Samples with a missing angle are
-    NaN.
+    ``segment`` (M,) and ``local`` (M, 2), m, locate the markers; ``snap`` (n,) are the relative standard deviations of
+    the joints' process noise. Samples with a missing angle are NaN.
     """
     correlation = np.full((*q.shape, q.shape[1]), np.nan)
     known = np.isfinite(q).all(axis=1)
@@ -254,8 +253,7 @@ def propagate_to_torques(
 ) -> FloatArray:
     """Return the variance (T, n) of the joint torques from all modes, (N·m)²; NaN where a state is missing.
 
-    In each mode, the errors of the states and of the parameters, ``response`` (b, S), are correlated and largely
-    cancel.
+    In a mode, the errors of the states and of the parameters, ``response`` (b, S), are correlated and largely cancel.
     """
     recorded, kept, full = prepared.recorded, prepared.base.kept, prepared.base.expand(base)
     valid = np.flatnonzero(find_complete_rows(prepared.regressor))
@@ -311,8 +309,8 @@ _POSE_STEP = 1e-4  # m, rad: step of numerical derivatives
 def propagate_slides(local: FloatArray, variance: FloatArray) -> FloatArray:
     """Return the covariance (3, 3) of the error of a body's pose in x, y (body's frame, m) and angle (rad).
 
-    ``local`` (m, 2) are the markers in the body's frame, m, and ``variance`` (m,) are those of each marker's slide, per
-    coordinate, m², for one standard deviation of the joint angle to which the slides are proportional.
+    ``variance`` (m,) are those of each marker's slide, per coordinate, m², for one standard deviation of the joint
+    angle to which the slides are proportional.
     """
     arm = local - local.mean(axis=0)
     count, spread = len(local), float(np.sum(arm**2))

@@ -118,12 +118,12 @@ def estimate_chain_noise(
 ) -> PredictionNoise:
     """Return the errors of the wrench and torques of a pinned chain, due to accelerations and geometry.
 
-    The standard deviations of the accelerations determine how the noise varies over time, and ``correlation`` (T, n, n)
-    how it is correlated between the joints. The plate determines the magnitude of the noise
-    (:mod:`mocap_id.dynamics.instrument_errors`) and the part of the wrench's error that is independent of the
-    accelerations. The noise of the torques is scaled like that of tauz, because torques are moments. Errors of the
-    geometry are added only to the torques: for the wrench, the fitted parameters compensate these errors. ``centre_sd``
-    (n,), m, are the standard deviations of the centres of joints that may not be perfect pins.
+    The standard deviations of the accelerations and their ``correlation`` (T, n, n) give the course of the noise. The
+    plate gives its magnitude (:func:`~mocap_id.dynamics.instrument_errors.estimate_model_error`) and the part of the
+    wrench's error that is independent of the accelerations. The noise of the torques is scaled like that of tauz,
+    because torques are moments. Errors of the geometry are added only to the torques: for the wrench, the fitted
+    parameters compensate these errors. ``centre_sd`` (n,), m, are the standard deviations of the centres of joints that
+    may not be perfect pins.
     """
     recorded, base = prepared.recorded, result.base
     needed = np.where(_find_determined(prepared.regressor, prepared)[:, None], prepared.rows, np.nan) @ base

@@ -159,10 +159,7 @@ _NO_SENSORS = Inertial(
 
 
 def filter_forwards(problem: FilterProblem) -> Track:
-    """Run the filter over all frames, and return the filtered states.
-
-    Raise NumericalError if a covariance is not positive definite.
-    """
+    """Return the filtered states of all frames; NumericalError if a covariance is not positive definite."""
     frames, markers = problem.observed.shape[:2]
     n = problem.joints
     outputs = (
@@ -172,8 +169,13 @@ def filter_forwards(problem: FilterProblem) -> Track:
         np.zeros((frames, n), dtype=np.bool_),
     )
     anchors = problem.anchors
-    given = (problem.observed, anchors.angles, anchors.covariance, anchors.observed, anchors.used)
-    measured = Measurements(*(np.ascontiguousarray(each) for each in given))
+    measured = Measurements(
+        np.ascontiguousarray(problem.observed),
+        np.ascontiguousarray(anchors.angles),
+        np.ascontiguousarray(anchors.covariance),
+        np.ascontiguousarray(anchors.observed),
+        np.ascontiguousarray(anchors.used),
+    )
     failed, log_likelihood = run_filter(_make_model(problem), measured, problem.inertial or _NO_SENSORS, *outputs)
     if failed >= 0:
         raise NumericalError(f"the filter's covariance is not positive definite at sample {failed} of {frames}")
@@ -181,10 +183,7 @@ def filter_forwards(problem: FilterProblem) -> Track:
 
 
 def smooth_backwards(problem: FilterProblem, track: Track) -> Track:
-    """Run the Rauch–Tung–Striebel smoother over a filtered track, and return this track with its arrays overwritten.
-
-    Raise NumericalError if a predicted covariance is not positive definite.
-    """
+    """Return a filtered track with its arrays overwritten by the Rauch–Tung–Striebel smoother; errors as above."""
     failed = run_smoother(_make_model(problem), track.restarted, track.mean, track.covariance)
     if failed >= 0:
         raise NumericalError(f"the smoother's covariance is not positive definite at sample {failed}")

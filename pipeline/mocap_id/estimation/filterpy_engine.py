@@ -29,10 +29,7 @@ from mocap_id.geometry.planar import marker_positions
 
 
 def filter_slowly(problem: FilterProblem) -> Track:
-    """Run the filter over all frames, and return the filtered states.
-
-    Raise NumericalError if a covariance is not positive definite.
-    """
+    """Return the filtered states of all frames; NumericalError if a covariance is not positive definite."""
     frames, markers = problem.observed.shape[:2]
     n = problem.joints
     mean, covariance = np.empty((frames, 4 * n)), np.empty((frames, 4 * n, 4 * n))

@@ -262,9 +262,8 @@ def compute_variance_growth(
 ) -> FloatArray:
     """Return the factor (T, n), at least 1, by which missing markers increase the variance of errors from skin.
 
-    It is 1 where the markers do not determine an angle, because the filter's own variance covers this case.
-    ``used_markers`` (F, M, 2) are the markers used for the states, plane frame, m, otherwise NaN; ``angles`` (F, n)
-    have no gaps, rad; ``frames`` (T,) are the frames of the factor; ``camera`` is the camera noise of a coordinate, m.
+    It is 1 where the markers do not determine an angle, because the filter's own variance covers this case. The
+    arguments are as for :func:`estimate_coloured_variance`.
     """
     used, chain = states.used, states.chain
     often = used.mean(axis=0)
@@ -329,9 +328,8 @@ _TWICE = _WITHHELD - 1 + (2 - _WITHHELD) * (3 - _WITHHELD) / 6
 def estimate_camera_sd(used_markers: FloatArray, states: States, floor: float) -> float:
     """Return the standard deviation, m, of the markers' white noise, between ``floor`` and the filter's marker noise.
 
-    It is estimated from second differences of the residuals, which remove lasting errors. If no marker is used in three
-    successive frames, the filter's marker noise is returned. ``used_markers`` (F, M, 2) are the markers used for the
-    states, plane frame, m; NaN elsewhere.
+    It is estimated from second differences of the residuals, which remove lasting errors; it is the filter's marker
+    noise if no marker is used in three successive frames.
     """
     squares, count = 0.0, 0
     for s in chunks(len(used_markers)):

@@ -96,13 +96,11 @@ def smooth(
     settings: FilterSettings | None = None,
     overwrite: bool = False,
 ) -> States:
-    """Return the states of every joint at every frame, estimated from markers.
+    """Return the states of every joint at every frame; NumericalError if a covariance is not positive definite.
 
     ``observed`` (F, M, 2) are the measured markers in the plane frame, m, NaN where missing; ``rate`` is in frames per
     second. Markers of the base are predicted but not used. With ``overwrite``, ``observed`` may be changed, which saves
     a copy: in frames with missing markers, :func:`compensate_dropouts` moves the other markers.
-
-    Raise NumericalError if a covariance is not positive definite.
     """
     markers = observed if overwrite else observed.copy()
     return StateEstimator(markers, rate, chain, settings or FilterSettings()).estimate()
@@ -139,11 +137,7 @@ class StateEstimator:
         )
 
     def estimate(self, inertial: Inertial | None = None) -> States:
-        """Return the states from the markers, and from inertial sensors if given.
-
-        Sensors need the method ``rts`` and the compiled engine. Raise NumericalError if a covariance is not positive
-        definite.
-        """
+        """Return the states from the markers, and from inertial sensors, which need ``rts`` and the compiled engine."""
         settings, problem = self.settings, replace(self.problem, inertial=inertial)
         if settings.method in FRAMEWISE:
             if settings.method == "butterworth":
@@ -217,9 +211,8 @@ def compensate_dropouts(
 ) -> FrameAngles:
     """Return the angles of the frames as if the missing markers were still used.
 
-    ``observed`` (F, M, 2) are the markers of the moving segments, plane frame, m; NaN where missing. They are changed
-    in place: the visible markers move with their segments by the correction of the angles. ``marker_sd`` is the marker
-    noise, m, and ``rate`` the number of frames per second.
+    ``observed`` (F, M, 2), the markers of the moving segments, are changed in place: the visible markers move with
+    their segments by the correction of the angles. ``marker_sd`` is the marker noise, m.
     """
     anchors = frames.anchors(marker_sd)
     some = np.flatnonzero(~frames.used.all(axis=1) & anchors.observed.any(axis=1))
@@ -290,8 +283,7 @@ def compute_forgotten_share(used: BoolArray, frames: IntArray, rate: float) -> F
     """Return the fraction (T, M) of the variance of each marker's displacement that is unknown in ``frames`` (T,).
 
     The displacement is a first-order Markov process between the known values beside a gap. The fraction is 0 where the
-    marker is used, and 1 if the marker is never used. ``used`` (F, M) marks the used markers; ``rate`` is in frames per
-    second.
+    marker is ``used`` (F, M), and 1 if it is never used.
     """
     unknown = np.zeros((len(frames), used.shape[1]))
     for marker in range(used.shape[1]):

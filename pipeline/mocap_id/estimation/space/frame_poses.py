@@ -247,8 +247,8 @@ def find_frame_poses(
 ) -> FramePoses:
     """Return the poses of all frames, found one after the other from the most complete frame to both ends.
 
-    ``points`` (F, M, 3) are the markers, m; NaN where missing. ``sd`` (M,) is the standard deviation of each marker's
-    errors, m, ``rate`` the number of frames per second, and ``gate`` the limit of a residual in standard deviations.
+    ``sd`` (M,) is the standard deviation of each marker's errors, m, and ``gate`` the limit of a residual in standard
+    deviations.
     """
     ready = find_visible_clusters(chain, points)
     best = int(np.argmax(ready.sum(axis=1)))
