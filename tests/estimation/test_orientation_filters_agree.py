@@ -43,7 +43,7 @@ def test_the_tilt_is_at_least_as_accurate_as_that_of_vqf() -> None:
         log = vqf.VQF(0.01).updateBatch(np.ascontiguousarray(each.gyro), np.ascontiguousarray(each.acc))
         w, x, y, z = log["quat6D"].T
         up = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x**2 + y**2)], axis=1)
-        in_segment = up @ known.sensors[s - 1].calibration.mount.T
+        in_segment = up @ known.calibrations[s - 1].mount.T
         stamps = time - offsets[0] + offsets[s - 1]
         tilt = np.unwrap(np.arctan2(in_segment[:, 0], in_segment[:, 1]))
         theirs[:, s - 1] = np.interp(2 * time - stamps, each.time, tilt)

@@ -70,7 +70,8 @@ class KnownChain:
     """A chain of n joints and the sensors on it, from a trial with markers."""
 
     centres: FloatArray  # (n, 2) joint centres in the frame of the segment before, m
-    sensors: tuple[WornSensor, ...]  # n sensors, one on each moving segment
+    calibrations: tuple[SensorCalibration, ...]  # of n sensors, one on each moving segment
+    share: FloatArray  # (n, n) fraction of each joint's rotation (column) that the skin under each sensor follows
     rest: FloatArray  # (n,) joint angles at which the skin under the sensors is not rotated, rad
     density: FloatArray  # (n,) spectral density of each joint's snap, rad²/s⁷
     # (n, 3) rms errors of angle, rad, velocity, rad/s, and acceleration, rad/s², if they are estimated without markers
@@ -108,10 +109,9 @@ class DeadReckoning:
         count = int(np.clip(1 + round((time[-1] - time[0]) / _KNOT), 2, _MOST_KNOTS))
         self._knots = np.linspace(time[0], time[-1], count)
         self._links = as_complex(chain.centres)
-        self._place = np.array([complex(*each.calibration.place[:2]) for each in chain.sensors])
-        share = np.array([each.share for each in chain.sensors])
-        self._skin = share @ (np.eye(n) - np.eye(n, k=-1))  # for the angles of the segments, not of the joints
-        self._resting = share @ chain.rest
+        self._place = np.array([complex(*each.place[:2]) for each in chain.calibrations])
+        self._skin = chain.share @ (np.eye(n) - np.eye(n, k=-1))  # for the angles of the segments, not of the joints
+        self._resting = chain.share @ chain.rest
         self._to_segments = np.linalg.inv(np.eye(n) + self._skin)
         self._half = int(np.ceil(3 * _SMOOTHED / self._dt))
         window = np.exp(-0.5 * (np.arange(-self._half, self._half + 1) * self._dt / _SMOOTHED) ** 2)
@@ -137,7 +137,7 @@ class DeadReckoning:
         """
         still, none = np.zeros(len(self.time)), np.zeros((len(self.time), 3))
         motion = MotionFromMarkers(none, none, none, still, still, np.array([0.0, 1.0, 0.0]))
-        found = self.chain.sensors[k].calibration
+        found = self.chain.calibrations[k]
         found = replace(found, clock=replace(found.clock, offset=-shift, drift=0.0))
         prepared = prepare_sensor(self._signals[k], found, motion, self.time, still == 0.0, SHARES)
         return prepared.gyro, prepared.force
@@ -165,8 +165,7 @@ class DeadReckoning:
         unknowns[self._at[0]] = start
 
         # Gauss–Newton
-        calibrations = [each.calibration for each in self.chain.sensors]
-        spread = np.array([each.residual[1] * np.sqrt(each.correlated[1]) for each in calibrations])
+        spread = np.array([each.residual[1] * np.sqrt(each.correlated[1]) for each in self.chain.calibrations])
         spread *= len(self.time) ** -0.5 * len(self._some) ** 0.5  # thinned samples are less correlated
         for _ in range(_ROUNDS):
             off = self._residual(unknowns)
@@ -265,16 +264,18 @@ def calibrate_chain(
     rate = (len(time) - 1) / float(time[-1] - time[0])
     motions = compute_segment_motions(states, rate)
     results = calibrate_all(sensors, motions, time)
-    worn = []
+    calibrations, shares = [], []
     for s in range(1, len(motions)):
         result = results[s]
         if result.used is None:
             raise NumericalError(f"segment {s}: {result.why}")
-        worn.append(calibrate_worn_sensor(sensors[s], s, result.used, motions[s], states, time))
+        found, share, _, _ = calibrate_worn_sensor(sensors[s], s, result.used, motions[s], states, time)
+        calibrations.append(found)
+        shares.append(share)
     rest = np.nanmean(states.mean[..., 0], axis=0)
-    known = KnownChain(states.chain.centres, tuple(worn), rest, density)
+    known = KnownChain(states.chain.centres, tuple(calibrations), np.array(shares), rest, density)
     signals = [sensors[s] for s in range(1, len(motions))]
-    stamps = worn[0].calibration.clock.stamps(time)
+    stamps = calibrations[0].clock.stamps(time)
     first, last = max(each.time[0] for each in signals), min(each.time[-1] for each in signals)
     inside = np.flatnonzero((stamps > first + _MARGIN) & (stamps < last - _MARGIN))
     if len(inside) < _LEAST * rate:
@@ -309,12 +310,12 @@ def track_without_markers(
     # out of the plane: mean force, and rotation about the vertical
     beyond = np.empty((3, len(signals)))
     duration = float(time[-1] - time[0])
-    for k, worn in enumerate(chain.sensors):
+    for k, found in enumerate(chain.calibrations):
         gyro, force = problem.prepare(k, float(reckoning.shift[k]))
         upwards = as_xy(1j * np.exp(-1j * reckoning.angle[:, k]))
         beyond[0, k] = np.nanmean(force[:, 2])
         beyond[1, k] = np.nanmean(np.sum(gyro[:, :2] * upwards, axis=1)) * duration
-        beyond[2, k] = np.hypot(SWITCHED_ON, np.mean(worn.calibration.sd["gyro_bias"])) * duration
+        beyond[2, k] = np.hypot(SWITCHED_ON, np.mean(found.sd["gyro_bias"])) * duration
     return mean, np.sqrt(variance + lasting), reckoning, beyond
 
 
@@ -322,7 +323,7 @@ def _track(reckoned: DeadReckoning) -> tuple[FloatArray, FloatArray, Reckoning]:
     """Return the filter's states (F, n, 4), their standard deviations (F, n, 4), and the motion before the filter."""
     reckoning, known = reckoned.solve(), reckoned.chain
     gyro, force = reckoned.sample(tuple(reckoning.shift))
-    residual = np.array([each.calibration.residual for each in known.sensors])
+    residual = np.array([each.residual for each in known.calibrations])
     residual[:, 1] = np.fmax(residual[:, 1], reckoning.residual)
     joints = np.diff(reckoning.angle, axis=1, prepend=0.0)
     frames, n = joints.shape
@@ -343,8 +344,8 @@ def _track(reckoned: DeadReckoning) -> tuple[FloatArray, FloatArray, Reckoning]:
         ),
         inertial=Inertial(
             segment=np.arange(1, n + 1),
-            place=np.array([each.calibration.place[:2] for each in known.sensors]),
-            share=np.array([each.share for each in known.sensors]),
+            place=np.array([each.place[:2] for each in known.calibrations]),
+            share=known.share,
             rest=known.rest,
             signal=np.concatenate(
                 [(gyro - reckoning.gyro_bias)[..., None], as_xy(force) - reckoning.force_bias], axis=2
@@ -395,14 +396,14 @@ def smooth_with_sensors(
     }
     if not worn:
         return alone, results
-    results |= {s: replace(results[s], calibration=each.calibration) for s, each in worn.items()}
+    results |= {s: replace(results[s], calibration=found) for s, (found, *_) in worn.items()}
     try:
-        ready = [each.prepared for each in worn.values()]
+        calibrations, shares, ready, _ = zip(*worn.values(), strict=True)
         both = trial.estimate(
             Inertial(
                 segment=np.array(list(worn), dtype=np.int64),
-                place=np.array([each.calibration.place[:2] for each in worn.values()]),
-                share=np.array([each.share for each in worn.values()]),
+                place=np.array([each.place[:2] for each in calibrations]),
+                share=np.array(shares),
                 rest=np.nanmean(alone.mean[..., 0], axis=0),
                 signal=np.stack([np.column_stack([each.gyro[:, 2], each.force[:, :2]]) for each in ready], axis=1),
                 variance=np.stack([each.variance for each in ready], axis=1),
@@ -420,7 +421,7 @@ def smooth_with_sensors(
     # in gaps, the standard deviations increase by the drift of the angles from the sensors
     sd, gaps = both.sd.copy(), [find_runs(~each) for each in both.observed.T]
     longest = max((run.stop - run.start for runs in gaps for run in runs), default=0)
-    drifts = {s: _measure_drift(each.left, longest, 1.0 / rate) ** 2 for s, each in worn.items()} if longest else {}
+    drifts = {s: _measure_drift(left, longest, 1.0 / rate) ** 2 for s, (*_, left) in worn.items()} if longest else {}
     for j, runs in enumerate(gaps):
         own = [drifts[s] for s in (j, j + 1) if s in drifts]
         for run in runs:
@@ -456,16 +457,6 @@ def _find_determined(states: States) -> BoolArray:
     return np.concatenate([np.ones((len(known), 1), dtype=np.bool_), known], axis=1)
 
 
-@dataclass(frozen=True)
-class WornSensor:
-    """A sensor on skin that follows the rotations of the joints beside it in part."""
-
-    calibration: SensorCalibration
-    prepared: PreparedSensor
-    share: FloatArray  # (n,) fraction of each joint's rotation that the skin follows
-    left: FloatArray  # (F,) angular velocity of the sensor minus that of the skin from the markers, rad/s
-
-
 def calibrate_worn_sensor(  # noqa: PLR0917
     signals: SensorSignals,
     s: int,
@@ -473,10 +464,12 @@ def calibrate_worn_sensor(  # noqa: PLR0917
     motion: MotionFromMarkers,
     states: States,
     time: FloatArray,
-) -> WornSensor:
+) -> tuple[SensorCalibration, FloatArray, PreparedSensor, FloatArray]:
     """Estimate how far the skin under a sensor follows the joints beside it, and calibrate the sensor again with this.
 
-    ``s`` is the segment, ``found`` the first calibration, and ``motion`` the motion of the segment from markers.
+    ``s`` is the segment, ``found`` the first calibration, and ``motion`` the motion of the segment from markers. Return
+    the new calibration, the fraction (n,) of each joint's rotation that the skin follows, the signals of the sensor,
+    and its angular velocity (F,) minus that of the skin from the markers, rad/s.
     """
     seen, rest = _find_determined(states)[:, s], np.nanmean(states.mean[..., 0], axis=0)
     first = prepare_sensor(signals, found, motion, time, seen, SHARES)
@@ -498,7 +491,7 @@ def calibrate_worn_sensor(  # noqa: PLR0917
     clock = replace(found.clock, sd=np.inf) if found.clock.observable else found.clock
     again = calibrate_sensor(signals, skin, time, clock, follows=False, start=replace(found, lag=0.0)) or found
     prepared = prepare_sensor(signals, again, skin, time, seen, SHARES)
-    return WornSensor(again, prepared, share, prepared.gyro[:, 2] - skin.omega[:, 2])
+    return again, share, prepared, prepared.gyro[:, 2] - skin.omega[:, 2]
 
 
 def _measure_drift(left: FloatArray, count: int, dt: float) -> FloatArray:

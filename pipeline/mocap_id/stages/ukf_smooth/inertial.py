@@ -216,7 +216,7 @@ def states_of_sensors(context: Context) -> Outputs:
     imus: dict[str, dict[str, Any]] = {}
     for k, segment in enumerate(names):
         # clock relative to the first sensor, biases in this trial and mounting of the sensor
-        found = chain.sensors[k].calibration
+        found = chain.calibrations[k]
         normal = found.mount.T @ [0.0, 0.0, 1.0]
         in_plane = np.sqrt(1.0 - normal**2)
         gyro_sd = np.hypot(normal * reckoned.gyro_bias_sd[:, k].mean(), in_plane * SWITCHED_ON)
