@@ -19,8 +19,8 @@ from harness import format_table, make_parser, publish
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.estimation import filter_problem, filterpy_engine, smooth
-from mocap_id.estimation.filter_problem import FilterProblem, SigmaPoints, Track
-from mocap_id.estimation.noise import MarkerChain, find_frame_angles
+from mocap_id.estimation.filter_problem import FilterProblem, MarkerChain, Track
+from mocap_id.estimation.noise import find_frame_angles
 from mocap_id.geometry.planar import marker_positions
 
 RATE, NOISE = 480.0, 1e-3
@@ -34,7 +34,7 @@ from filter import make_recording
 from mocap_id.estimation import smooth
 chain, markers = make_recording(100, 3)
 start = perf_counter()
-smooth(markers, 480.0, chain.centres, chain.segment, chain.local)
+smooth(markers, 480.0, chain)
 print(perf_counter() - start)
 """
 
@@ -59,15 +59,12 @@ def make_problem(
     return FilterProblem(
         observed=markers,
         dt=1.0 / rate,
-        centres=chain.centres,
-        segment=chain.segment,
-        local=chain.local,
+        chain=chain,
         variance=variance,
         gate_variance=variance,
         gate=gate,
         density=np.full(len(chain.centres), 1e3**2 / rate),
         anchors=find_frame_angles(markers, chain, 8.0, 5e-5).anchors(sd),
-        sigma_points=SigmaPoints(),
     )
 
 
@@ -101,7 +98,7 @@ def time_whole(frames: int) -> float:
     """Return the seconds from markers to states, including the noise estimate."""
     chain, markers = make_recording(frames, PER_SEGMENT)
     start = perf_counter()
-    smooth(markers, RATE, chain.centres, chain.segment, chain.local)
+    smooth(markers, RATE, chain)
     return perf_counter() - start
 
 

@@ -30,8 +30,8 @@ from scipy.optimize import minimize_scalar
 
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation import FilterSettings, filter_problem, smooth
-from mocap_id.estimation.filter_problem import FilterProblem
-from mocap_id.estimation.noise import MarkerChain, estimate_marker_noise, find_frame_angles
+from mocap_id.estimation.filter_problem import FilterProblem, MarkerChain
+from mocap_id.estimation.noise import estimate_marker_noise, find_frame_angles
 from mocap_id.kinematics.bundle import fit_chain, frames_along_motion
 from mocap_id.kinematics.chain_fit import orient_frames
 from mocap_id_simulation import Options, generate
@@ -130,8 +130,8 @@ def compute_errors(moving: Moving, states: FloatArray, seconds: float) -> Scored
 
 def measure_method(moving: Moving, settings: FilterSettings) -> Scored:
     """Return the errors of one of the program's methods."""
-    chain, start = moving.chain, perf_counter()
-    states = smooth(moving.points, moving.rate, chain.centres, chain.segment, chain.local, settings=settings)
+    start = perf_counter()
+    states = smooth(moving.points, moving.rate, moving.chain, settings=settings)
     return compute_errors(moving, states.mean, perf_counter() - start)
 
 

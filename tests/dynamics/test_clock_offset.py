@@ -82,7 +82,7 @@ def test_interpolation_keeps_gaps_open() -> None:
     time = np.arange(0, 2, 0.01)
     values = np.column_stack([np.sin(time), np.cos(time)])
     values[80:90] = np.nan
-    sampled = SampledWrench.of(time, values)
+    sampled = SampledWrench(time, values)
     between = np.array([0.505, 0.85, 1.503, 2.5])
     found = sampled(between)
     np.testing.assert_allclose(found[[0, 2]], np.column_stack([np.sin(between), np.cos(between)])[[0, 2]], atol=1e-7)
@@ -95,7 +95,7 @@ def test_profile_needs_no_good_start() -> None:
     time = np.arange(0, 10, 0.01)
     wave = np.sin(2 * np.pi * 8 * time) * np.exp(-(((time - 5) / 0.8) ** 2))
     regressor = wave[:, None, None]
-    sampled = SampledWrench.of(time, np.interp(time + 0.09, time, wave)[:, None])
+    sampled = SampledWrench(time, np.interp(time + 0.09, time, wave)[:, None])
     inner = slice(100, -100)
     found, at_edge = profile_offset(regressor[inner], sampled, time[inner], np.ones(1), 0.15)
     assert found == pytest.approx(0.09, abs=2e-3)

@@ -39,18 +39,18 @@ def bowl(best: Cutoffs) -> tuple[list[Cutoffs], object]:
 @pytest.mark.parametrize("best", list(itertools.product((2.5, 4.0, 8.0), repeat=3)))
 def test_the_least_of_a_convex_cost_is_found(best: Cutoffs) -> None:
     asked, predicted = bowl(best)
-    chosen = choose_cutoffs(predicted)  # type: ignore[arg-type]
-    assert chosen.bands == best
-    assert chosen.cost == pytest.approx(np.log(15.0), abs=1e-6)
-    assert "best" in chosen.why
+    bands, why, cost = choose_cutoffs(predicted)  # type: ignore[arg-type]
+    assert bands == best
+    assert cost == pytest.approx(np.log(15.0), abs=1e-6)
+    assert "best" in why
     assert len(asked) == len(set(asked))  # none is tried twice
     assert asked[0] == USUAL
 
 
 def test_what_hardly_matters_leaves_the_usual_cut_offs() -> None:
     better = {(2.5, 5.0, 4.0): 0.9995, (3.0, 6.0, 4.0): 0.9995}
-    chosen = choose_cutoffs(lambda bands: held(np.array([5.0 * better.get(bands, 1.0), 3.0, 1.0])))
-    assert chosen.bands == USUAL
+    chosen, _, _ = choose_cutoffs(lambda bands: held(np.array([5.0 * better.get(bands, 1.0), 3.0, 1.0])))
+    assert chosen == USUAL
 
 
 def test_without_predictions_the_usual_ones_are_taken() -> None:
@@ -59,17 +59,17 @@ def test_without_predictions_the_usual_ones_are_taken() -> None:
     def nothing(bands: Cutoffs) -> None:
         asked.append(bands)
 
-    chosen = choose_cutoffs(nothing)
+    chosen, why, cost = choose_cutoffs(nothing)
     assert asked == [USUAL]
-    assert chosen.bands == USUAL
-    assert chosen.cost == np.inf
-    assert "no repetition" in chosen.why
+    assert chosen == USUAL
+    assert cost == np.inf
+    assert "no repetition" in why
 
 
 def test_cut_offs_without_predictions_are_not_better() -> None:
-    chosen = choose_cutoffs(lambda bands: held(np.ones(3)) if bands == USUAL else None)
-    assert chosen.bands == USUAL
-    assert np.isfinite(chosen.cost)
+    chosen, _, cost = choose_cutoffs(lambda bands: held(np.ones(3)) if bands == USUAL else None)
+    assert chosen == USUAL
+    assert np.isfinite(cost)
 
 
 def test_the_cost_is_the_sum_of_the_logarithms_of_the_rms_errors() -> None:

@@ -65,7 +65,7 @@ def test_an_error_does_what_a_fit_to_poses_with_it_shows(body: int, joint: int, 
     size = np.array([0.001, 0.001, 0.004])[axis]
     variance = np.diag(np.eye(3)[axis] * size**2)
     sliding = tuple((variance, (joint,)) if k == body else STILL for k in range(5))
-    effect = propagate_pose_errors(prepared, found, BODIES.ravel(), poses, sliding=sliding, bands=BANDS)
+    modes, torque = propagate_pose_errors(prepared, found, BODIES.ravel(), poses, sliding=sliding, bands=BANDS)
     angle = prepared.recorded.q[:, joint]
     own = angle[found.in_fit]
     shape, small = (angle - own.mean()) / own.std(), 0.05
@@ -73,13 +73,13 @@ def test_an_error_does_what_a_fit_to_poses_with_it_shows(body: int, joint: int, 
     after = [refitted(each, found) for each in both]
     moved = (after[0] - after[1]) / (2 * small)
     sd = np.sqrt(np.diag(found.covariance))
-    said = effect.parameters[:, np.argmax(np.abs(effect.parameters).max(axis=0))]  # the one mode that is not zero
+    said = modes[:, np.argmax(np.abs(modes).max(axis=0))]  # the one mode that is not zero
     said = said * np.sign(said @ (moved / sd**2))
     np.testing.assert_allclose(said / sd, moved / sd, atol=0.05 * np.abs(moved / sd).max())
     joint_centres = prepared.motion.joint  # their errors are counted elsewhere
     felt = torques(both[0], after[0][:20], joint_centres) - torques(both[1], after[1][:20], joint_centres)
     felt = felt / (2 * small)
-    size_of = np.sqrt(effect.torque)
+    size_of = np.sqrt(torque)
     np.testing.assert_allclose(size_of[INNER], np.abs(felt)[INNER], atol=0.06 * np.abs(felt[INNER]).max())
 
 
@@ -94,8 +94,8 @@ def test_modes_of_all_bodies_and_joints_add_up() -> None:
 
     def effect(body: int, matrix: np.ndarray, joints: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
         sliding = tuple((matrix, joints) if k == body else STILL for k in range(5))
-        one = propagate_pose_errors(prepared, found, full, poses, sliding=sliding, bands=BANDS)
-        return one.parameters @ one.parameters.T, one.torque
+        modes, torque = propagate_pose_errors(prepared, found, full, poses, sliding=sliding, bands=BANDS)
+        return modes @ modes.T, torque
 
     whole, torque = effect(2, covariance, (1, 2))
     parts = [effect(2, covariance / 2, (joint,)) for joint in (1, 2)]
@@ -111,9 +111,9 @@ def test_poses_without_errors_leave_everything_as_it_is() -> None:
     poses = poses_of(TIME, moving(TIME))
     prepared = made(poses)
     found = fit(prepared, EVERYTHING)
-    effect = propagate_pose_errors(prepared, found, BODIES.ravel(), poses, sliding=(STILL,) * 5, bands=BANDS)
-    assert effect.parameters.shape == (22, 0)
-    assert (effect.torque == 0.0).all()
+    modes, torque = propagate_pose_errors(prepared, found, BODIES.ravel(), poses, sliding=(STILL,) * 5, bands=BANDS)
+    assert modes.shape == (22, 0)
+    assert (torque == 0.0).all()
 
 
 def test_sliding_markers_move_the_pose_as_rigid_fits_say() -> None:

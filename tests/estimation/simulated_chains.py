@@ -8,8 +8,8 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.estimation import FilterSettings, States, smooth
-from mocap_id.estimation.filter_problem import FilterProblem, SigmaPoints
-from mocap_id.estimation.noise import MarkerChain, find_frame_angles
+from mocap_id.estimation.filter_problem import FilterProblem, MarkerChain
+from mocap_id.estimation.noise import find_frame_angles
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.store import LongTable
 from mocap_id.store.provenance import PLANAR
@@ -26,30 +26,30 @@ class Moving:
     segment: IntArray
     local: FloatArray
 
+    @property
+    def chain(self) -> MarkerChain:
+        return MarkerChain(self.centres, self.segment, self.local)
+
     def smoothed(self, **settings: object) -> States:
         return self.smoothed_from(self.markers, **settings)
 
     def smoothed_from(self, markers: FloatArray, **settings: object) -> States:
         given = FilterSettings(**settings)  # type: ignore[arg-type]
-        return smooth(markers, self.rate, self.centres, self.segment, self.local, settings=given)
+        return smooth(markers, self.rate, self.chain, settings=given)
 
-    def problem(self, *, marker_sd: float, sigma_v: float, gate: float = 5.0, **points: float) -> FilterProblem:
+    def problem(self, *, marker_sd: float, sigma_v: float, gate: float = 5.0) -> FilterProblem:
         """Return the engine's input as built by :func:`smooth`."""
-        chain = MarkerChain(self.centres, self.segment, self.local)
-        frames = find_frame_angles(self.markers, chain, gate, 5e-5)
+        frames = find_frame_angles(self.markers, self.chain, gate, 5e-5)
         variance = np.full(len(self.segment), marker_sd**2)
         return FilterProblem(
             observed=self.markers,
             dt=1.0 / self.rate,
-            centres=self.centres,
-            segment=self.segment,
-            local=self.local,
+            chain=self.chain,
             variance=variance,
             gate_variance=np.fmax(variance, frames.scale**2),
             gate=gate,
             density=np.full(len(self.centres), sigma_v**2 / self.rate),
             anchors=frames.anchors(marker_sd),
-            sigma_points=SigmaPoints(**points),
         )
 
 

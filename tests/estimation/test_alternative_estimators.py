@@ -146,7 +146,7 @@ def test_unknown_quantities_are_nan(moving: Moving, method: str) -> None:
     states = moving.smoothed(method=method)
     assert np.isnan(states.sd).all()
     assert np.isnan(states.log_likelihood)
-    assert states.noise.marker_sd == pytest.approx(5e-4, rel=0.1)
+    assert states.marker_sd == pytest.approx(5e-4, rel=0.1)
 
 
 @pytest.mark.parametrize("method", RIVALS)

@@ -29,7 +29,9 @@ def deviations(states: States, moving: Moving) -> np.ndarray:
     skin = estimate_skin(states, rested, camera)
     assert skin is not None
     spectrum = compute_residual_spectrum(states, rested, moving.rate)
-    return add_lasting_errors(states, moving.rate, estimate_lasting_errors(states, rested, skin, camera, spectrum))
+    return add_lasting_errors(
+        states, moving.rate, camera, *estimate_lasting_errors(states, rested, skin, camera, spectrum)
+    )
 
 
 @pytest.mark.parametrize("noise", [0.0, 5e-4])

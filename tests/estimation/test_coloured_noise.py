@@ -61,8 +61,8 @@ def test_markers_without_noise_are_not_called_filtered() -> None:
 
 def test_an_oscillating_segment_is_named_with_its_frequency() -> None:
     found = seen(wobbling(swinging(seconds=16), 1e-3)).oscillations
-    assert 2 in {each.segment for each in found}
-    assert all(each.frequency == pytest.approx(4.0, abs=0.6) for each in found)
+    assert 2 in {segment for segment, _, _ in found}
+    assert all(frequency == pytest.approx(4.0, abs=0.6) for _, frequency, _ in found)
 
 
 def coverage(moving: Moving) -> FloatArray:
@@ -72,7 +72,7 @@ def coverage(moving: Moving) -> FloatArray:
     assert errors is not None
     off = states.mean - moving.truth
     off[..., 0] -= np.median(off[..., 0], axis=0)
-    inside = np.abs(off) <= 1.96 * add_lasting_errors(states, moving.rate, errors)
+    inside = np.abs(off) <= 1.96 * add_lasting_errors(states, moving.rate, *errors)
     return np.asarray(np.mean(inside, axis=(0, 1))[:3])
 
 

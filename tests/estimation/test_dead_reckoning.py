@@ -10,7 +10,7 @@ from scipy.interpolate import make_interp_spline
 
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation.inertial import Clock, SensorCalibration, SensorSignals
-from mocap_id.estimation.inertial_tracking import DeadReckoning, KnownChain, Reckoning, WornSensor
+from mocap_id.estimation.inertial_tracking import DeadReckoning, KnownChain, Reckoning
 
 RATE, LENGTH, GRAVITY = 100.0, 0.4, 9.81
 PLACES = (0.03 + 0.2j, -0.05 + 0.3j)
@@ -44,8 +44,9 @@ def _reckon(shift: float = 0.0, biases: tuple[float, float] = (0.0, 0.0)) -> tup
     )
     found = replace(found, sd={"lag": np.zeros(1), **dict.fromkeys(("turn", "gyro_scale", "gyro_bias"), zero)})
     places = [np.array([each.real, each.imag, 0.0]) for each in PLACES]
-    worn = tuple(WornSensor(replace(found, place=place), None, np.zeros(2), np.zeros(0)) for place in places)  # type: ignore[arg-type]
-    chain = KnownChain(np.array([[0.0, 0.1], [0.0, LENGTH]]), worn, np.zeros(2), np.ones(2))
+    worn = tuple(replace(found, place=place) for place in places)
+    centres = np.array([[0.0, 0.1], [0.0, LENGTH]])
+    chain = KnownChain(centres, worn, np.zeros((2, 2)), np.zeros(2), np.ones(2))
     reckoned = DeadReckoning([_signals(0, 0.0, biases[0]), _signals(1, shift, biases[1])], TIME, chain)
     return reckoned, reckoned.solve()
 

@@ -10,7 +10,8 @@ from scipy.ndimage import gaussian_filter1d
 from simulated_chains import Moving, rms, swinging
 
 from mocap_id.estimation import smoothing
-from mocap_id.estimation.noise import FrameAngles, MarkerChain, find_frame_angles
+from mocap_id.estimation.filter_problem import MarkerChain
+from mocap_id.estimation.noise import FrameAngles, find_frame_angles
 from mocap_id.geometry.planar import marker_positions, rotate, segment_poses
 
 MARKER_SD = 2e-3

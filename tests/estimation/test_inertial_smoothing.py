@@ -11,6 +11,7 @@ import pytest
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation import FilterSettings, States, smooth
 from mocap_id.estimation.filter_kernels import Inertial, _force_rows
+from mocap_id.estimation.filter_problem import MarkerChain
 from mocap_id.estimation.inertial import SensorResult, SensorSignals
 from mocap_id.estimation.inertial_tracking import smooth_with_sensors
 from mocap_id_simulation import Options, generate
@@ -25,21 +26,22 @@ class Case:
     """A simulated person with the true chain."""
 
     observed: FloatArray
-    chain: tuple[FloatArray, FloatArray, FloatArray]
+    chain: MarkerChain
     true: TrueState
     sensors: dict[int, SensorSignals]
     offsets: list[float]
 
     def run(self, observed: FloatArray, sensors: dict[int, SensorSignals]) -> tuple[States, dict[int, SensorResult]]:
         time = self.true.time
-        return smooth_with_sensors(observed.copy(), time, *self.chain, sensors=sensors, settings=FilterSettings())
+        return smooth_with_sensors(observed.copy(), time, self.chain, sensors=sensors, settings=FilterSettings())
 
 
 @pytest.fixture(scope="module")
 def case() -> Case:
     trial = generate("sit-to-stand", Options(seed=11, repetitions=2, analog_rate=100))
     scene, found = trial.scene, simulate_plane_sensors(11, trial.scene, trial.state, 1.0)
-    chain = (scene.body.centres.copy(), scene.markers.link.astype(np.int64), scene.markers.local[:, :2].copy())
+    markers = scene.markers
+    chain = MarkerChain(scene.body.centres.copy(), markers.link.astype(np.int64), markers.local[:, :2].copy())
     sensors = {s: SensorSignals(each.time, each.gyro, each.acc) for s, each in enumerate(found.values(), start=1)}
     middle = float(trial.state.time.mean())
     offsets = [each.truth["offset_s"] + 1e-6 * each.truth["ppm"] * middle for each in found.values()]
@@ -94,7 +96,7 @@ def test_the_force_on_a_pendulum_is_that_of_its_position() -> None:
 
 
 def test_sensors_improve_the_rates(case: Case, both: tuple[States, dict[int, SensorResult]]) -> None:
-    alone = smooth(case.observed, 100.0, *case.chain)
+    alone = smooth(case.observed, 100.0, case.chain)
     error = [
         np.sqrt(np.mean((states.mean[50:-50, :, 2] - case.true.qdd[50:-50]) ** 2, axis=0))
         for states in (both[0], alone)
@@ -120,7 +122,7 @@ def test_two_seconds_without_markers(case: Case, both: tuple[States, dict[int, S
     off = np.degrees(states.mean[hidden, :, 0] - case.true.q[hidden])
     assert np.abs(off).max() < 3
     assert not states.observed[hidden].any()
-    assert np.isnan(smooth(observed, 100.0, *case.chain).mean[middle, :, 0]).all()
+    assert np.isnan(smooth(observed, 100.0, case.chain).mean[middle, :, 0]).all()
 
 
 def test_a_sensor_on_another_segment_is_left_out(case: Case) -> None:
@@ -138,4 +140,4 @@ def test_a_file_of_another_trial_changes_nothing(case: Case) -> None:
     strange = SensorSignals(other.time, rng.normal(size=other.gyro.shape), other.acc[::-1])
     states, results = case.run(case.observed, {2: strange})
     assert results[2].why is not None
-    assert np.array_equal(states.mean, smooth(case.observed, 100.0, *case.chain).mean)
+    assert np.array_equal(states.mean, smooth(case.observed, 100.0, case.chain).mean)

@@ -15,13 +15,14 @@ from mocap_id.estimation import filter_problem, filterpy_engine
 from mocap_id.estimation.filter_problem import (
     START_SD,
     FilterProblem,
+    MarkerChain,
     Track,
     joint_noise,
     joint_transition,
     noise_shape,
     transition,
 )
-from mocap_id.estimation.noise import MarkerChain, find_frame_angles, log_likelihood
+from mocap_id.estimation.noise import find_frame_angles, log_likelihood
 from mocap_id.geometry.planar import marker_jacobian, marker_positions
 
 DT, NOISE = 0.04, 1e-2

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mocap_id.estimation import smooth
+from mocap_id.estimation.filter_problem import MarkerChain
 from mocap_id.estimation.inertial import SensorSignals
 from mocap_id.estimation.inertial_tracking import calibrate_chain, track_without_markers
 from mocap_id_simulation import Options, SimulatedTrial, generate
@@ -28,19 +29,21 @@ def test_the_tilt_is_at_least_as_accurate_as_that_of_vqf() -> None:
     shown, worn, _ = _trial(81)
     body, markers = shown.scene.body, shown.scene.markers
     points = np.ascontiguousarray(shown.scene.plane.to_plane(shown.points)[..., :2])
-    states = smooth(points, 100.0, body.centres, markers.link.astype(np.int64), markers.local[:, :2].copy())
-    known = calibrate_chain(states, shown.state.time, worn, states.noise.sigma_v**2 / 100.0)
+    states = smooth(
+        points, 100.0, MarkerChain(body.centres, markers.link.astype(np.int64), markers.local[:, :2].copy())
+    )
+    known = calibrate_chain(states, shown.state.time, worn, states.sigma_v**2 / 100.0)
     trial, sensors, offsets = _trial(82)
     first, last = max(each.time[0] for each in sensors.values()), min(each.time[-1] for each in sensors.values())
     time = np.arange(np.ceil(100 * first) + 30, 100 * last - 30) / 100
-    tracked = track_without_markers([sensors[s] for s in (1, 2, 3)], time, known)
-    ours, theirs = np.cumsum(tracked.mean[..., 0], axis=1), np.empty((len(time), 3))
+    mean, *_ = track_without_markers([sensors[s] for s in (1, 2, 3)], time, known)
+    ours, theirs = np.cumsum(mean[..., 0], axis=1), np.empty((len(time), 3))
     true = np.empty_like(ours)
     for s, each in sensors.items():
         log = vqf.VQF(0.01).updateBatch(np.ascontiguousarray(each.gyro), np.ascontiguousarray(each.acc))
         w, x, y, z = log["quat6D"].T
         up = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x**2 + y**2)], axis=1)
-        in_segment = up @ known.known.sensors[s - 1].calibration.mount.T
+        in_segment = up @ known.calibrations[s - 1].mount.T
         stamps = time - offsets[0] + offsets[s - 1]
         tilt = np.unwrap(np.arctan2(in_segment[:, 0], in_segment[:, 1]))
         theirs[:, s - 1] = np.interp(2 * time - stamps, each.time, tilt)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from simulated_chains import Moving, kicked, rms, swinging
 
-from mocap_id.estimation.noise import MarkerChain, find_frame_angles
+from mocap_id.estimation.filter_problem import MarkerChain
+from mocap_id.estimation.noise import find_frame_angles
 
 BURSTS = 60
 
@@ -36,7 +37,7 @@ def test_bursts_cost_almost_nothing(moving: Moving) -> None:
     assert np.all(ratio[:, 2] < 1.1)
     assert np.mean(states.used[hit]) < 0.01
     assert np.mean(~states.used[~hit]) < 0.001
-    assert states.noise.marker_sd == pytest.approx(clean.noise.marker_sd, rel=0.1)
+    assert states.marker_sd == pytest.approx(clean.marker_sd, rel=0.1)
 
 
 def test_without_the_gate_bursts_distort_the_states(moving: Moving) -> None:

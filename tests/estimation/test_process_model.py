@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.linalg import expm
 
-from mocap_id.errors import ConfigError
-from mocap_id.estimation.filter_problem import SigmaPoints, joint_noise, joint_transition, noise_shape, transition
+from mocap_id.estimation.filter_problem import joint_noise, joint_transition, noise_shape, transition
 
 steps = st.floats(1e-3, 0.5)
 
@@ -47,10 +46,3 @@ def test_joints_do_not_mix() -> None:
     np.testing.assert_allclose(q[1::2, 1::2], 4.0 * noise_shape(0.1))
     assert not f[::2, 1::2].any()
     assert not q[::2, 1::2].any()
-
-
-def test_sigma_points_with_a_negative_covariance_weight_are_refused() -> None:
-    with pytest.raises(ConfigError, match="must not be negative"):
-        SigmaPoints(alpha=0.1).weights(12)
-    with pytest.raises(ConfigError, match="must be positive"):
-        SigmaPoints(kappa=-12.0).weights(12)

@@ -11,14 +11,10 @@ import pytest
 from simulated_chains import Moving, measured, swinging
 from test_ukf_smooth_stage import NO_SEGMENTS, chain, planar
 
+from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.estimation import States
 from mocap_id.estimation.filter_problem import noise_shape, transition
-from mocap_id.estimation.lasting_errors import (
-    LastingErrors,
-    add_lasting_errors,
-    compute_residual_spectrum,
-    estimate_camera_sd,
-)
+from mocap_id.estimation.lasting_errors import add_lasting_errors, compute_residual_spectrum, estimate_camera_sd
 from mocap_id.stages.base import Context
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE, plane
@@ -39,8 +35,8 @@ def sliding(moving: Moving, size: float) -> Moving:
 def alone(states: States, moving: Moving) -> np.ndarray:
     """Return standard deviations (F, n, 4) without lasting errors."""
     nothing = np.zeros((2, *states.sd.shape[1:]))
-    errors = LastingErrors(camera(states, moving), np.array([0, len(states.sd) - 1]), nothing)
-    return add_lasting_errors(states, moving.rate, errors)
+    frames = np.array([0, len(states.sd) - 1])
+    return add_lasting_errors(states, moving.rate, camera(states, moving), frames, nothing)
 
 
 def camera(states: States, moving: Moving) -> float:
@@ -53,7 +49,7 @@ def test_camera_noise_is_separated_from_skin(size: float) -> None:
     states = moving.smoothed()
     assert camera(states, moving) == pytest.approx(5e-4, rel=0.05)
     if size:
-        assert states.noise.marker_sd > 1e-3
+        assert states.marker_sd > 1e-3
 
 
 def test_intervals_of_a_swing_cover_the_truth() -> None:
@@ -102,19 +98,20 @@ def test_a_gap_stays_as_uncertain_as_the_filter_says() -> None:
     assert np.isfinite(sd).all()
 
 
-def told(states: States, moving: Moving) -> LastingErrors | None:
+def told(states: States, moving: Moving) -> tuple[float, IntArray, FloatArray] | None:
     rested = np.where(states.used[..., None], moving.markers, np.nan)
     skin = plane.estimate_skin(states, rested, camera(states, moving))
     if skin is None:
         return None
     spectrum = compute_residual_spectrum(states, rested, moving.rate)
-    return plane.estimate_lasting_errors(states, rested, skin, camera(states, moving), spectrum)
+    own = camera(states, moving)
+    return own, *plane.estimate_lasting_errors(states, rested, skin, own, spectrum)
 
 
 def test_skin_widens_the_angles() -> None:
     still, soft = swinging(seconds=6), sliding(swinging(seconds=6), 3e-3)
     firm, wide = (
-        add_lasting_errors(states, moving.rate, told(states, moving))
+        add_lasting_errors(states, moving.rate, *told(states, moving))
         for states, moving in ((moving.smoothed(), moving) for moving in (still, soft))
     )
     assert np.median(wide[..., 0]) > 3 * np.median(firm[..., 0])

@@ -12,6 +12,7 @@ import pytest
 
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation import States, smooth
+from mocap_id.estimation.filter_problem import MarkerChain
 
 pytestmark = pytest.mark.recordings
 
@@ -34,9 +35,11 @@ def scored(folder: Path) -> Scored:
     states = smooth(
         np.stack([lab @ plane["x_axis_lab"], lab @ plane["y_axis_lab"]], axis=-1),
         truth["point_rate_hz"],
-        np.array([segment["p_in_parent_m"] for segment in truth["segments"][1:]]),
-        np.array([marker["segment"] for marker in markers]),
-        np.array([marker["local_xyz_m"][:2] for marker in markers]),
+        MarkerChain(
+            np.array([segment["p_in_parent_m"] for segment in truth["segments"][1:]]),
+            np.array([marker["segment"] for marker in markers]),
+            np.array([marker["local_xyz_m"][:2] for marker in markers]),
+        ),
     )
     with np.load(folder / "truth.npz") as arrays:
         true = np.stack([arrays[name] for name in ("q", "qd", "qdd", "qddd")], axis=-1)

@@ -9,7 +9,8 @@ wrench of a handle. The results of both sensors are combined with weights from t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -39,15 +40,12 @@ _FORCE_NOISE, _MOMENT_NOISE = 0.1, 0.002  # N, N·m: standard deviations of a sa
 _SEED = 1  # seed of the noise of a predicted sensor
 
 
-@dataclass(frozen=True)
-class SensorFit:
-    """Result of one sensor: linear functions of the full parameters, with their covariance."""
+SensorFit: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
+"""Result of one sensor: linear functions of the full parameters, with their covariance.
 
-    name: str  # name of the sensor
-    # (d, 4(n + 1)) matrix from the full parameters to the base parameters of the part beyond the joint
-    rows: FloatArray
-    values: FloatArray  # (d,) fitted base parameters of this part
-    covariance: FloatArray  # (d, d) their covariance
+Matrix (d, 4(n + 1)) from the full parameters to the base parameters of the part beyond the joint, the fitted base
+parameters (d,) of this part, and their covariance (d, d).
+"""
 
 
 def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench) -> SensorFit | None:
@@ -80,7 +78,7 @@ def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench)
     covariance += sum(np.outer(each, each) for each in by_scale) * _GAIN_SD**2
     whole = np.zeros((len(base.kept), size))
     whole[:, first:] = base.regrouping
-    return SensorFit(sensor.name, whole, values[own], covariance[own, own])
+    return whole, values[own], covariance[own, own]
 
 
 def _solve(design: FloatArray, target: FloatArray, weights: FloatArray) -> FloatArray:
@@ -125,23 +123,23 @@ def combine_with_sensors(
     # The residuals of a plate do not contain its constant error, but this error changes the first moments of a light
     # segment. The covariance of the ground's result grows until this result agrees with each sensor.
     added: FloatArray | int = 0
-    for sensor in sensors:
-        to_sensor = sensor.rows @ np.linalg.pinv(regrouping)
-        size = np.abs(sensor.rows).max(axis=1)
-        common = np.abs(to_sensor @ regrouping - sensor.rows).max(axis=1) < _COMMON * size
+    for rows, values, spread_of in sensors:
+        to_sensor = rows @ np.linalg.pinv(regrouping)
+        size = np.abs(rows).max(axis=1)
+        common = np.abs(to_sensor @ regrouping - rows).max(axis=1) < _COMMON * size
         if not common.any():
             continue
         to_sensor = to_sensor[common]
-        away, seen = to_sensor @ alone.base - sensor.values[common], to_sensor @ alone.covariance @ to_sensor.T
-        spread = seen + sensor.covariance[np.ix_(common, common)]
+        away, seen = to_sensor @ alone.base - values[common], to_sensor @ alone.covariance @ to_sensor.T
+        spread = seen + spread_of[np.ix_(common, common)]
         factor = max(1.0, float(away @ np.linalg.solve(spread, away)) / len(away))
         back = np.linalg.pinv(to_sensor)
         added = added + (factor - 1.0) * back @ seen @ back.T
     own = alone.covariance + added
-    base, covariance = _combine([SensorFit("ground", regrouping, alone.base, own), *sensors])
+    base, covariance = _combine([(regrouping, alone.base, own), *sensors])
     half = _factorise(covariance)
-    rows, target = (solve_triangular(half, each, lower=True) for each in (np.eye(len(base)), base))
-    problem = CompressedProblem.of(rows, target)
+    whitened, target = (solve_triangular(half, each, lower=True) for each in (np.eye(len(base)), base))
+    problem = CompressedProblem.of(whitened, target)
     solution = fit_consistent(problem, regrouping, grid=grid, reference=reference, consistency=consistency)
     gain = np.linalg.solve(own, covariance).T  # weight of the ground's values in the result
     return replace(
@@ -159,10 +157,12 @@ def combine_with_sensors(
 
 def _combine(parts: Sequence[SensorFit]) -> tuple[FloatArray, FloatArray]:
     """Estimate the base parameters (b,) of the first part, and their covariance (b, b), from all parts together."""
-    halves = [_factorise(each.covariance) for each in parts]
-    rows = [solve_triangular(half, each.rows, lower=True) for half, each in zip(halves, parts, strict=True)]
-    target = [solve_triangular(half, each.values, lower=True) for half, each in zip(halves, parts, strict=True)]
-    spread = parts[0].rows @ np.linalg.pinv(np.concatenate(rows))
+    rows, target = [], []
+    for own, values, covariance in parts:
+        half = _factorise(covariance)
+        rows.append(solve_triangular(half, own, lower=True))
+        target.append(solve_triangular(half, values, lower=True))
+    spread = parts[0][0] @ np.linalg.pinv(np.concatenate(rows))
     return spread @ np.concatenate(target), spread @ spread.T
 
 
@@ -186,7 +186,7 @@ def predict_with_sensor(
     predicted = fit_sensor(prepared, gate, ExternalWrench("predicted", segment, wrench, by_plates=False))
     if predicted is None:
         return None
-    return _combine([SensorFit("ground", prepared.base.regrouping, alone.base, alone.covariance), predicted])[1]
+    return _combine([(prepared.base.regrouping, alone.base, alone.covariance), predicted])[1]
 
 
 def _factorise(covariance: FloatArray) -> FloatArray:

@@ -1,17 +1,17 @@
-"""Excitation of each base parameter, and cautions about an identification, from which its verdict follows."""
+"""Checks of external wrenches and of scales, excitation of each base parameter, and cautions for the verdict."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
-from mocap_id.dynamics.consistency import PROVEN, ConsistentSolution
+from mocap_id.dynamics.consistency import PROVEN
 from mocap_id.dynamics.fit import DEPENDENT, Fit, estimate_drift, skip_long_rests
-from mocap_id.dynamics.identification import Identification
+from mocap_id.dynamics.identification import Identification, Identified
 from mocap_id.dynamics.instrument_errors import PlanarCalibration, ScaleCause, ScaleCheck, propagate_to_wrench
 from mocap_id.dynamics.preparation import AnyTrial, LowPass, PreparedTrial, erode
 from mocap_id.dynamics.regressor import (
@@ -25,9 +25,6 @@ from mocap_id.dynamics.regressor import (
     wrench_regressor,
 )
 from mocap_id.verdict import Reason
-
-if TYPE_CHECKING:
-    from mocap_id.dynamics.space.identification import SpatialIdentification
 
 _FOOT = (1, 0.003)  # column of the full parameters, and standard deviation, m
 # column, standard deviation relative to the segment's length, and joint at the segment's end
@@ -314,9 +311,9 @@ def check_scales(prepared: PreparedTrial, gate: BoolArray, result: Identificatio
     significant = (n for n in order if found[n].explains > _SEEN and abs(found[n].value) > found[n].limit)
     best = next(significant, None)
     if best is None:
-        return ScaleCheck(found, ())
+        return found, ()
     near = (n for n in order if n != best and found[best].explains - found[n].explains <= _SEEN)
-    return ScaleCheck(found, (best, *near))
+    return found, (best, *near)
 
 
 def _compute_residual(
@@ -425,7 +422,6 @@ def classify(relative_sd: float, weak: float = WEAK) -> Identifiability:
     return "weak" if relative_sd > weak else "known"
 
 
-AnyIdentification: TypeAlias = "Identification | SpatialIdentification"
 OFFSET_LARGE = 0.02  # s: largest clock offset of synchronised devices
 _BOUNDED = 0.05  # relative increase of the cost because of physical consistency
 _MASS_APART = 0.05  # relative difference of two masses
@@ -434,32 +430,108 @@ _DRIFT_SEEN, _DRIFT_LEAST = 5.0, 0.005  # significant change of the offset in a 
 _OFFSET_SEEN, _OFFSET_LEAST = 3.0, 5e-4  # significant clock offset: in standard deviations, and in s
 
 
-def find_cautions_in_space(
-    trial: AnyTrial, result: AnyIdentification, excited: Excitation, recommendation: str
-) -> tuple[Reason, ...]:
-    """Return the cautions about clock, solver, consistency and weak parameters, in the plane or in space."""
-    return (*_check_clock(trial, result), *_check_solution(result), *_check_parameters(excited, recommendation))
-
-
 def find_cautions(
     prepared: PreparedTrial,
     result: Identification,
     excited: Excitation,
-    recommendation: str = "",
+    recommendation: str,
     *,
     given: float | None,
     standing: float | None,
-    calibration: PlanarCalibration | None = None,
+    calibration: PlanarCalibration,
 ) -> tuple[Reason, ...]:
     """Return the cautions about a trial in the plane: those of :func:`find_cautions_in_space`, and about the mass.
 
-    ``given`` is the mass of the person from the configuration, kg, and ``standing`` the mass that the plates measure
-    while the person stands, kg; None if not given or not measured. ``calibration`` are the errors of plate and scale,
-    which give the allowed difference of these masses; by default those of the stage.
+    The masses from the movement, from standing and from the configuration are compared. ``given`` is the mass of the
+    person from the configuration, kg, and ``standing`` the mass that the plates measure while the person stands, kg;
+    None if not given or not measured. ``calibration`` are the errors of plate and scale, which give the allowed
+    difference of these masses.
     """
-    limits = calibration or PlanarCalibration()
-    of_mass = _check_mass(get_identified_mass(prepared, result), standing, given, limits)
-    return (*find_cautions_in_space(prepared, result, excited, recommendation), *of_mass)
+    reasons = list(find_cautions_in_space(prepared, result, excited, recommendation))
+    # if movement and standing give different masses, something else carries weight
+    total = get_identified_mass(prepared, result)
+    if total is not None and standing is not None and not abs(total / standing - 1) <= _MASS_APART:
+        unknown = ". Until then, the joint torques are unknown (NaN)" if total < standing else ""
+        reasons.append(
+            Reason(
+                "load-shared",
+                f"the movement gives a mass of {total:.1f} kg, but the plates measure {standing:.1f} kg while the "
+                "person stands: in some of the fitted samples, something other than the plates carries a part of the "
+                "body. If a chair is used, set `protocol: sit-to-stand`, which leaves its contact out; otherwise look "
+                f"for a hand on a support, or exclude the contact with `window:`{unknown}",
+                value=total,
+                limit=standing,
+            )
+        )
+    measured = total if standing is None else standing
+    if given is not None and measured is not None and not abs(measured / given - 1) <= calibration.mass_limit(measured):
+        reasons.append(
+            Reason(
+                "mass-contradiction",
+                f"the plates measure {measured:.1f} kg, but `subject: {{mass: …}}` is {given:g} kg: check the mass, "
+                "the calibration of the plates, and whether anything else stands on them or carries a part of the "
+                "body (a chair needs `protocol: sit-to-stand`)",
+                value=measured,
+                limit=given,
+            )
+        )
+    return tuple(reasons)
+
+
+def find_cautions_in_space(
+    trial: AnyTrial, result: Identified, excited: Excitation, recommendation: str
+) -> Iterator[Reason]:
+    """Yield the cautions about clock, solver, consistency and weak parameters, in the plane or in space."""
+    yield from _check_clock(trial, result)
+
+    # the solver, and a wrench that possible bodies fit badly
+    solution, answer = result.solution, result.solution.answer
+    if solution.consistency != solution.requested:
+        yield Reason(
+            "cone-unproven",
+            f"`identify-dim: {{consistency: {solution.requested}}}` was set, but Clarabel's solution does not pass the "
+            f"optimality check; the solution on the grid (`{solution.consistency}`) is used instead, which "
+            + ("passes the check" if answer.optimality.proven else "does not pass the check either"),
+        )
+    if not answer.optimality.proven:
+        yield Reason(
+            "solver-unproven",
+            f"no solver's solution passes the optimality check; the solution of {answer.solver} ({answer.status}) is "
+            f"used, although its cost may exceed the least cost by a fraction of {answer.optimality.excess:.1e}",
+            value=answer.optimality.excess,
+            limit=PROVEN,
+        )
+    elif answer.solver == "osqp":
+        yield Reason(
+            "solver-fallback",
+            "the solution of non-negative least squares does not pass the optimality check; the solution of OSQP "
+            "passes the check and is used",
+            level="ok",
+        )
+    price = solution.price
+    if not price <= _BOUNDED:
+        worse = f"{100 * price:.0f} % worse" if price < 1 else f"{1 + price:.3g} times worse"
+        yield Reason(
+            "parameters-bounded",
+            f"physically possible parameters fit the wrench {worse} than unconstrained parameters: check "
+            "joints, markers and plate, and whether a part of the mass is far from the markers",
+            value=price,
+            limit=_BOUNDED,
+        )
+
+    # parameters that the movement hardly excites
+    doubtful = excited.doubtful
+    if not doubtful:
+        return
+    unknown = [excited.names[i] for i in doubtful if excited.verdict[i] == "not identifiable"]
+    listed = ", ".join(f"{excited.names[i]} ({100 * excited.relative_sd[i]:.0f} %)" for i in doubtful)
+    none = f"; not identifiable (above {100 * NOT_IDENTIFIABLE:.0f} %): {', '.join(unknown)}" if unknown else ""
+    yield Reason(
+        "parameters-weak",
+        f"these base parameters have a standard deviation above {100 * excited.weak:.0f} % of their size: "
+        f"{listed}{none}. " + recommendation,
+        value=float(len(doubtful)),
+    )
 
 
 def get_identified_mass(prepared: PreparedTrial, result: Identification) -> float | None:
@@ -467,7 +539,7 @@ def get_identified_mass(prepared: PreparedTrial, result: Identification) -> floa
     return float(result.full[::4].sum()) if 1 in prepared.settings.components else None
 
 
-def _check_clock(prepared: AnyTrial, result: AnyIdentification) -> Iterator[Reason]:
+def _check_clock(prepared: AnyTrial, result: Identified) -> Iterator[Reason]:
     """Yield reasons about a clock offset that is unknown, large or left in the data, and about a drift."""
     clock, fit, limit = prepared.recorded.clock, result.fit, prepared.settings.offset_limit
     if clock.doubt is not None:
@@ -535,82 +607,3 @@ def _check_clock(prepared: AnyTrial, result: AnyIdentification) -> Iterator[Reas
         limit=OFFSET_LARGE,
         level="ok" if board or abs(fit.total_offset) <= _OFFSET_OF_DELAYS else "caution",
     )
-
-
-def _check_solution(result: AnyIdentification) -> Iterator[Reason]:
-    """Yield reasons about the solver, and about a wrench that possible bodies fit badly."""
-    solution, answer = result.solution, result.solution.answer
-    if isinstance(solution, ConsistentSolution) and solution.consistency != solution.requested:
-        yield Reason(
-            "cone-unproven",
-            f"`identify-dim: {{consistency: {solution.requested}}}` was set, but Clarabel's solution does not pass the "
-            f"optimality check; the solution on the grid (`{solution.consistency}`) is used instead, which "
-            + ("passes the check" if answer.optimality.proven else "does not pass the check either"),
-        )
-    if not answer.optimality.proven:
-        yield Reason(
-            "solver-unproven",
-            f"no solver's solution passes the optimality check; the solution of {answer.solver} ({answer.status}) is "
-            f"used, although its cost may exceed the least cost by a fraction of {answer.optimality.excess:.1e}",
-            value=answer.optimality.excess,
-            limit=PROVEN,
-        )
-    elif answer.solver == "osqp":
-        yield Reason(
-            "solver-fallback",
-            "the solution of non-negative least squares does not pass the optimality check; the solution of OSQP "
-            "passes the check and is used",
-            level="ok",
-        )
-    price = solution.price
-    if not price <= _BOUNDED:
-        worse = f"{100 * price:.0f} % worse" if price < 1 else f"{1 + price:.3g} times worse"
-        yield Reason(
-            "parameters-bounded",
-            f"physically possible parameters fit the wrench {worse} than unconstrained parameters: check "
-            "joints, markers and plate, and whether a part of the mass is far from the markers",
-            value=price,
-            limit=_BOUNDED,
-        )
-
-
-def _check_parameters(excited: Excitation, recommendation: str) -> Iterator[Reason]:
-    if not (doubtful := excited.doubtful):
-        return
-    unknown = [excited.names[i] for i in doubtful if excited.verdict[i] == "not identifiable"]
-    listed = ", ".join(f"{excited.names[i]} ({100 * excited.relative_sd[i]:.0f} %)" for i in doubtful)
-    none = f"; not identifiable (above {100 * NOT_IDENTIFIABLE:.0f} %): {', '.join(unknown)}" if unknown else ""
-    yield Reason(
-        "parameters-weak",
-        f"these base parameters have a standard deviation above {100 * excited.weak:.0f} % of their size: "
-        f"{listed}{none}. " + recommendation,
-        value=float(len(doubtful)),
-    )
-
-
-def _check_mass(
-    total: float | None, standing: float | None, given: float | None, calibration: PlanarCalibration
-) -> Iterator[Reason]:
-    """Yield reasons if the masses from the movement, from standing and from the configuration differ."""
-    # if movement and standing give different masses, something else carries weight
-    if total is not None and standing is not None and not abs(total / standing - 1) <= _MASS_APART:
-        unknown = ". Until then, the joint torques are unknown (NaN)" if total < standing else ""
-        yield Reason(
-            "load-shared",
-            f"the movement gives a mass of {total:.1f} kg, but the plates measure {standing:.1f} kg while the person "
-            "stands: in some of the fitted samples, something other than the plates carries a part of the body. If a "
-            "chair is used, set `protocol: sit-to-stand`, which leaves its contact out; otherwise look for a hand on a "
-            f"support, or exclude the contact with `window:`{unknown}",
-            value=total,
-            limit=standing,
-        )
-    measured = total if standing is None else standing
-    if given is not None and measured is not None and not abs(measured / given - 1) <= calibration.mass_limit(measured):
-        yield Reason(
-            "mass-contradiction",
-            f"the plates measure {measured:.1f} kg, but `subject: {{mass: …}}` is {given:g} kg: check the mass, the "
-            "calibration of the plates, and whether anything else stands on them or carries a part of the body (a "
-            "chair needs `protocol: sit-to-stand`)",
-            value=measured,
-            limit=given,
-        )

@@ -1,13 +1,13 @@
 """Physically consistent parameters: fits over possible bodies, which are point masses on a grid or the exact cone.
 
 Non-negative least squares solves the fit on the grid (eq. 4.12, 4.25), and Clarabel that in the cone. Every solution is
-checked for optimality (:mod:`mocap_id.dynamics.cone_solver`), which needs no second solver. OSQP is run only if the
-solution on the grid does not pass the check.
+checked for optimality (:func:`check_optimality`), which needs no second solver. OSQP is run only if the solution on the
+grid does not pass the check.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 
 import numpy as np
@@ -79,17 +79,27 @@ class SolverAnswer:
     iterations: int = 0  # number of iterations; 0 if the solver does not report it
 
 
+Consistency = Literal["grid", "cone", "bounded-cone"]
+"""Set of possible bodies: masses on the grid, masses anywhere, or masses anywhere within the outlines of the grid."""
+_NO_OTHERS: FloatArray = np.zeros(0)
+
+
 @dataclass(frozen=True)
 class Solution:
     """Consistent parameters and the solver's report."""
 
     parameters: FloatArray  # (b + k,) parameters of the problem: first those of the bodies, then the free ones
-    full: FloatArray  # full parameters of one of many bodies with these parameters, 4(n + 1) or in space 10K
-    answer: SolverAnswer  # solution used
+    # full parameters of one of many bodies with these parameters, 4(n + 1) or in space 10K. In the plane, it is the
+    # body closest to the reference, or of evenly spread point masses; an Izz that bodies only approach is NaN.
+    full: FloatArray
+    answer: SolverAnswer  # solution used, checked on the whole problem
     price: float  # relative increase of the cost over that of unconstrained parameters
-
-
-_NO_OTHERS: FloatArray = np.zeros(0)
+    # requested, consistency: the requested set of bodies, and the set used: `grid` if the solution in the cone was
+    # not proven to be optimal
+    requested: Consistency = "cone"
+    consistency: Consistency = "cone"
+    # (p,) point masses with the full parameters, kg; NaN for the cone, whose bodies need not be on the grid
+    masses: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 def check_optimality(
@@ -97,8 +107,8 @@ def check_optimality(
 ) -> Optimality:
     """Check the optimality conditions of min ‖R [mapping · body; others] - d‖² over bodies in a cone.
 
-    The problem has b + k columns: the parameters to which the ``body`` (v,) maps, then k free parameters with the
-    values ``others`` (k,). The bound ``excess`` of the result is valid for bodies of up to twice the mass.
+    ``others`` (k,) are the free parameters after those of the ``body`` (v,). The bound ``excess`` of the result is
+    valid for bodies of up to twice the mass.
     """
     if not (np.isfinite(body).all() and np.isfinite(others).all()):
         return Optimality(np.inf, np.inf, np.inf, np.inf)
@@ -283,11 +293,10 @@ def solve_links(problem: CompressedProblem, bodies: ConicBodies) -> SolverAnswer
 
 
 def find_closest_links(bodies: ConeBodies, body: FloatArray, aim: FloatArray, scale: FloatArray) -> FloatArray:
-    """Return the links (4(n + 1),) with the base parameters of ``body`` whose full parameters are closest to a target.
+    """Return the links with the base parameters of ``body`` that are closest to ``aim``, in units of ``scale``.
 
-    The target ``aim`` and its standard deviations ``scale`` are full parameters (4(n + 1),). If a link has first
-    moments but no mass, possible links with larger and larger Izz only approach its base parameters, and its Izz is
-    NaN.
+    If a link has first moments but no mass, possible links with larger and larger Izz only approach its base
+    parameters, and its Izz is NaN.
     """
     hollow, least = [], _NO_MASS * bodies.mass(body)
     for link in range(bodies.links):  # links with an unobservable Izz, and with first moments but no mass
@@ -402,8 +411,7 @@ def build_grid(
 
 
 _ACCURACIES = (1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)  # OSQP's tolerance in each round, relative to the residual
-_CONSISTENCY_ITERATIONS = 20_000  # largest number of iterations in a round
-_CONSISTENCY_ENOUGH = 1e-9  # possible relative decrease of the cost below which the rounds end
+_MOST_ITERATIONS = 20_000  # largest number of iterations in a round
 _EQUAL, _EVEN = 1e5, 1e-3  # weights of the base parameters and of evenly spread masses, relative to the target
 
 
@@ -436,7 +444,7 @@ def solve_osqp(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
         moved = np.maximum(masses + step, 0.0)
         if problem.cost(moments @ moved) < problem.cost(moments @ masses):
             masses = moved
-        if check_optimality(problem, GridBodies(moments), masses).excess <= _CONSISTENCY_ENOUGH:
+        if check_optimality(problem, GridBodies(moments), masses).excess <= _ENOUGH:
             break
     optimality = check_optimality(problem, GridBodies(moments), masses)
     return SolverAnswer("osqp", masses, problem.cost(moments @ masses), optimality, status, iterations)
@@ -460,13 +468,12 @@ def run_osqp(
     least: FloatArray,
     *,
     accuracy: float,
-    iterations: int = _CONSISTENCY_ITERATIONS,
+    iterations: int = _MOST_ITERATIONS,
 ) -> tuple[FloatArray, str, int]:
     """Minimise ‖y - target‖² over ρ ≥ least and y = mapped · ρ with one run of OSQP, scaled to order one.
 
-    ``mapped`` (b, p) is R B from masses to the right-hand side ``target`` (b,), and ``least`` (p,) are the lower bounds
-    of the masses, kg. OSQP's tolerances are ``accuracy``, relative to the target. Return ρ (p,), OSQP's status text and
-    the number of iterations. ρ meets its bounds within OSQP's tolerance, and is zero if OSQP finds no solution.
+    Return ρ (p,), kg, within OSQP's tolerances, ``accuracy`` relative to the target, or zero without a solution; OSQP's
+    status text; and the number of iterations.
     """
     import osqp  # noqa: PLC0415  rarely needed
 
@@ -518,25 +525,7 @@ def spread_masses(
         ) from error
 
 
-Consistency = Literal["grid", "cone", "bounded-cone"]
-"""Set of possible bodies: masses on the grid, masses anywhere, or masses anywhere within the outlines of the grid."""
 _TOLERABLE = 1e-3  # largest relative distance to the least cost with which a solution is accepted
-
-
-@dataclass(frozen=True)
-class ConsistentSolution(Solution):
-    """Consistent parameters in the plane.
-
-    ``full`` are those of the body closest to the reference, or of a body of evenly spread point masses. An Izz that
-    possible bodies only approach is NaN. ``answer`` is checked on the whole problem.
-    """
-
-    # requested, consistency: the requested set of bodies, and the set used: `grid` if the solution in the cone was
-    # not proven to be optimal
-    requested: Consistency
-    consistency: Consistency
-    # (p,) point masses with the full parameters, kg; NaN for the cone, whose bodies need not be on the grid
-    masses: FloatArray
 
 
 def fit_consistent(
@@ -547,7 +536,7 @@ def fit_consistent(
     *,
     consistency: Consistency = "grid",
     relative_sd: float = 0.15,
-) -> ConsistentSolution:
+) -> Solution:
     """Minimise ‖R [M φ; c] - d‖² over possible bodies φ and free parameters c.
 
     The problem has b + k columns, and M is ``regrouping`` (b, 4(n + 1)) of eq. 4.24. ``reference`` (4(n + 1),) are full
@@ -582,7 +571,7 @@ def fit_consistent(
     parameters = problem.complete(bodies.mapping @ answer.body)
     optimality = check_optimality(problem, bodies, answer.body, parameters[len(bodies.mapping) :])
     free = problem.cost(problem.free_solution())
-    return ConsistentSolution(
+    return Solution(
         requested=consistency,
         consistency=used,
         parameters=parameters,

@@ -204,18 +204,6 @@ def estimate_drift(prepared: AnyTrial, result: Fit) -> tuple[float, float]:
     return float(solution[-1]), float(np.sqrt(covariance[-1, -1]))
 
 
-def describe_clock(prepared: AnyTrial, result: Fit) -> dict[str, float | None]:
-    """Return the fact ``clock`` of dynamics.h5: the parts of the clock offset, and its drift."""
-    drift, sd = estimate_drift(prepared, result)
-    known = np.isfinite(drift)
-    return {
-        "coarse_s": prepared.recorded.clock.offset,
-        "applied_s": result.offset,
-        "drift_s_per_s": drift if known else None,
-        "drift_sd_s_per_s": sd if known else None,
-    }
-
-
 def determines_parameters(prepared: AnyTrial, gate: BoolArray) -> bool:
     """Return whether the gated samples last at least a second and determine the base parameters."""
     chosen = select_samples(prepared, gate)

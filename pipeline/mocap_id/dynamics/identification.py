@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.consistency import Consistency, ConsistentSolution, PointGrid, fit_consistent, fit_quickly
+from mocap_id.dynamics.consistency import Consistency, PointGrid, Solution, fit_consistent, fit_quickly
 from mocap_id.dynamics.fit import DEPENDENT, LEAST_SECONDS, Fit, fit, select_samples
 from mocap_id.dynamics.instrument_errors import (
     CalibrationEffect,
@@ -26,26 +26,35 @@ from mocap_id.dynamics.regressor import CompressedProblem, triangularise
 
 
 @dataclass(frozen=True)
-class Identification:
-    """The identified inertial parameters of an individual."""
+class Identified:
+    """Identified inertial parameters, in the plane or in space."""
 
     fit: Fit  # unconstrained fit
     # base, base_sd: (b,) base parameters (eq. 6.1) and their standard deviations, SI
     base: FloatArray
     base_sd: FloatArray
-    # (b, b) covariance of the base parameters from residuals, geometry, plate zero and errors of scale
-    # (`calibration`)
-    covariance: FloatArray
+    covariance: FloatArray  # (b, b) covariance from residuals, geometry, plate zero and errors of the instruments
     # (b, b) part of the covariance from the residuals, for predictions of the wrench with the same geometry
     residual_covariance: FloatArray
+    offset_sd: float  # standard deviation of the clock offset, s
+    solution: Solution  # physically possible parameters, and the solver's report
+
+    @property
+    def full(self) -> FloatArray:
+        """Full parameters in the segments' frames, 4(n + 1) or in space 10K: one of many consistent solutions."""
+        return self.solution.full
+
+
+@dataclass(frozen=True)
+class Identification(Identified):
+    """The identified inertial parameters of an individual."""
+
     error: KinematicError  # uncertainty of the geometry
     response: FloatArray  # (b, S) change of the base parameters with each mode of that error
-    offset_sd: float  # standard deviation of the clock offset, s
     # plate_bias, plate_bias_sd: constant error of the plate's Fx and its standard deviation, N; None if it was not
     # estimated
     plate_bias: float | None
     plate_bias_sd: float | None
-    solution: ConsistentSolution  # physically possible parameters, and the solver's report
     uses_reference: bool  # whether the reference is a prior of the base parameters
     # function from a compressed problem in the columns of `fit.problem` (b + k) to parameters (b + k,). It repeats
     # the estimate with other data; a prior has the same weight as in the whole trial.
@@ -59,11 +68,6 @@ class Identification:
     scales: ScaleCheck | None = None
     # identification with a prior of the foot, used only for the torques; None without this prior
     with_foot: Identification | None = None
-
-    @property
-    def full(self) -> FloatArray:
-        """Full parameters (4(n + 1),): one of many consistent solutions."""
-        return self.solution.full
 
     def add_calibration(self, effect: CalibrationEffect, scales: ScaleCheck | None) -> Identification:
         """Return a copy whose covariance includes the effect of errors of scale, with the result of the scale check."""
@@ -167,7 +171,7 @@ def _identify_with_reference(
     alone: Identification,
     regrouping: FloatArray,
     prior: ReferencePrior,
-    solve: Callable[[CompressedProblem, FloatArray], ConsistentSolution],
+    solve: Callable[[CompressedProblem, FloatArray], Solution],
     of_plate: FloatArray | float = 0.0,
 ) -> Identification:
     """Identify the parameters from the data and a prior of the full parameters.
@@ -180,7 +184,7 @@ def _identify_with_reference(
     # the first covariance may be singular: there can be fewer blocks than parameters
     known = alone.covariance + independent + of_plate
 
-    def solve_with_prior(data: CompressedProblem) -> ConsistentSolution:
+    def solve_with_prior(data: CompressedProblem) -> Solution:
         small = data.eliminate_others(alone.fit.base)
         return solve(prior.add_to(small.free_solution(), known, regrouping, small.rest), np.eye(len(prior.mean)))
 
@@ -229,10 +233,9 @@ def predict_left_out(
 ) -> LeftOutPrediction | None:
     """Predict every part of a trial with a model that was fitted to the other parts.
 
-    ``part`` (T,) is from :func:`mocap_id.dynamics.fit.number_parts`; ``result`` is the whole fit, whose weights are
-    used. ``solve`` returns the consistent parameters (b + k,) of a compressed problem. A part is not predicted if the
-    other parts do not determine the parameters. The result is None if no part is predicted, for example because there
-    is only one.
+    ``part`` (T,) is from :func:`~mocap_id.dynamics.fit.number_parts`; the weights are those of the whole fit,
+    ``result``. ``solve`` returns the consistent parameters (b + k,) of a compressed problem. A part is not predicted if
+    the others do not determine the parameters. The result is None if no part is predicted, for example of only one.
     """
     used = np.stack([select_samples(prepared, gate & (part != k)) for k in range(int(part.max()) + 1)])  # (K, T)
     # rows of the fit: columns of the design, then the target; a prior has the same weight in every fold
@@ -284,22 +287,16 @@ _ROUNDS = 2
 _LEAST_GAIN = 1e-3  # least decrease of the cost for which the cut-offs are changed
 
 
-@dataclass(frozen=True)
-class ChosenCutoffs:
-    """The chosen cut-offs and the reason for the choice."""
+def choose_cutoffs(predict: Callable[[Cutoffs], LeftOutPrediction | None]) -> tuple[Cutoffs, str, float]:
+    """Search among :data:`CUTOFFS` for the best cut-offs of x, y and angle, Hz.
 
-    bands: Cutoffs  # cut-offs of x, y and angle, Hz
-    why: str  # reason for the choice
-    # sum of the logarithms of the rms errors of Fx, Fy and tauz in left-out repetitions; infinite if none was left out
-    cost: float
-
-
-def choose_cutoffs(predict: Callable[[Cutoffs], LeftOutPrediction | None]) -> ChosenCutoffs:
-    """Search among :data:`CUTOFFS` for the best cut-offs; ``predict`` returns predictions of left-out repetitions."""
+    ``predict`` returns predictions of left-out repetitions. The reason for the choice and the cost of
+    :func:`score_left_out` are also returned.
+    """
     cost = {USUAL: score_left_out(predict(USUAL))}
     best = USUAL
     if not np.isfinite(cost[best]):
-        return ChosenCutoffs(best, "the default: no repetition could be left out to compare other cut-offs", cost[best])
+        return best, "the default: no repetition could be left out to compare other cut-offs", cost[best]
     for _ in range(_ROUNDS):
         before = best
         for axis, step in product(range(3), (-1, 1)):
@@ -315,7 +312,7 @@ def choose_cutoffs(predict: Callable[[Cutoffs], LeftOutPrediction | None]) -> Ch
                 best = tried
         if best == before:
             break
-    return ChosenCutoffs(best, "left-out repetitions are predicted best with these", cost[best])
+    return best, "left-out repetitions are predicted best with these", cost[best]
 
 
 def score_left_out(prediction: LeftOutPrediction | None) -> float:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from scipy.optimize import nnls
@@ -99,14 +100,12 @@ class ScaleCause:
     limit: float  # magnitude above which the value is significant
 
 
-@dataclass(frozen=True)
-class ScaleCheck:
-    """Result of the check for a wrong scale."""
+ScaleCheck: TypeAlias = tuple[dict[str, ScaleCause], tuple[str, ...]]
+"""Result of the check for a wrong scale: the estimate of each cause, and the suspects.
 
-    causes: dict[str, ScaleCause]  # estimate of each cause
-    # causes that explain a contradiction, the most likely first; empty without a contradiction. A single cause is
-    # identified by the data.
-    suspects: tuple[str, ...]
+Suspects are the causes that explain a contradiction, the most likely first; none without a contradiction. A single
+suspect is identified by the data.
+"""
 
 
 def propagate_calibration(
@@ -171,9 +170,8 @@ def correlate_errors(
 ) -> FloatArray:
     """Return the correlation (T, n, n) of the errors of the joint accelerations in every posture.
 
-    ``segment`` (M,) and ``local`` (M, 2) are the segment of each marker and its position in the segment's frame, m.
-    ``snap`` (n,) are the relative standard deviations of the joints' process noise. Samples with a missing angle are
-    NaN.
+    ``segment`` (M,) and ``local`` (M, 2), m, locate the markers; ``snap`` (n,) are the relative standard deviations of
+    the joints' process noise. Samples with a missing angle are NaN.
     """
     correlation = np.full((*q.shape, q.shape[1]), np.nan)
     known = np.isfinite(q).all(axis=1)
@@ -196,7 +194,7 @@ def correlate_errors(
 _SAMPLES = 300  # number of samples used: sufficient for errors that recur with the movement
 _AT_ONCE = 300  # number of samples whose effect is computed at a time, to limit the memory
 _MOMENT = 1.0 / 30.0  # s: time step for the derivatives of the angles' errors
-_KINEMATIC_ERROR_STEP = 1e-6  # rad, rad/s …, m: step of numerical derivatives
+_STATE_STEP = 1e-6  # rad, rad/s …, m: step of numerical derivatives
 
 
 @dataclass(frozen=True)
@@ -255,8 +253,7 @@ def propagate_to_torques(
 ) -> FloatArray:
     """Return the variance (T, n) of the joint torques from all modes, (N·m)²; NaN where a state is missing.
 
-    In each mode, the errors of the states and of the parameters, ``response`` (b, S), are correlated and largely
-    cancel.
+    In a mode, the errors of the states and of the parameters, ``response`` (b, S), are correlated and largely cancel.
     """
     recorded, kept, full = prepared.recorded, prepared.base.kept, prepared.base.expand(base)
     valid = np.flatnonzero(find_complete_rows(prepared.regressor))
@@ -293,36 +290,27 @@ def _propagate_modes(
     errors = error.states(q, dq, ddq)
     count = states.shape[1]
     # steps of every state and coordinate in turn; the first row is zero
-    steps = _KINEMATIC_ERROR_STEP * np.eye(1 + count + centres.size, count + centres.size, k=-1)[:, None]
+    steps = _STATE_STEP * np.eye(1 + count + centres.size, count + centres.size, k=-1)[:, None]
     moved = states + steps[..., :count]
     places = centres + steps[..., count:].reshape(-1, 1, *centres.shape)
     places = np.broadcast_to(places, (*moved.shape[:2], *centres.shape))
     (q, dq, ddq), places = np.split(moved.reshape(-1, count), 3, axis=1), places.reshape(-1, *centres.shape)
     regressor = planar_regressor(places, q, dq, ddq, prepared.settings.gravity)
     values = function(q, places, regressor).reshape(*moved.shape[:2], -1)
-    slopes = np.stack([*(values[1:] - values[0]) / _KINEMATIC_ERROR_STEP], axis=-1)
+    slopes = np.stack([*(values[1:] - values[0]) / _STATE_STEP], axis=-1)
     of_centres = slopes[..., count:] @ error.centre.reshape(centres.size, errors.shape[-1])
     return np.asarray(slopes[..., :count] @ errors + of_centres)
 
 
-_POSE_ERROR_RATE = 50.0  # Hz: rate at which the effect is computed; movements are below 3 Hz
-_POSE_ERROR_STEP = 1e-4  # m, rad: step of numerical derivatives
-
-
-@dataclass(frozen=True)
-class PoseEffect:
-    """Effect of the poses' errors, as modes of one standard deviation each."""
-
-    # (b + k + 1, S) change of the fitted values with each mode, in the order of the fit's covariance
-    parameters: FloatArray
-    torque: FloatArray  # (T, n) variance of the joint torques for exact positions of the joints, (N·m)²
+_POSE_RATE = 50.0  # Hz: rate at which the effect is computed; movements are below 3 Hz
+_POSE_STEP = 1e-4  # m, rad: step of numerical derivatives
 
 
 def propagate_slides(local: FloatArray, variance: FloatArray) -> FloatArray:
     """Return the covariance (3, 3) of the error of a body's pose in x, y (body's frame, m) and angle (rad).
 
-    ``local`` (m, 2) are the markers in the body's frame, m, and ``variance`` (m,) are those of each marker's slide, per
-    coordinate, m², for one standard deviation of the joint angle to which the slides are proportional.
+    ``variance`` (m,) are those of each marker's slide, per coordinate, m², for one standard deviation of the joint
+    angle to which the slides are proportional.
     """
     arm = local - local.mean(axis=0)
     count, spread = len(local), float(np.sum(arm**2))
@@ -340,14 +328,17 @@ def propagate_pose_errors(
     *,
     sliding: Sequence[tuple[FloatArray, tuple[int, ...]]],
     bands: tuple[float, float, float],
-) -> PoseEffect:
+) -> tuple[FloatArray, FloatArray]:
     """Return the effect of the errors of the poses of bodies with the parameters ``full`` (4K,) on fit and torques.
+
+    It is the change (b + k + 1, S) of the fitted values with each of S modes of one standard deviation, in the order of
+    the fit's covariance, and the variance (T, n) of the joint torques for exact positions of the joints, (N·m)².
 
     ``sliding`` are the covariance (3, 3) of the error of each body's pose (:func:`propagate_slides`) and the joints,
     from 0, to whose angles it is proportional. ``bands`` are the cut-offs with which ``poses`` were filtered, Hz.
     """
     recorded, gravity, components = prepared.recorded, prepared.settings.gravity, list(prepared.settings.components)
-    step = max(1, int(recorded.rate / _POSE_ERROR_RATE))
+    step = max(1, int(recorded.rate / _POSE_RATE))
     thin = replace(poses, time=poses.time[::step], position=poses.position[::step], angle=poses.angle[::step])
     motion = filter_motion(thin, bands)
     jacobian, beyond = motion.jacobian, motion.beyond.astype(np.float64)
@@ -368,14 +359,14 @@ def propagate_pose_errors(
             for axis in range(3):
                 position, angle = alone.position.copy(), alone.angle.copy()
                 if axis < 2:
-                    along = planar.rotate(alone.angle[:, 0], _POSE_ERROR_STEP * np.eye(2)[axis])
+                    along = planar.rotate(alone.angle[:, 0], _POSE_STEP * np.eye(2)[axis])
                     position[:, 0] += along * shape[:, None]
                 else:
-                    angle[:, 0] += _POSE_ERROR_STEP * shape
+                    angle[:, 0] += _POSE_STEP * shape
                 moved = filter_motion(replace(alone, position=position, angle=angle), bands)
                 changed = _compute_wrenches(moved, full[4 * body : 4 * body + 4], gravity)[:, 0]
                 change = np.zeros_like(wrenches)
-                change[:, body] = (changed - wrenches[:, body]) / _POSE_ERROR_STEP
+                change[:, body] = (changed - wrenches[:, body]) / _POSE_STEP
                 wrench.append(change[:, body])
                 distal = np.einsum("tkc,jk->tjc", change, beyond)  # wrench on the bodies beyond each joint
                 torque.append(np.einsum("tcj,tjc->tj", jacobian, distal))
@@ -390,7 +381,7 @@ def propagate_pose_errors(
     variance = np.sum(errors_of_torque**2, axis=2)
     placed = np.isfinite(motion.joint).any(axis=(0, 2))
     known = np.isfinite(variance[:, placed]).all(axis=1)
-    return PoseEffect(parameters, _interpolate(recorded.time, thin.time[known], variance[known]))
+    return parameters, _interpolate(recorded.time, thin.time[known], variance[known])
 
 
 def _compute_wrenches(motion: PlanarMotion, full: FloatArray, gravity: float) -> FloatArray:
@@ -412,17 +403,14 @@ _SHARE = 0.25  # largest band as a fraction of the rate: the noise is measured a
 _HIDDEN = 0.1  # fraction of the variance in the band: a smaller error cannot be separated from the plate's noise
 
 
-@dataclass(frozen=True)
-class ModelError:
-    """Variance of the model's error in one component: ``steady + scale · (variance from the accelerations)``."""
+def estimate_model_error(
+    residual: FloatArray, noise: FloatArray, samples: BoolArray, rate: float
+) -> tuple[float, float, float] | None:
+    """Estimate the variance of the model's error in one component of the wrench; None if no interval is long enough.
 
-    steady: float  # variance of the part that is independent of the accelerations, N² or (N·m)²
-    scale: float  # factor on the variances of the states
-    overall: float  # mean variance of the error, divided by the mean variance that follows from the states
-
-
-def estimate_model_error(residual: FloatArray, noise: FloatArray, samples: BoolArray, rate: float) -> ModelError | None:
-    """Estimate the model's error in one component of the wrench; return None if no interval is long enough.
+    It is ``steady + scale · (variance from the accelerations)``. The variance ``steady``, N² or (N·m)², the factor
+    ``scale``, and the mean variance of the error, divided by the mean variance that follows from the states, are
+    returned.
 
     A constant and the variance that follows from the accelerations, ``noise`` (T,), are fitted, with non-negative
     coefficients, to the squared ``residual`` (T,) below 25 Hz, in the samples (T,) in which only the ground touches the
@@ -443,10 +431,10 @@ def estimate_model_error(residual: FloatArray, noise: FloatArray, samples: BoolA
     plate = passed * float(np.var((residual - low)[valid])) / stopped
     size = max(float(squares.mean()) - plate, _HIDDEN * float(squares.mean()))
     if mean <= 0.0:
-        return ModelError(size, 0.0, 1.0)
+        return size, 0.0, 1.0
     (steady, moving), _ = nnls(np.column_stack([np.ones(valid.sum()), noise[valid] / mean]), squares)
     steady = max(steady - plate, 0.0)  # the plate's noise may exceed the constant part
     if steady + moving == 0.0:
-        return ModelError(size, 0.0, size / mean)
+        return size, 0.0, size / mean
     share = size / (steady + moving)
-    return ModelError(share * steady, share * moving / mean, size / mean)
+    return share * steady, share * moving / mean, size / mean

@@ -326,9 +326,8 @@ def map_to_chain(
 ) -> ChainMap:
     """Compute the map from the bodies to the segments of the chain.
 
-    ``q`` (T, n) are the joint angles of the chain, rad, and ``samples`` (T,) those over which the mean position of the
-    bodies is computed. ``reference`` and ``reference_sd`` (4(n + 1),) are the full parameters of a table and their
-    standard deviations; NaN if no table applies.
+    ``samples`` (T,) are those over which the mean position of the bodies is computed. ``reference`` and
+    ``reference_sd`` (4(n + 1),) are the full parameters of a table and their standard deviations; NaN if none applies.
     """
     count, bodies = len(poses.body), poses.angle.shape[1]
     matrix, constant, spread = np.zeros((4 * count, 4 * bodies)), np.zeros(4 * count), np.zeros((4 * count, 4 * count))

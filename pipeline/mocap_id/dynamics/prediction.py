@@ -1,15 +1,15 @@
-"""Predicted wrench, centre of pressure and torques with standard deviations, and their agreement with measurements."""
+"""Predicted wrench and torques with standard deviations, agreement with measurements, and bodies of another trial."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_complete_rows
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.instrument_errors import (
-    ModelError,
     compute_scale_variance,
     estimate_model_error,
     propagate_to_torques,
@@ -63,15 +63,12 @@ class Prediction:
         )
 
 
-@dataclass(frozen=True)
-class PredictionNoise:
-    """Errors of a model's wrench and torques that are not due to its parameters."""
+PredictionNoise: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
+"""Errors of a model's wrench and torques that are not due to its parameters.
 
-    wrench: FloatArray  # (T, 3, 3) covariance of the wrench, N² and (N·m)²
-    # torque, torque_lasting: (T, n) variances of the torques from noise of the motion, and from errors of the geometry
-    # that recur with the movement, (N·m)²
-    torque: FloatArray
-    torque_lasting: FloatArray
+Covariance (T, 3, 3) of the wrench, N² and (N·m)², and variances (T, n) of the torques from noise of the motion, and
+from errors of the geometry that recur with the movement, (N·m)².
+"""
 
 
 def predict(prepared: PreparedTrial, result: Identification, noise: PredictionNoise, threshold: float) -> Prediction:
@@ -80,7 +77,7 @@ def predict(prepared: PreparedTrial, result: Identification, noise: PredictionNo
     If Fy and tauz were fitted, the base parameters determine all these series. Otherwise, the series without a
     determined value are NaN, and ``undetermined`` lists them.
     """
-    base, own = result.base, result.residual_covariance
+    base, own, (of_wrench, of_torque, recurring) = result.base, result.residual_covariance, noise
     full_torque = torque_regressor(prepared.motion, prepared.regressor)
     placed = np.isfinite(prepared.motion.joint).any(axis=(0, 2))
     determined = _find_determined(prepared.regressor, prepared)
@@ -97,7 +94,7 @@ def predict(prepared: PreparedTrial, result: Identification, noise: PredictionNo
     wrench, torque = rows @ base - elsewhere, torque_rows @ base - relieved
     cop_rows = centre_of_pressure_rows(rows, wrench, threshold)
     cop_own = centre_of_pressure_rows(np.broadcast_to(np.eye(3), (len(wrench), 3, 3)), wrench, threshold)
-    lasting = variance(torque_rows, own) + noise.torque_lasting
+    lasting = variance(torque_rows, own) + recurring
     of_scale = 0.0 if result.calibration is None else compute_scale_variance(prepared, base, result.calibration)
     unknown = [name for name, known in zip(WRENCH_COMPONENTS, determined, strict=True) if not known]
     if {"Fy", "tauz"} & set(unknown):
@@ -105,13 +102,13 @@ def predict(prepared: PreparedTrial, result: Identification, noise: PredictionNo
     unknown += [f"tau_{j}" for j, known in enumerate(torque_determined, start=1) if not known]
     return Prediction(
         wrench=wrench,
-        wrench_sd=np.sqrt(variance(rows, own) + np.einsum("tkk->tk", noise.wrench)),
+        wrench_sd=np.sqrt(variance(rows, own) + np.einsum("tkk->tk", of_wrench)),
         cop=centre_of_pressure(wrench, threshold),
-        cop_sd=np.sqrt(variance(cop_rows, own) + _propagate_covariance(cop_own[:, None], noise.wrench)[:, 0]),
+        cop_sd=np.sqrt(variance(cop_rows, own) + _propagate_covariance(cop_own[:, None], of_wrench)[:, 0]),
         torque=torque,
-        torque_sd=np.sqrt(lasting + noise.torque + of_scale),
+        torque_sd=np.sqrt(lasting + of_torque + of_scale),
         torque_lasting_sd=np.sqrt(lasting),
-        torque_noise_sd=np.sqrt(noise.torque),
+        torque_noise_sd=np.sqrt(of_torque),
         undetermined=tuple(unknown),
     )
 
@@ -121,12 +118,12 @@ def estimate_chain_noise(
 ) -> PredictionNoise:
     """Return the errors of the wrench and torques of a pinned chain, due to accelerations and geometry.
 
-    The standard deviations of the accelerations determine how the noise varies over time, and ``correlation`` (T, n, n)
-    how it is correlated between the joints. The plate determines the magnitude of the noise
-    (:mod:`mocap_id.dynamics.instrument_errors`) and the part of the wrench's error that is independent of the
-    accelerations. The noise of the torques is scaled like that of tauz, because torques are moments. Errors of the
-    geometry are added only to the torques: for the wrench, the fitted parameters compensate these errors. ``centre_sd``
-    (n,), m, are the standard deviations of the centres of joints that may not be perfect pins.
+    The standard deviations of the accelerations and their ``correlation`` (T, n, n) give the course of the noise. The
+    plate gives its magnitude (:func:`~mocap_id.dynamics.instrument_errors.estimate_model_error`) and the part of the
+    wrench's error that is independent of the accelerations. The noise of the torques is scaled like that of tauz,
+    because torques are moments. Errors of the geometry are added only to the torques: for the wrench, the fitted
+    parameters compensate these errors. ``centre_sd`` (n,), m, are the standard deviations of the centres of joints that
+    may not be perfect pins.
     """
     recorded, base = prepared.recorded, result.base
     needed = np.where(_find_determined(prepared.regressor, prepared)[:, None], prepared.rows, np.nan) @ base
@@ -138,19 +135,15 @@ def estimate_chain_noise(
     # the model's error in each component; if it cannot be estimated, it follows from the states alone
     residual, of_states = prepared.measured(result.fit.offset) - needed, _propagate_covariance(wrench_gain, noise)
     found = [estimate_model_error(residual[:, k], of_states[:, k], result.fit.in_fit, recorded.rate) for k in range(3)]
-    usual = ModelError(0.0, 1.0, max((error.overall for error in found if error is not None), default=1.0))
-    errors = [error or usual for error in found]
-    wrench_gain *= np.sqrt([error.scale for error in errors])[:, None]
-    torque_gain *= np.sqrt(errors[_MOMENT].overall)
-    steady = np.diag([error.steady for error in errors])
+    usual = (0.0, 1.0, max((error[2] for error in found if error is not None), default=1.0))
+    steady, scale, overall = np.array([error or usual for error in found]).T
+    wrench_gain *= np.sqrt(scale)[:, None]
+    torque_gain *= np.sqrt(overall[_MOMENT])
     geometry = propagate_to_torques(prepared, base, result.error, result.response)
     if centre_sd is not None:
         geometry = geometry + _propagate_centres(prepared, result.full, centre_sd)
-    return PredictionNoise(
-        wrench=wrench_gain @ noise @ np.swapaxes(wrench_gain, 1, 2) + steady,
-        torque=_propagate_covariance(torque_gain, noise),
-        torque_lasting=geometry,
-    )
+    of_wrench = wrench_gain @ noise @ np.swapaxes(wrench_gain, 1, 2) + np.diag(steady)
+    return of_wrench, _propagate_covariance(torque_gain, noise), geometry
 
 
 def estimate_residual_noise(
@@ -177,7 +170,7 @@ def estimate_residual_noise(
     correlation = np.corrcoef(residual[valid].T)
     nothing = np.zeros(size)
     errors = [estimate_model_error(residual[:, k], nothing, valid, recorded.rate) for k in range(3)]
-    spread = np.array([np.var(residual[valid, k]) if e is None else e.steady for k, e in enumerate(errors)])
+    spread = np.array([np.var(residual[valid, k]) if e is None else e[0] for k, e in enumerate(errors)])
     spread = spread + np.mean(residual[valid], axis=0) ** 2
     covariance = correlation * np.sqrt(np.outer(spread, spread)) / max(1.0 - parameters, 0.1)
     if alone:
@@ -185,11 +178,8 @@ def estimate_residual_noise(
         covariance[0, 0] *= _UNSEEN**2
     jacobian = prepared.motion.jacobian
     moment = np.einsum("tcj,cd,tdj->tj", jacobian, covariance, jacobian)
-    return PredictionNoise(
-        wrench=np.broadcast_to(covariance, (size, 3, 3)),
-        torque=moment,
-        torque_lasting=_propagate_centres(prepared, result.base, centre_sd) + of_poses,
-    )
+    lasting = _propagate_centres(prepared, result.base, centre_sd) + of_poses
+    return np.broadcast_to(covariance, (size, 3, 3)), moment, lasting
 
 
 def _propagate_centres(prepared: PreparedTrial, full: FloatArray, centre_sd: FloatArray) -> FloatArray:
@@ -220,15 +210,6 @@ class Agreement:
     r2: float  # fraction of the measurement's variance that the model explains
 
 
-@dataclass(frozen=True)
-class WrenchAgreement:
-    """Agreement of each wrench component and of the centre of pressure."""
-
-    # agreement of each component by its name; None if there are fewer than two common samples
-    wrench: dict[str, Agreement | None]
-    cop_rms: float | None  # rms difference of the centre of pressure, m; None with fewer than two common samples
-
-
 def centre_of_pressure(wrench: FloatArray, threshold: float) -> FloatArray:
     """Return x (...), m, where the force of a wrench (..., 3) crosses y = 0; NaN where Fy is at most ``threshold``."""
     vertical = wrench[..., 1]
@@ -241,13 +222,6 @@ def centre_of_pressure_rows(rows: FloatArray, wrench: FloatArray, threshold: flo
     cop = centre_of_pressure(wrench, threshold)
     vertical = np.where(np.isfinite(cop), wrench[..., 1], np.nan)
     return (rows[..., 2, :] - cop[..., None] * rows[..., 1, :]) / vertical[..., None]
-
-
-def compare_wrenches(wrench: FloatArray, measured: FloatArray, samples: BoolArray, threshold: float) -> WrenchAgreement:
-    """Compare a model's wrench (T, 3) with the measured one (T, 3) over marked samples; NaN is missing."""
-    components = {name: agreement(wrench[:, k], measured[:, k], samples) for k, name in enumerate(WRENCH_COMPONENTS)}
-    cop = agreement(centre_of_pressure(wrench, threshold), centre_of_pressure(measured, threshold), samples)
-    return WrenchAgreement(components, None if cop is None else float(np.hypot(cop.bias, cop.sd)))
 
 
 def agreement(model: FloatArray, measured: FloatArray, samples: BoolArray) -> Agreement | None:

@@ -149,26 +149,20 @@ _AT_ONCE = 8  # number of offsets evaluated together, to limit the memory
 _EDGE = 1e-5  # s: a minimum within this distance of an end of the search counts as outside the search
 
 
-@dataclass(frozen=True)
 class SampledWrench:
-    """A sampled wrench, interpolated by cubic splines."""
+    """A wrench sampled (T, c) at ``time`` (T,), s, interpolated by cubic splines between missing samples (NaN)."""
 
-    stretches: tuple[tuple[float, float, CubicSpline], ...]  # intervals without missing samples, s
-    components: int  # number of columns
-
-    @classmethod
-    def of(cls, time: FloatArray, values: FloatArray) -> SampledWrench:
-        """Build the interpolation from samples (T, c) at ``time`` (T,), s; NaN marks missing values."""
+    def __init__(self, time: FloatArray, values: FloatArray) -> None:
+        self._components = values.shape[1]
         pieces = [run for run in find_runs(find_complete_rows(values)) if run.stop - run.start > 1]
-        splines = tuple(
+        self._stretches = [  # start, end, s, and spline of each interval without missing samples
             (float(time[run.start]), float(time[run.stop - 1]), CubicSpline(time[run], values[run])) for run in pieces
-        )
-        return cls(splines, values.shape[1])
+        ]
 
     def __call__(self, time: FloatArray, derivative: int = 0) -> FloatArray:
         """Return the values, or their time derivative, (..., c) at times (...), s; NaN outside the intervals."""
-        out = np.full((*time.shape, self.components), np.nan)
-        for start, end, spline in self.stretches:
+        out = np.full((*time.shape, self._components), np.nan)
+        for start, end, spline in self._stretches:
             inside = (time >= start) & (time <= end)
             out[inside] = spline(time[inside], derivative)
         return out
@@ -356,7 +350,7 @@ class PreparedTrial:
 
     @cached_property
     def _ground(self) -> SampledWrench:
-        return SampledWrench.of(self.recorded.time, blank_incomplete(self.recorded.wrench))
+        return SampledWrench(self.recorded.time, blank_incomplete(self.recorded.wrench))
 
     def external(self, offset: float, filtered: bool = False) -> list[FloatArray]:
         """Return every external wrench (T, 3) at the cameras' times, if wanted filtered like the regressor."""
@@ -366,7 +360,7 @@ class PreparedTrial:
             wrench = blank_incomplete(each.wrench)
             if filtered:
                 wrench = _filter_wrench(self.recorded, self.lowpass, wrench) if each.by_plates else self.lowpass(wrench)
-            wrenches.append(SampledWrench.of(time, wrench)(time - offset) if each.by_plates else wrench)
+            wrenches.append(SampledWrench(time, wrench)(time - offset) if each.by_plates else wrench)
         return wrenches
 
     def elsewhere(self, offset: float) -> FloatArray:
@@ -407,8 +401,8 @@ def prepare(recorded: TrialData, settings: FitSettings, prior: BodyPrior | None 
         base=base,
         regressor=regressor,
         filtered=lowpass(base.columns(regressor)),
-        wrench=SampledWrench.of(recorded.time, wrench),
-        filtered_wrench=SampledWrench.of(recorded.time, filtered_wrench),
+        wrench=SampledWrench(recorded.time, wrench),
+        filtered_wrench=SampledWrench(recorded.time, filtered_wrench),
         sensors=sensors,
         filtered_sensors=lowpass(sensors),
         usable=find_usable(lowpass, observed, filtered_wrench, settings.offset_limit),

@@ -1,4 +1,4 @@
-"""Reference bodies from the tables of Winter (2009) and de Leva (1996), and the priors that they give.
+"""Reference bodies from the tables of Winter (2009) and de Leva (1996), their priors, and pneumatic cylinders.
 
 The tables give fractions of body mass and of segment length; here, both legs are one segment. A chain starts at the
 ground, so a leg's segment begins at its lower joint. The tables measure centres of mass from the upper joint; here,
@@ -199,6 +199,8 @@ def compute_torque_and_sd(  # noqa: PLR0917
     return np.where(inside, torque(cylinder), np.nan), np.where(inside, np.sqrt(variance), np.nan)
 
 
+_HEEL = 0.25  # distance of the ankle from the heel, as a fraction of the foot's length
+_ANKLE_HEIGHT = 0.039  # height of the ankle, as a fraction of body height, from Winter's table: de Leva's has none
 TableName = Literal["winter", "de-leva"]
 Sex = Literal["female", "male"]
 
@@ -219,13 +221,11 @@ class SegmentFractions:
 class ReferenceTable:
     """The segments of a reference body."""
 
-    name: str  # name of the table
     foot: SegmentFractions
     shank: SegmentFractions
     thigh: SegmentFractions
     hat: SegmentFractions
     pelvis: SegmentFractions  # part of `hat` below a joint within the trunk
-    ankle_height: float  # height of the ankle, as a fraction of body height
 
 
 def estimate_height(reference: ReferenceTable, shank: float, thigh: float) -> float:
@@ -255,7 +255,7 @@ def scale_reference(
         raise ValueError(f"a reference body has 3 or 4 joints; this chain has {len(centres)}")
     foot_length = reference.foot.length * height
     heel = centres[0, 0] - facing * _HEEL * foot_length
-    foot_centre = np.array([heel + facing * reference.foot.centre * foot_length, reference.ankle_height * height / 2])
+    foot_centre = np.array([heel + facing * reference.foot.centre * foot_length, _ANKLE_HEIGHT * height / 2])
     links = [_compute_moments(reference.foot.mass * mass, foot_centre, reference.foot.gyration * foot_length)]
     for link, end in ((reference.shank, centres[1]), (reference.thigh, centres[2])):
         length = float(np.linalg.norm(end))
@@ -283,18 +283,13 @@ def scale_reference(
     return np.concatenate([*links, rotate(pelvis, -angles[2]), rotate(trunk, -angles[3])])
 
 
-_HEEL = 0.25  # distance of the ankle from the heel, as a fraction of the foot's length
-
-
 # table 4.1 of Winter (2009), with the pelvis's radius of gyration from de Leva's lower trunk
 _WINTER = ReferenceTable(
-    "winter",
     foot=SegmentFractions(2 * 0.0145, 0.50, 0.475, 0.152),
     shank=SegmentFractions(2 * 0.0465, 1 - 0.433, 0.302, 0.246),
     thigh=SegmentFractions(2 * 0.100, 1 - 0.433, 0.323, 0.245),
     hat=SegmentFractions(0.678, 0.626, 0.496, 0.288),
     pelvis=SegmentFractions(0.142, 0.105, 0.151, 0.288),
-    ankle_height=0.039,
 )
 _DE_LEVA: dict[Sex, dict[str, tuple[float, float, float, float]]] = {
     # mass % (one side), length mm, centre of mass % from the upper end, transverse radius of gyration %
@@ -334,7 +329,7 @@ def look_up_table(name: TableName, sex: Sex | None) -> ReferenceTable:
     female, male = _build_de_leva("female"), _build_de_leva("male")
     names = ("foot", "shank", "thigh", "hat", "pelvis")
     means = {name: _average(getattr(female, name), getattr(male, name)) for name in names}
-    return ReferenceTable("de-leva", **means, ankle_height=female.ankle_height)
+    return ReferenceTable(**means)
 
 
 def _build_de_leva(sex: Sex) -> ReferenceTable:
@@ -364,13 +359,11 @@ def _build_de_leva(sex: Sex) -> ReferenceTable:
     lower = build_segment("lower trunk", 1)
     low, about = lower.centre * lower.length / hat.length, lower.gyration * lower.length / hat.length
     return ReferenceTable(
-        "de-leva",
         foot=build_segment("foot", from_top=True),
         shank=build_segment("shank"),
         thigh=build_segment("thigh"),
         hat=hat,
         pelvis=SegmentFractions(lower.mass, low, about, hat.length),
-        ankle_height=0.039,  # from Winter's table: de Leva's has none
     )
 
 
@@ -485,7 +478,7 @@ _ARMS_MASS = 0.25
 _FOOT_MASS, _FOOT_CENTRE = 0.3, 0.05
 _GYRATION = 0.15  # m: radius of gyration of a body that no table describes
 _UNKNOWN_MASS, _UNKNOWN_CENTRE, _UNKNOWN_INERTIA = 1.0, 0.15, 5.0
-_BODY_PRIOR_LEAST = 1e-3  # kg: least mass
+_LEAST_MASS = 1e-3  # kg: least mass
 
 
 @dataclass(frozen=True)
@@ -559,7 +552,7 @@ def average_transform(angle: FloatArray, shift: FloatArray) -> FloatArray:
 
 def _compute_covariance(body: FloatArray, mass_sd: float, centre_sd: float, inertia_sd: float) -> FloatArray:
     """Return the covariance (4, 4) of m, mx, my, Izz for independent errors of mass, centre and central moment."""
-    mass = max(float(body[0]), _BODY_PRIOR_LEAST)
+    mass = max(float(body[0]), _LEAST_MASS)
     x, y = body[1:3] / mass
     own = max(float(body[3]) - mass * (x * x + y * y), mass * (0.2 * _GYRATION) ** 2)
     gain = np.diag([1.0, mass, mass, 1.0])

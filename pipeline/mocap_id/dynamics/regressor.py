@@ -1,4 +1,4 @@
-"""Motion of a body's segments, and the wrench and joint torques as linear maps of the parameters (thesis 4.2.1).
+"""Motion of a body's segments, wrench and torques as linear maps of the parameters, base parameters (thesis 4.2.1).
 
 A link has ten parameters, in the order of eq. 4.4: m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz, all about the origin of
 the link's frame. Ixy is the element of the inertia matrix, -∫ x y dm. A planar link has four of these parameters: m,

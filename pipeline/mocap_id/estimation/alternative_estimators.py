@@ -40,16 +40,9 @@ def average_two_passes(
     """Return the average of a filter pass over the series and a pass over the reversed series (ch. 3.2.6).
 
     The errors of the two passes have an unknown correlation, because both use the frame itself. For any correlation,
-    the standard deviation of the average is at most the mean of the two standard deviations. This bound is returned.
-
-    Returns
-    -------
-    mean, sd : (F, n, 4) arrays
-        States and standard deviations.
-    used : (F, M) bool array
-        Markers that one of the passes used.
-    log_likelihood : float
-        Of the forward pass.
+    the standard deviation of the average is at most the mean of the two standard deviations. This bound is returned:
+    states and standard deviations (F, n, 4), markers (F, M) that one of the passes used, and the log-likelihood of the
+    forward pass.
     """
     ahead = run_filter(problem)
     anchors = problem.anchors
@@ -67,12 +60,7 @@ def smooth_butterworth(anchors: Anchors, dt: float, cutoff: float) -> FloatArray
     """Smooth the angles of single frames by a zero-phase Butterworth low-pass, and return the states (F, n, 4).
 
     ``cutoff`` is the cut-off of each of the two passes, Hz; both passes together halve the amplitude at this frequency.
-    The derivatives are central differences. Long gaps are NaN.
-
-    Raises
-    ------
-    ConfigError
-        The frame rate is too low for the cut-off.
+    The derivatives are central differences. Long gaps are NaN. ConfigError is raised if the frame rate is too low.
     """
     if not cutoff < 0.5 / dt:
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""Sign, zero and clock offset of an encoder relative to the cameras, from the movement that both record.
+"""States of an encoder, and its sign, zero and clock offset relative to the cameras, from the common movement.
 
 The joint angle c(t) from the cameras and the angle e(t) on the encoder's clock satisfy ``c(t) = sign * e(t - offset) +
 zero``: the encoder's row at t is the state at t + offset on the markers' clock. For both signs, the squared difference

@@ -1,4 +1,4 @@
-"""Process model (eq. 3.17), input and output of the filter engines, sigma points, and the compiled engine."""
+"""Process model (eq. 3.17), input and output of the filter engines, and the compiled engine."""
 
 from __future__ import annotations
 
@@ -9,14 +9,8 @@ from math import factorial
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.errors import ConfigError, NumericalError
-from mocap_id.estimation.filter_kernels import (
-    FilterModel,
-    Inertial,
-    Measurements,
-    run_filter,
-    run_smoother,
-)
+from mocap_id.errors import NumericalError
+from mocap_id.estimation.filter_kernels import FilterModel, Inertial, Measurements, run_filter, run_smoother
 
 ORDER = 4  # quantities in the state of one joint: angle, velocity, acceleration, jerk
 
@@ -94,6 +88,15 @@ def start_sd(dt: float) -> FloatArray:
 
 
 @dataclass(frozen=True)
+class MarkerChain:
+    """Geometry of a chain of n joints with M markers."""
+
+    centres: FloatArray  # (n, 2) joint centres in the frame of the segment before, m
+    segment: IntArray  # (M,) segment of each marker, 0 = base
+    local: FloatArray  # (M, 2) coordinates in the segment frame, m
+
+
+@dataclass(frozen=True)
 class Anchors:
     """Angles of each frame from its own markers, as a linear measurement of the state."""
 
@@ -104,67 +107,22 @@ class Anchors:
 
 
 @dataclass(frozen=True)
-class SigmaPoints:
-    """Parameters of the scaled unscented transform (Merwe).
-
-    A state of L components has 2L + 1 points: the mean, and the mean ± sqrt(c) times each column of the lower Cholesky
-    factor of its covariance, c = alpha^2 (L + kappa). The default is c = L with beta = 2. Then the mean point has no
-    weight in the mean, and no weight is negative, so the innovation covariance is positive definite for any measurement
-    function. The angles of a tracked chain have standard deviations of a few mrad. For three joints, the points are
-    sqrt(12) standard deviations away, and the forward kinematics is still nearly linear between them.
-    """
-
-    alpha: float = 1.0  # spread of the points
-    beta: float = 2.0  # added to the weight of the mean in the covariance; 2 suits a normal distribution
-    kappa: float = 0.0  # second scaling of the spread
-
-    def spread(self, size: int) -> float:
-        """Return the factor c of the covariance for a state of ``size`` components."""
-        return self.alpha**2 * (size + self.kappa)
-
-    def weights(self, size: int) -> tuple[float, float, float]:
-        """Return the weights of the mean point in the mean and in the covariance, and of every other point in both.
-
-        Raises
-        ------
-        ConfigError
-            c is not positive, or the weight of the mean point in the covariance is negative, so that the result may not
-            be positive definite.
-        """
-        c = self.spread(size)
-        if c <= 0:
-            raise ConfigError(f"sigma points: alpha^2 (L + kappa) is {c:g} for L = {size}; it must be positive")
-        mean = 1.0 - size / c
-        covariance = mean + 1.0 - self.alpha**2 + self.beta
-        if covariance < 0:
-            raise ConfigError(
-                f"sigma points: alpha {self.alpha:g}, beta {self.beta:g}, kappa {self.kappa:g} give the mean of a"
-                f" state of {size} components the weight {covariance:g} in the covariance; it must not be negative"
-            )
-        return mean, covariance, 0.5 / c
-
-
-@dataclass(frozen=True)
 class FilterProblem:
-    """A chain of n joints, its M measured markers and the noise."""
+    """A chain of n joints, its M measured markers on moving segments, and the noise."""
 
-    observed: FloatArray  # (F, M, 2) markers of moving segments, plane frame, m; NaN where missing
+    observed: FloatArray  # (F, M, 2) markers in the plane frame, m; NaN where missing
     dt: float  # time step, s
-    centres: FloatArray  # (n, 2) joint centres in the frame of the segment before, m
-    segment: IntArray  # (M,) segment of each marker, 1 … n
-    local: FloatArray  # (M, 2) coordinates in the segment frame, m
+    chain: MarkerChain
     variance: FloatArray  # (M,) measurement variance of each marker per coordinate, m^2
     gate_variance: FloatArray  # (M,) variance of each marker in the gate, m^2, at least ``variance``
     gate: float  # a marker farther from its prediction than this is left out, in standard deviations (Mahalanobis)
     density: FloatArray  # (n,) spectral density of each joint's snap, rad^2/s^7
     anchors: Anchors  # angles for the start and after gaps
-    sigma_points: SigmaPoints
     inertial: Inertial | None = None  # inertial sensors, for the compiled engine only
 
     @property
     def joints(self) -> int:
-        """Number of joints n."""
-        return len(self.centres)
+        return len(self.chain.centres)
 
     @property
     def patience(self) -> int:
@@ -201,10 +159,7 @@ _NO_SENSORS = Inertial(
 
 
 def filter_forwards(problem: FilterProblem) -> Track:
-    """Run the filter over all frames, and return the filtered states.
-
-    Raise NumericalError if a covariance is not positive definite.
-    """
+    """Return the filtered states of all frames; NumericalError if a covariance is not positive definite."""
     frames, markers = problem.observed.shape[:2]
     n = problem.joints
     outputs = (
@@ -228,10 +183,7 @@ def filter_forwards(problem: FilterProblem) -> Track:
 
 
 def smooth_backwards(problem: FilterProblem, track: Track) -> Track:
-    """Run the Rauch–Tung–Striebel smoother over a filtered track, and return this track with its arrays overwritten.
-
-    Raise NumericalError if a predicted covariance is not positive definite.
-    """
+    """Return a filtered track with its arrays overwritten by the Rauch–Tung–Striebel smoother; errors as above."""
     failed = run_smoother(_make_model(problem), track.restarted, track.mean, track.covariance)
     if failed >= 0:
         raise NumericalError(f"the smoother's covariance is not positive definite at sample {failed}")
@@ -239,20 +191,29 @@ def smooth_backwards(problem: FilterProblem, track: Track) -> Track:
 
 
 def _make_model(problem: FilterProblem) -> FilterModel:
-    size = 4 * problem.joints
+    """Return the constants for the kernels.
+
+    Of the 2L + 1 points of the scaled unscented transform (Merwe) for a state of L components, the others than the mean
+    are at the mean ± sqrt(c) times each column of the lower Cholesky factor of its covariance. With alpha = 1, beta = 2
+    and kappa = 0, c is L, the mean point has no weight in the mean, and no weight is negative, so the innovation
+    covariance is positive definite for any measurement function. The angles of a tracked chain have standard deviations
+    of a few mrad. For three joints, the points are sqrt(12) standard deviations away, and the forward kinematics is
+    still nearly linear between them.
+    """
+    size, chain = 4 * problem.joints, problem.chain
     return FilterModel(
         step=transition(problem.dt)[0],
         shape=noise_shape(problem.dt),
         density=np.ascontiguousarray(problem.density),
         start=start_sd(problem.dt) ** 2,
         anchor_limit=ANCHOR_SD**2,
-        centres=np.ascontiguousarray(problem.centres),
-        segment=np.ascontiguousarray(problem.segment),
-        local=np.ascontiguousarray(problem.local),
+        centres=np.ascontiguousarray(chain.centres),
+        segment=np.ascontiguousarray(chain.segment),
+        local=np.ascontiguousarray(chain.local),
         variance=np.ascontiguousarray(problem.variance),
         gate_variance=np.ascontiguousarray(problem.gate_variance),
         gate=float(problem.gate),
         patience=problem.patience,
-        weights=problem.sigma_points.weights(size),
-        spread=problem.sigma_points.spread(size),
+        weights=(0.0, 2.0, 0.5 / size),
+        spread=float(size),
     )

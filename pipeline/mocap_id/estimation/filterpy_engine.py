@@ -29,16 +29,13 @@ from mocap_id.geometry.planar import marker_positions
 
 
 def filter_slowly(problem: FilterProblem) -> Track:
-    """Run the filter over all frames, and return the filtered states.
-
-    Raise NumericalError if a covariance is not positive definite.
-    """
+    """Return the filtered states of all frames; NumericalError if a covariance is not positive definite."""
     frames, markers = problem.observed.shape[:2]
     n = problem.joints
     mean, covariance = np.empty((frames, 4 * n)), np.empty((frames, 4 * n, 4 * n))
     used, restarted = np.zeros((frames, markers), dtype=np.bool_), np.zeros((frames, n), dtype=np.bool_)
     ukf, last_angle, log_likelihood = _make_filter(problem), problem.anchors.angles[0].copy(), 0.0
-    own = problem.segment[:, None] == np.arange(1, n + 1)  # (M, n)
+    own = problem.chain.segment[:, None] == np.arange(1, n + 1)  # (M, n)
     failing = np.zeros(n, dtype=np.int64)  # successive frames in which over half of a segment's markers fail
     for k in range(frames):
         try:
@@ -91,15 +88,15 @@ def smooth_slowly(problem: FilterProblem, track: Track) -> Track:
 
 
 def _make_filter(problem: FilterProblem) -> UnscentedKalmanFilter:
-    size, points = 4 * problem.joints, problem.sigma_points
+    size = 4 * problem.joints
     f = joint_transition(problem.dt, problem.joints)
     ukf = UnscentedKalmanFilter(
         dim_x=size,
-        dim_z=2 * len(problem.segment),
+        dim_z=2 * len(problem.chain.segment),
         dt=problem.dt,
         fx=lambda x, dt: f @ x,
         hx=lambda x, markers: _forward(problem, x, markers).ravel(),
-        points=MerweScaledSigmaPoints(size, points.alpha, points.beta, points.kappa),
+        points=MerweScaledSigmaPoints(size, alpha=1.0, beta=2.0, kappa=0.0),
     )
     ukf.Q = joint_noise(problem.dt, problem.density)
     ukf.P = np.zeros((size, size))
@@ -108,15 +105,15 @@ def _make_filter(problem: FilterProblem) -> UnscentedKalmanFilter:
 
 def _forward(problem: FilterProblem, states: FloatArray, markers: BoolArray) -> FloatArray:
     """Return the positions (..., m, 2) of the m chosen markers (eq. 3.18) for states (..., 4n)."""
-    angles = states[..., : problem.joints]
-    return marker_positions(angles, problem.centres, problem.segment[markers], problem.local[markers])
+    angles, chain = states[..., : problem.joints], problem.chain
+    return marker_positions(angles, chain.centres, chain.segment[markers], chain.local[markers])
 
 
 def _measure(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int) -> tuple[float, BoolArray]:
     """Update the filter with frame k; return the increase of the log-likelihood and the markers used (M,)."""
     visible = np.isfinite(problem.observed[k]).all(axis=-1)
     uncertain = np.flatnonzero(np.diag(ukf.P)[: problem.joints] > ANCHOR_SD**2)
-    if uncertain.size and np.any(visible & (problem.segment > uncertain[0])):
+    if uncertain.size and np.any(visible & (problem.chain.segment > uncertain[0])):
         if not problem.anchors.observed[k].any():
             return 0.0, np.zeros_like(visible)
         taken = _anchor(ukf, problem.anchors.angles[k], problem.anchors.covariance[k], problem.gate)
@@ -131,7 +128,7 @@ def _measure(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int) -> tupl
     squared = np.einsum("mi,mi->m", innovation, np.linalg.solve(spread, innovation[..., None])[..., 0])
     passed = visible.copy()
     passed[visible] = squared <= problem.gate**2
-    own = problem.segment[:, None] == np.arange(1, problem.joints + 1)  # (M, n)
+    own = problem.chain.segment[:, None] == np.arange(1, problem.joints + 1)  # (M, n)
     seen, through, fitting = ((own & each[:, None]).sum(axis=0) for each in (visible, passed, problem.anchors.used[k]))
     lost = problem.anchors.observed[k] & (seen >= ENOUGH) & (2 * through < seen) & (seen < 2 * fitting)
     if lost.any() and np.count_nonzero(problem.anchors.used[k]) > np.count_nonzero(passed):

@@ -427,6 +427,7 @@ def _explain_disagreement(found: SensorCalibration) -> str | None:
 _BORROWED_SD = 0.1  # s, least standard deviation of a clock taken from other sensors
 _CLEAR = 0.5  # least correlation of the rotation speeds that determines a clock
 _MARGIN = 0.2  # s before and after a gap in which the motion is also partly bridged
+WORSE = 1.5  # times the residual of the markers alone, at which sensors contradict the markers
 
 
 @dataclass(frozen=True)
@@ -481,6 +482,12 @@ def calibrate_all(
             clocks.append(found.clock)
         results[s] = SensorResult(found, saturated, why, better)
     return {s: results[s] for s in sensors}
+
+
+def measure_rms_distance(points: FloatArray, predicted: FloatArray, used: BoolArray) -> float:
+    """Return the rms distance, m, of the ``used`` points from predicted positions; infinite if none is used."""
+    squares = np.sum((points - predicted) ** 2, axis=2)[used]
+    return float(np.sqrt(np.nanmean(squares))) if np.isfinite(squares).any() else np.inf
 
 
 def find_observed_segments(observed: BoolArray, rate: float) -> BoolArray:

@@ -1,7 +1,7 @@
-"""States of a planar chain from inertial sensors alone, on the chain of another trial, which has markers.
+"""States of a planar chain from inertial sensors, beside markers, or alone on the chain of another trial.
 
-The trial with markers calibrates the sensors on their segments. Dead reckoning then gives angles, biases and clocks,
-and the filter smooths the corrected signals. The trial with markers is also tracked without its markers; the
+Alone, the trial with markers calibrates the sensors on their segments. Dead reckoning then gives angles, biases and
+clocks, and the filter smooths the corrected signals. The trial with markers is also tracked without its markers; the
 differences give the persistent errors of mounting, chain and skin.
 """
 
@@ -19,7 +19,6 @@ from mocap_id.arrays import (
     BoolArray,
     ComplexArray,
     FloatArray,
-    IntArray,
     as_complex,
     as_xy,
     find_runs,
@@ -27,9 +26,16 @@ from mocap_id.arrays import (
 )
 from mocap_id.errors import NumericalError
 from mocap_id.estimation.filter_kernels import Inertial
-from mocap_id.estimation.filter_problem import Anchors, FilterProblem, SigmaPoints, filter_forwards, smooth_backwards
+from mocap_id.estimation.filter_problem import (
+    Anchors,
+    FilterProblem,
+    MarkerChain,
+    filter_forwards,
+    smooth_backwards,
+)
 from mocap_id.estimation.inertial import (
     GRAVITY,
+    WORSE,
     MotionFromMarkers,
     PreparedSensor,
     SensorCalibration,
@@ -38,9 +44,9 @@ from mocap_id.estimation.inertial import (
     calibrate_all,
     calibrate_sensor,
     find_observed_segments,
+    measure_rms_distance,
     prepare_sensor,
 )
-from mocap_id.estimation.noise import MarkerChain
 from mocap_id.estimation.smoothing import FilterSettings, StateEstimator, States
 from mocap_id.geometry import so3
 
@@ -64,9 +70,12 @@ class KnownChain:
     """A chain of n joints and the sensors on it, from a trial with markers."""
 
     centres: FloatArray  # (n, 2) joint centres in the frame of the segment before, m
-    sensors: tuple[WornSensor, ...]  # n sensors, one on each moving segment
+    calibrations: tuple[SensorCalibration, ...]  # of n sensors, one on each moving segment
+    share: FloatArray  # (n, n) fraction of each joint's rotation (column) that the skin under each sensor follows
     rest: FloatArray  # (n,) joint angles at which the skin under the sensors is not rotated, rad
     density: FloatArray  # (n,) spectral density of each joint's snap, rad²/s⁷
+    # (n, 3) rms errors of angle, rad, velocity, rad/s, and acceleration, rad/s², if they are estimated without markers
+    errors: FloatArray | float = 0.0
 
 
 @dataclass(frozen=True)
@@ -100,10 +109,9 @@ class DeadReckoning:
         count = int(np.clip(1 + round((time[-1] - time[0]) / _KNOT), 2, _MOST_KNOTS))
         self._knots = np.linspace(time[0], time[-1], count)
         self._links = as_complex(chain.centres)
-        self._place = np.array([complex(*each.calibration.place[:2]) for each in chain.sensors])
-        share = np.array([each.share for each in chain.sensors])
-        self._skin = share @ (np.eye(n) - np.eye(n, k=-1))  # for the angles of the segments, not of the joints
-        self._resting = share @ chain.rest
+        self._place = np.array([complex(*each.place[:2]) for each in chain.calibrations])
+        self._skin = chain.share @ (np.eye(n) - np.eye(n, k=-1))  # for the angles of the segments, not of the joints
+        self._resting = chain.share @ chain.rest
         self._to_segments = np.linalg.inv(np.eye(n) + self._skin)
         self._half = int(np.ceil(3 * _SMOOTHED / self._dt))
         window = np.exp(-0.5 * (np.arange(-self._half, self._half + 1) * self._dt / _SMOOTHED) ** 2)
@@ -129,7 +137,7 @@ class DeadReckoning:
         """
         still, none = np.zeros(len(self.time)), np.zeros((len(self.time), 3))
         motion = MotionFromMarkers(none, none, none, still, still, np.array([0.0, 1.0, 0.0]))
-        found = self.chain.sensors[k].calibration
+        found = self.chain.calibrations[k]
         found = replace(found, clock=replace(found.clock, offset=-shift, drift=0.0))
         prepared = prepare_sensor(self._signals[k], found, motion, self.time, still == 0.0, SHARES)
         return prepared.gyro, prepared.force
@@ -157,8 +165,7 @@ class DeadReckoning:
         unknowns[self._at[0]] = start
 
         # Gauss–Newton
-        calibrations = [each.calibration for each in self.chain.sensors]
-        spread = np.array([each.residual[1] * np.sqrt(each.correlated[1]) for each in calibrations])
+        spread = np.array([each.residual[1] * np.sqrt(each.correlated[1]) for each in self.chain.calibrations])
         spread *= len(self.time) ** -0.5 * len(self._some) ** 0.5  # thinned samples are less correlated
         for _ in range(_ROUNDS):
             off = self._residual(unknowns)
@@ -242,53 +249,33 @@ _LEAST = 1.0  # s, least time that the logs must have in common
 _MARGIN = 0.3  # s left out at both ends, because the clocks of the sensors may differ
 
 
-@dataclass(frozen=True)
-class TrackedStates:
-    """States of n joints at F times from inertial sensors alone."""
-
-    mean: FloatArray  # (F, n, 4) angle, rad, velocity, rad/s, acceleration, rad/s², and jerk, rad/s³
-    sd: FloatArray  # (F, n, 3) standard deviations of angle, velocity and acceleration
-    reckoning: Reckoning  # motion before the filter, with biases and clocks
-    level: FloatArray  # (n,) mean specific force out of the plane, m/s²; not zero if a sensor was rotated
-    heading: FloatArray  # (n,) rotation of each sensor about the vertical between start and end, rad
-    heading_sd: FloatArray  # (n,) its standard deviation, rad
-
-
-@dataclass(frozen=True)
-class CalibratedChain:
-    """A chain with its calibrated sensors, and the errors of its states if they are estimated without markers."""
-
-    known: KnownChain
-    errors: FloatArray  # (n, 3) rms errors of angle, rad, velocity, rad/s, and acceleration, rad/s²
-
-
 def calibrate_chain(
     states: States, time: FloatArray, sensors: Mapping[int, SensorSignals], density: FloatArray
-) -> CalibratedChain:
+) -> KnownChain:
     """Calibrate the sensors on a trial with markers, and track the same trial without the markers.
 
     ``states`` are those of the trial with markers; only ``mean``, ``observed`` and ``chain`` are used. ``time`` (F,)
     are uniform times of the cameras, s. ``sensors`` has one sensor for each moving segment 1 … n. ``density`` (n,) is
     the spectral density of each joint's snap, rad²/s⁷.
 
-    Raises
-    ------
-    NumericalError
-        A sensor contradicts the markers, the logs have no time in common, or a covariance is not positive definite.
+    NumericalError is raised if a sensor contradicts the markers, the logs have no time in common, or a covariance is
+    not positive definite.
     """
     rate = (len(time) - 1) / float(time[-1] - time[0])
     motions = compute_segment_motions(states, rate)
     results = calibrate_all(sensors, motions, time)
-    worn = []
+    calibrations, shares = [], []
     for s in range(1, len(motions)):
         result = results[s]
         if result.used is None:
             raise NumericalError(f"segment {s}: {result.why}")
-        worn.append(calibrate_worn_sensor(sensors[s], s, result.used, motions[s], states, time))
+        found, share, _, _ = calibrate_worn_sensor(sensors[s], s, result.used, motions[s], states, time)
+        calibrations.append(found)
+        shares.append(share)
     rest = np.nanmean(states.mean[..., 0], axis=0)
-    known = KnownChain(states.chain.centres, tuple(worn), rest, density)
+    known = KnownChain(states.chain.centres, tuple(calibrations), np.array(shares), rest, density)
     signals = [sensors[s] for s in range(1, len(motions))]
-    stamps = worn[0].calibration.clock.stamps(time)
+    stamps = calibrations[0].clock.stamps(time)
     first, last = max(each.time[0] for each in signals), min(each.time[-1] for each in signals)
     inside = np.flatnonzero((stamps > first + _MARGIN) & (stamps < last - _MARGIN))
     if len(inside) < _LEAST * rate:
@@ -298,17 +285,22 @@ def calibrate_chain(
         )
     mean, _, _ = _track(DeadReckoning(signals, stamps[inside], known))
     off = mean[..., :3] - states.mean[inside][..., :3]
-    return CalibratedChain(known, np.sqrt(np.nanmean(off**2, axis=0)))
+    return replace(known, errors=np.sqrt(np.nanmean(off**2, axis=0)))
 
 
-def track_without_markers(signals: Sequence[SensorSignals], time: FloatArray, chain: CalibratedChain) -> TrackedStates:
+def track_without_markers(
+    signals: Sequence[SensorSignals], time: FloatArray, chain: KnownChain
+) -> tuple[FloatArray, FloatArray, Reckoning, FloatArray]:
     """Return the states of the joints from ``signals``, those of the sensors on the moving segments 1 … n.
 
-    ``time`` (F,) are uniform times on the first sensor's clock, s.
+    They are the states (F, n, 4), the standard deviations (F, n, 3) of angle, velocity and acceleration, and the motion
+    before the filter, with biases and clocks. The last result (3, n) shows whether the sensors left the plane: mean
+    specific force out of it, m/s², not zero if a sensor was rotated; rotation of each sensor about the vertical between
+    start and end, rad, and its standard deviation. ``time`` (F,) are uniform times on the first sensor's clock, s.
 
     Raise NumericalError if a covariance is not positive definite.
     """
-    problem = DeadReckoning(signals, time, chain.known)
+    problem = DeadReckoning(signals, time, chain)
     mean, sd, reckoning = _track(problem)
     variance = sd[..., :3] ** 2
     variance[..., 2] *= _ACCELERATION_SHARE**2
@@ -316,22 +308,22 @@ def track_without_markers(signals: Sequence[SensorSignals], time: FloatArray, ch
     before = np.concatenate([np.zeros((len(sd), 1)), reckoning.angle_sd[:, :-1]], axis=1)
     lasting[..., 0] += np.hypot(reckoning.angle_sd, before) ** 2
     # out of the plane: mean force, and rotation about the vertical
-    level, heading, heading_sd = np.empty((3, len(signals)))
+    beyond = np.empty((3, len(signals)))
     duration = float(time[-1] - time[0])
-    for k, worn in enumerate(chain.known.sensors):
+    for k, found in enumerate(chain.calibrations):
         gyro, force = problem.prepare(k, float(reckoning.shift[k]))
         upwards = as_xy(1j * np.exp(-1j * reckoning.angle[:, k]))
-        level[k] = np.nanmean(force[:, 2])
-        heading[k] = np.nanmean(np.sum(gyro[:, :2] * upwards, axis=1)) * duration
-        heading_sd[k] = np.hypot(SWITCHED_ON, np.mean(worn.calibration.sd["gyro_bias"])) * duration
-    return TrackedStates(mean, np.sqrt(variance + lasting), reckoning, level, heading, heading_sd)
+        beyond[0, k] = np.nanmean(force[:, 2])
+        beyond[1, k] = np.nanmean(np.sum(gyro[:, :2] * upwards, axis=1)) * duration
+        beyond[2, k] = np.hypot(SWITCHED_ON, np.mean(found.sd["gyro_bias"])) * duration
+    return mean, np.sqrt(variance + lasting), reckoning, beyond
 
 
 def _track(reckoned: DeadReckoning) -> tuple[FloatArray, FloatArray, Reckoning]:
     """Return the filter's states (F, n, 4), their standard deviations (F, n, 4), and the motion before the filter."""
     reckoning, known = reckoned.solve(), reckoned.chain
     gyro, force = reckoned.sample(tuple(reckoning.shift))
-    residual = np.array([each.calibration.residual for each in known.sensors])
+    residual = np.array([each.residual for each in known.calibrations])
     residual[:, 1] = np.fmax(residual[:, 1], reckoning.residual)
     joints = np.diff(reckoning.angle, axis=1, prepend=0.0)
     frames, n = joints.shape
@@ -339,9 +331,7 @@ def _track(reckoned: DeadReckoning) -> tuple[FloatArray, FloatArray, Reckoning]:
     problem = FilterProblem(
         observed=np.zeros((frames, 0, 2)),
         dt=float(reckoned.time[1] - reckoned.time[0]),
-        centres=known.centres.copy(),
-        segment=none.astype(np.int64),
-        local=np.zeros((0, 2)),
+        chain=MarkerChain(known.centres.copy(), none.astype(np.int64), np.zeros((0, 2))),
         variance=none,
         gate_variance=none,
         gate=_GATE,
@@ -352,11 +342,10 @@ def _track(reckoned: DeadReckoning) -> tuple[FloatArray, FloatArray, Reckoning]:
             np.zeros(joints.shape, np.bool_),
             np.zeros((frames, 0), np.bool_),
         ),
-        sigma_points=SigmaPoints(),
         inertial=Inertial(
             segment=np.arange(1, n + 1),
-            place=np.array([each.calibration.place[:2] for each in known.sensors]),
-            share=np.array([each.share for each in known.sensors]),
+            place=np.array([each.place[:2] for each in known.calibrations]),
+            share=known.share,
             rest=known.rest,
             signal=np.concatenate(
                 [(gyro - reckoning.gyro_bias)[..., None], as_xy(force) - reckoning.force_bias], axis=2
@@ -376,22 +365,19 @@ _SHARE_SD = 0.05  # standard deviation of the fraction of a joint's rotation tha
 _COVERED, _QUANTILE = 0.95, 1.645  # fraction of intervals whose drift is covered; this quantile in standard deviations
 _SOME = 500  # frames, for the residual
 _NORMAL, _UP = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
-_WORSE = 1.5  # times the residual of the markers alone, at which the sensors contradict them
 
 
 def smooth_with_sensors(
     observed: FloatArray,
     time: FloatArray,
-    centres: FloatArray,
-    segment: IntArray,
-    local: FloatArray,
+    chain: MarkerChain,
     *,
     sensors: Mapping[int, SensorSignals],
     settings: FilterSettings,
 ) -> tuple[States, dict[int, SensorResult]]:
     """Return the states of every joint from markers and inertial sensors, and the result of each sensor by segment.
 
-    If all sensors are left out, the states come from the markers alone. Markers and chain are as for
+    If all sensors are left out, the states come from the markers alone. The markers are as for
     :func:`mocap_id.estimation.smooth`; ``observed`` is changed in place as with its ``overwrite``. ``time`` (F,) are
     uniform times of the cameras, s. ``sensors`` are numbered by their segment, 0 = base.
 
@@ -399,7 +385,7 @@ def smooth_with_sensors(
     """
     rate = (len(time) - 1) / float(time[-1] - time[0])
     times = time[0] + np.arange(len(time)) / rate
-    trial = StateEstimator(observed, rate, MarkerChain(centres, segment, local), settings)
+    trial = StateEstimator(observed, rate, chain, settings)
     alone = trial.estimate()
     motions = compute_segment_motions(alone, rate)
     results = calibrate_all(sensors, motions, times)
@@ -410,28 +396,32 @@ def smooth_with_sensors(
     }
     if not worn:
         return alone, results
-    results |= {s: replace(results[s], calibration=each.calibration) for s, each in worn.items()}
+    results |= {s: replace(results[s], calibration=found) for s, (found, *_) in worn.items()}
     try:
-        ready = [each.prepared for each in worn.values()]
+        calibrations, shares, ready, _ = zip(*worn.values(), strict=True)
         both = trial.estimate(
             Inertial(
                 segment=np.array(list(worn), dtype=np.int64),
-                place=np.array([each.calibration.place[:2] for each in worn.values()]),
-                share=np.array([each.share for each in worn.values()]),
+                place=np.array([each.place[:2] for each in calibrations]),
+                share=np.array(shares),
                 rest=np.nanmean(alone.mean[..., 0], axis=0),
                 signal=np.stack([np.column_stack([each.gyro[:, 2], each.force[:, :2]]) for each in ready], axis=1),
                 variance=np.stack([each.variance for each in ready], axis=1),
                 gravity=GRAVITY,
             )
         )
-        if not _measure_residual(both, observed) < _WORSE * _measure_residual(alone, observed):
+        some = slice(None, None, max(1, len(observed) // _SOME))
+        off, usual = (
+            measure_rms_distance(observed[some], each.predicted_in(some), each.used[some]) for each in (both, alone)
+        )
+        if not off < WORSE * usual:
             raise NumericalError("the sensors pull the chain away from the markers")
     except NumericalError as error:
         return alone, {s: replace(each, why=each.why or str(error)) for s, each in results.items()}
     # in gaps, the standard deviations increase by the drift of the angles from the sensors
     sd, gaps = both.sd.copy(), [find_runs(~each) for each in both.observed.T]
     longest = max((run.stop - run.start for runs in gaps for run in runs), default=0)
-    drifts = {s: _measure_drift(each.left, longest, 1.0 / rate) ** 2 for s, each in worn.items()} if longest else {}
+    drifts = {s: _measure_drift(left, longest, 1.0 / rate) ** 2 for s, (*_, left) in worn.items()} if longest else {}
     for j, runs in enumerate(gaps):
         own = [drifts[s] for s in (j, j + 1) if s in drifts]
         for run in runs:
@@ -467,16 +457,6 @@ def _find_determined(states: States) -> BoolArray:
     return np.concatenate([np.ones((len(known), 1), dtype=np.bool_), known], axis=1)
 
 
-@dataclass(frozen=True)
-class WornSensor:
-    """A sensor on skin that follows the rotations of the joints beside it in part."""
-
-    calibration: SensorCalibration
-    prepared: PreparedSensor
-    share: FloatArray  # (n,) fraction of each joint's rotation that the skin follows
-    left: FloatArray  # (F,) angular velocity of the sensor minus that of the skin from the markers, rad/s
-
-
 def calibrate_worn_sensor(  # noqa: PLR0917
     signals: SensorSignals,
     s: int,
@@ -484,10 +464,12 @@ def calibrate_worn_sensor(  # noqa: PLR0917
     motion: MotionFromMarkers,
     states: States,
     time: FloatArray,
-) -> WornSensor:
+) -> tuple[SensorCalibration, FloatArray, PreparedSensor, FloatArray]:
     """Estimate how far the skin under a sensor follows the joints beside it, and calibrate the sensor again with this.
 
-    ``s`` is the segment, ``found`` the first calibration, and ``motion`` the motion of the segment from markers.
+    ``s`` is the segment, ``found`` the first calibration, and ``motion`` the motion of the segment from markers. Return
+    the new calibration, the fraction (n,) of each joint's rotation that the skin follows, the signals of the sensor,
+    and its angular velocity (F,) minus that of the skin from the markers, rad/s.
     """
     seen, rest = _find_determined(states)[:, s], np.nanmean(states.mean[..., 0], axis=0)
     first = prepare_sensor(signals, found, motion, time, seen, SHARES)
@@ -509,7 +491,7 @@ def calibrate_worn_sensor(  # noqa: PLR0917
     clock = replace(found.clock, sd=np.inf) if found.clock.observable else found.clock
     again = calibrate_sensor(signals, skin, time, clock, follows=False, start=replace(found, lag=0.0)) or found
     prepared = prepare_sensor(signals, again, skin, time, seen, SHARES)
-    return WornSensor(again, prepared, share, prepared.gyro[:, 2] - skin.omega[:, 2])
+    return again, share, prepared, prepared.gyro[:, 2] - skin.omega[:, 2]
 
 
 def _measure_drift(left: FloatArray, count: int, dt: float) -> FloatArray:
@@ -527,10 +509,3 @@ def _measure_drift(left: FloatArray, count: int, dt: float) -> FloatArray:
         sizes.append(float(np.quantile(np.abs(total[lag:] - total[:-lag])[whole], _COVERED)) / _QUANTILE)
     every = np.arange(count + 1)
     return np.asarray(np.interp(every, lags, np.maximum.accumulate(sizes)) * np.maximum(every / max(lags[-1], 1), 1.0))
-
-
-def _measure_residual(states: States, observed: FloatArray) -> float:
-    """Return the rms distance, m, of the used markers from their predicted positions; infinite if none is used."""
-    some = slice(None, None, max(1, len(observed) // _SOME))
-    squares = np.sum((observed[some] - states.predicted_in(some)) ** 2, axis=2)[states.used[some]]
-    return float(np.sqrt(np.nanmean(squares))) if np.isfinite(squares).any() else np.inf

@@ -78,15 +78,6 @@ _LEAST_SPREAD = 0.02  # m, rms distance of a segment's markers from their centro
 
 
 @dataclass(frozen=True)
-class Oscillation:
-    """A narrow peak in the spectrum of the common displacement of a segment's markers."""
-
-    segment: int  # 1 … n
-    frequency: float  # Hz
-    size: float  # rms displacement that remains in the residuals, m
-
-
-@dataclass(frozen=True)
 class ResidualSpectrum:
     """Spectrum of the residuals, and the motion of each segment's markers relative to the chain."""
 
@@ -119,8 +110,12 @@ class ResidualSpectrum:
         return found if is_noise and found < _FLATTEST * f[-1] else None
 
     @cached_property
-    def oscillations(self) -> tuple[Oscillation, ...]:
-        """Strongest oscillation of each segment whose markers oscillate together."""
+    def oscillations(self) -> tuple[tuple[int, float, float], ...]:
+        """Strongest oscillation of each segment whose markers oscillate together.
+
+        It is a narrow peak in the spectrum of their common displacement: the segment, 1 … n, the frequency, Hz, and the
+        rms displacement that remains in the residuals, m.
+        """
         found = []
         for k in range(self.shift.shape[1]):
             windows = list(_spectra(self.shift[:, k], self.rate, None))
@@ -138,7 +133,7 @@ class ResidualSpectrum:
                         best, peak = clear, float(f[i])
             if peak is not None:
                 near = (f > peak / _HALF_WIDTH) & (f < peak * _HALF_WIDTH)
-                found.append(Oscillation(k + 1, peak, float(np.sqrt(2 * np.sum(power[near]) * (f[1] - f[0])))))
+                found.append((k + 1, peak, float(np.sqrt(2 * np.sum(power[near]) * (f[1] - f[0])))))
         return tuple(found)
 
     def oscillating_variance(self, frames: IntArray) -> FloatArray:
@@ -149,8 +144,8 @@ class ResidualSpectrum:
         twice = np.concatenate([self.rotation, self.rotation[::-1]])
         f = np.fft.rfftfreq(2 * count, 1 / self.rate)
         inside = np.zeros(len(f), dtype=np.bool_)
-        for each in self.oscillations:
-            inside |= (f > each.frequency / _HALF_WIDTH) & (f < each.frequency * _HALF_WIDTH)
+        for _, peak, _ in self.oscillations:
+            inside |= (f > peak / _HALF_WIDTH) & (f < peak * _HALF_WIDTH)
         power = 2 * np.abs(np.fft.rfft(np.diff(twice, axis=1, prepend=0.0), axis=0)[inside]) ** 2 / (2 * count) ** 2
         turning = 2 * np.pi * f[inside, None]
         variance = [np.sum(turning ** (2 * order) * power, axis=0) for order in range(ORDER)]
@@ -258,7 +253,7 @@ def estimate_coloured_variance(
     return variance
 
 
-_MISSING_MARKERS_LEAST = 1e-5  # m; least rms displacement
+_LEAST_SLIDE = 1e-5  # m; least rms displacement
 _ENOUGH = 4000  # frames, spread evenly over the trial, from which the rms displacements are estimated
 
 
@@ -267,9 +262,8 @@ def compute_variance_growth(
 ) -> FloatArray:
     """Return the factor (T, n), at least 1, by which missing markers increase the variance of errors from skin.
 
-    It is 1 where the markers do not determine an angle, because the filter's own variance covers this case.
-    ``used_markers`` (F, M, 2) are the markers used for the states, plane frame, m, otherwise NaN; ``angles`` (F, n)
-    have no gaps, rad; ``frames`` (T,) are the frames of the factor; ``camera`` is the camera noise of a coordinate, m.
+    It is 1 where the markers do not determine an angle, because the filter's own variance covers this case. The
+    arguments are as for :func:`estimate_coloured_variance`.
     """
     used, chain = states.used, states.chain
     often = used.mean(axis=0)
@@ -281,7 +275,7 @@ def compute_variance_growth(
         known = np.isfinite(off)
         squares += np.where(known, off**2, 0.0).sum(axis=(0, 2))
         count += known.sum(axis=(0, 2))
-    slide = np.asarray(np.maximum(squares / np.maximum(count, 1) - camera**2, _MISSING_MARKERS_LEAST**2))
+    slide = np.asarray(np.maximum(squares / np.maximum(count, 1) - camera**2, _LEAST_SLIDE**2))
     forgotten = compute_forgotten_share(used, frames, rate)
     factor = np.ones((len(frames), angles.shape[1]))
     some = np.flatnonzero(~used[frames][:, often > 0].all(axis=1))
@@ -290,7 +284,7 @@ def compute_variance_growth(
         at = frames[part]
         jacobian = marker_jacobian(angles[at], chain.centres, chain.segment, chain.local)
         factor[part] = _compute_growth(
-            jacobian, used[at], often=often, slide=slide, forgotten=forgotten[part], marker_sd=states.noise.marker_sd
+            jacobian, used[at], often=often, slide=slide, forgotten=forgotten[part], marker_sd=states.marker_sd
         )
     return factor
 
@@ -334,9 +328,8 @@ _TWICE = _WITHHELD - 1 + (2 - _WITHHELD) * (3 - _WITHHELD) / 6
 def estimate_camera_sd(used_markers: FloatArray, states: States, floor: float) -> float:
     """Return the standard deviation, m, of the markers' white noise, between ``floor`` and the filter's marker noise.
 
-    It is estimated from second differences of the residuals, which remove lasting errors. If no marker is used in three
-    successive frames, the filter's marker noise is returned. ``used_markers`` (F, M, 2) are the markers used for the
-    states, plane frame, m; NaN elsewhere.
+    It is estimated from second differences of the residuals, which remove lasting errors; it is the filter's marker
+    noise if no marker is used in three successive frames.
     """
     squares, count = 0.0, 0
     for s in chunks(len(used_markers)):
@@ -346,26 +339,21 @@ def estimate_camera_sd(used_markers: FloatArray, states: States, floor: float) -
         known = bends[np.isfinite(bends)]
         squares, count = squares + float(np.sum(known**2)), count + known.size
     if count == 0:
-        return states.noise.marker_sd
-    return min(states.noise.marker_sd, max(floor, float(np.sqrt(squares / count / 6))))
+        return states.marker_sd
+    return min(states.marker_sd, max(floor, float(np.sqrt(squares / count / 6))))
 
 
-@dataclass(frozen=True)
-class LastingErrors:
-    """Variances of lasting errors, which do not average out, and the camera noise, which does."""
+def add_lasting_errors(states: States, rate: float, camera: float, frames: IntArray, lasting: FloatArray) -> FloatArray:
+    """Return the standard deviations (F, n, 4) of the states with lasting errors, which do not average out.
 
-    camera: float  # camera noise of a coordinate, m
-    frames: IntArray  # (T,) frames of the variances, ascending
-    variance: FloatArray  # (T, n, 4) variances of the errors from skin and the chain's geometry
-
-
-def add_lasting_errors(states: States, rate: float, errors: LastingErrors) -> FloatArray:
-    """Return the standard deviations (F, n, 4) of the states with lasting errors; ``rate`` is in frames per second."""
+    ``camera`` is the camera noise of a coordinate, m, which does. ``lasting`` (T, n, 4) are the variances of the errors
+    from skin and the chain's geometry in the ascending ``frames`` (T,); ``rate`` is in frames per second.
+    """
     sd, every = np.empty_like(states.sd), np.arange(len(states.sd))
     for joint in range(sd.shape[1]):
         variance: FloatArray = states.sd[:, joint] ** 2
         steady = np.median(variance, axis=0)  # (4,); gaps and ends have more
-        white = np.minimum(variance, steady) * (1 - _WITHHELD) * (errors.camera / states.noise.marker_sd) ** 2
+        white = np.minimum(variance, steady) * (1 - _WITHHELD) * (camera / states.marker_sd) ** 2
         # mean square of the movement that a second smoothing removes, averaged around each frame; the interpolated
         # angles are followed by their reversal, so that the series is periodic
         filled = interpolate_gaps(states.mean[:, joint, :1])[:, 0]
@@ -378,7 +366,7 @@ def add_lasting_errors(states: States, rate: float, errors: LastingErrors) -> Fl
             removed[:, order] = np.fft.irfft(np.fft.rfft(part**2) * memory, len(extended))[: len(sd)]
         total = white + np.maximum(variance - steady, 0) + np.maximum(removed - _TWICE * white, 0)
         for order in range(ORDER):
-            total[:, order] += np.interp(every, errors.frames, errors.variance[:, joint, order])
+            total[:, order] += np.interp(every, frames, lasting[:, joint, order])
         sd[:, joint] = np.sqrt(total)
     return sd
 

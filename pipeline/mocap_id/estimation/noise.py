@@ -18,7 +18,7 @@ from scipy.optimize import minimize_scalar
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
 from mocap_id.compilation import compiled
 from mocap_id.estimation.filter_kernels import refine
-from mocap_id.estimation.filter_problem import ORDER, Anchors, noise_shape, start_sd, transition
+from mocap_id.estimation.filter_problem import ORDER, Anchors, MarkerChain, noise_shape, start_sd, transition
 from mocap_id.geometry.planar import marker_positions, rotate
 
 OBSERVED_SD = 0.1  # largest standard deviation, rad, of an angle that counts as observed in a frame
@@ -33,15 +33,6 @@ _ROUNDS = 2  # the second round is needed because outliers inflate the ordinary 
 _BEYOND = 3.0  # limit of a marker's ordinary residual, relative to its median and to the markers of its segment
 _ENOUGH = 4000  # residuals per marker, spread evenly over the trial, from which its ordinary residual is estimated
 _QUANTILE = 0.8  # quantile of the residuals: bursts of errors take less than the rest of the time, movement more
-
-
-@dataclass(frozen=True)
-class MarkerChain:
-    """Geometry of a chain of n joints with M markers."""
-
-    centres: FloatArray  # (n, 2) joint centres in the frame of the segment before, m
-    segment: IntArray  # (M,) segment of each marker, 0 = base
-    local: FloatArray  # (M, 2) coordinates in the segment frame, m
 
 
 @dataclass(frozen=True)
@@ -228,14 +219,6 @@ _LARGEST = 0.99  # quantile that counts as the largest change
 _LEAST_MOTION = 0.25  # fraction of frames with motion from which all frames count
 _NEAR = 2  # number of times _STEP before and after motion that count as motion
 _SETTLE = 10  # innovations that determine the unknown start; they are not counted
-
-
-@dataclass(frozen=True)
-class FilterNoise:
-    """Measurement and process noise of the filter."""
-
-    marker_sd: float  # standard deviation of a marker's coordinate, m: camera noise and soft tissue together
-    sigma_v: FloatArray  # (n,) sd of each joint's snap held over one frame, rad/s^4; its density is sigma_v^2 dt
 
 
 def estimate_marker_noise(frames: FrameAngles, floor: float) -> float:

@@ -6,7 +6,7 @@ The loops of filter and smoother are in :mod:`mocap_id.estimation.filter_kernels
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -21,7 +21,7 @@ from mocap_id.estimation.alternative_estimators import (
 from mocap_id.estimation.filter_kernels import Inertial
 from mocap_id.estimation.filter_problem import (
     FilterProblem,
-    SigmaPoints,
+    MarkerChain,
     Track,
     filter_forwards,
     noise_shape,
@@ -29,9 +29,7 @@ from mocap_id.estimation.filter_problem import (
     transition,
 )
 from mocap_id.estimation.noise import (
-    FilterNoise,
     FrameAngles,
-    MarkerChain,
     estimate_marker_noise,
     estimate_process_noise,
     find_determined_angles,
@@ -58,7 +56,6 @@ class FilterSettings:
     marker_sd_floor: float = 5e-5  # least estimate of ``marker_sd``, m
     gate: float = 5.0  # a marker farther from its prediction is left out; standard deviations
     angle_sd_limit: float = 0.2  # largest standard deviation of an angle, rad; beyond it the states are NaN
-    sigma_points: SigmaPoints = field(default_factory=SigmaPoints)
 
 
 @dataclass(frozen=True)
@@ -73,7 +70,8 @@ class States:
     sd: FloatArray  # (F, n, 4) standard deviations, also of uncertain states; NaN for methods that give none
     observed: BoolArray  # (F, n) the frame's own markers determine the angle; false where it is bridged
     used: BoolArray  # (F, M) markers used for the states: visible, on a moving segment, and within the gate
-    noise: FilterNoise  # estimated or given
+    marker_sd: float  # standard deviation of a marker's coordinate, m: camera noise and soft tissue together
+    sigma_v: FloatArray  # (n,) sd of each joint's snap held over one frame, rad/s^4; its density is sigma_v^2 dt
     log_likelihood: float  # of the filter's innovations; NaN for methods without one
     chain: MarkerChain  # with all M markers
 
@@ -93,40 +91,19 @@ class States:
 def smooth(
     observed: FloatArray,
     rate: float,
-    centres: FloatArray,
-    segment: IntArray,
-    local: FloatArray,
+    chain: MarkerChain,
     *,
     settings: FilterSettings | None = None,
     overwrite: bool = False,
 ) -> States:
-    """Return the states of every joint at every frame, estimated from markers.
+    """Return the states of every joint at every frame; NumericalError if a covariance is not positive definite.
 
-    Parameters
-    ----------
-    observed : (F, M, 2) array
-        Measured markers in the plane frame, m; NaN where missing.
-    rate : float
-        Frames per second, Hz.
-    centres : (n, 2) array
-        Joint centres in the frame of the segment before, m.
-    segment : (M,) int array
-        Segment of each marker, 0 = base. Base markers are predicted but not used.
-    local : (M, 2) array
-        Coordinates in the segment frame, m.
-    settings : FilterSettings, optional
-        Default: :class:`FilterSettings`.
-    overwrite : bool
-        Whether ``observed`` may be changed, which saves a copy: in frames with missing markers,
-        :func:`compensate_dropouts` moves the other markers.
-
-    Raises
-    ------
-    NumericalError
-        A covariance is not positive definite.
+    ``observed`` (F, M, 2) are the measured markers in the plane frame, m, NaN where missing; ``rate`` is in frames per
+    second. Markers of the base are predicted but not used. With ``overwrite``, ``observed`` may be changed, which saves
+    a copy: in frames with missing markers, :func:`compensate_dropouts` moves the other markers.
     """
     markers = observed if overwrite else observed.copy()
-    return StateEstimator(markers, rate, MarkerChain(centres, segment, local), settings or FilterSettings()).estimate()
+    return StateEstimator(markers, rate, chain, settings or FilterSettings()).estimate()
 
 
 class StateEstimator:
@@ -147,31 +124,21 @@ class StateEstimator:
         anchors, given = frames.anchors(marker_sd), settings.sigma_v
         sigma_v = estimate_process_noise(anchors, dt) if given is None else np.full(len(moving.centres), given)
         sigma_v = np.minimum(sigma_v, settings.sigma_v_ratio * np.median(sigma_v))
-        self.noise = FilterNoise(marker_sd, sigma_v)
+        self.marker_sd, self.sigma_v = marker_sd, sigma_v
         self.problem = FilterProblem(
             observed=markers,
             dt=dt,
-            centres=moving.centres,
-            segment=moving.segment,
-            local=moving.local,
+            chain=moving,
             variance=np.full(len(moving.segment), marker_sd**2),
             gate_variance=np.fmax(marker_sd, frames.scale) ** 2,
             gate=settings.gate,
             density=sigma_v**2 * dt,
             anchors=anchors,
-            sigma_points=settings.sigma_points,
         )
 
     def estimate(self, inertial: Inertial | None = None) -> States:
-        """Return the states from the markers, and from inertial sensors if given.
-
-        Sensors need the method ``rts`` and the compiled engine. Raise NumericalError if a covariance is not positive
-        definite.
-        """
-        settings, problem = (
-            self.settings,
-            self.problem if inertial is None else replace(self.problem, inertial=inertial),
-        )
+        """Return the states from the markers, and from inertial sensors, which need ``rts`` and the compiled engine."""
+        settings, problem = self.settings, replace(self.problem, inertial=inertial)
         if settings.method in FRAMEWISE:
             if settings.method == "butterworth":
                 mean = smooth_butterworth(problem.anchors, problem.dt, settings.butterworth_hz)
@@ -196,8 +163,7 @@ class StateEstimator:
                 filled = backfill(problem, track, mean, sd)
                 del track  # its covariance is large
             # angles that the markers used in the same frame determine
-            moving = MarkerChain(problem.centres, problem.segment, problem.local)
-            determined = find_determined_angles(mean[..., 0], passed, moving, self.noise.marker_sd)
+            determined = find_determined_angles(mean[..., 0], passed, problem.chain, self.marker_sd)
             determined = np.asarray(determined & ~filled)
         mean[sd[..., 0] > settings.angle_sd_limit] = math.nan
         # whole rotations are removed, so that the first finite angle of each joint is in (-π, π]
@@ -205,7 +171,7 @@ class StateEstimator:
         mean[..., 0] -= np.where(np.isfinite(first), 2.0 * math.pi * np.round(first / (2.0 * math.pi)), 0.0)
         used = np.zeros((len(mean), len(self.chain.segment)), dtype=np.bool_)
         used[:, self.chain.segment > 0] = passed
-        return States(mean, sd, determined, used, self.noise, log_likelihood, self.chain)
+        return States(mean, sd, determined, used, self.marker_sd, self.sigma_v, log_likelihood, self.chain)
 
 
 def backfill(problem: FilterProblem, track: Track, mean: FloatArray, sd: FloatArray) -> BoolArray:
@@ -245,9 +211,8 @@ def compensate_dropouts(
 ) -> FrameAngles:
     """Return the angles of the frames as if the missing markers were still used.
 
-    ``observed`` (F, M, 2) are the markers of the moving segments, plane frame, m; NaN where missing. They are changed
-    in place: the visible markers move with their segments by the correction of the angles. ``marker_sd`` is the marker
-    noise, m, and ``rate`` the number of frames per second.
+    ``observed`` (F, M, 2), the markers of the moving segments, are changed in place: the visible markers move with
+    their segments by the correction of the angles. ``marker_sd`` is the marker noise, m.
     """
     anchors = frames.anchors(marker_sd)
     some = np.flatnonzero(~frames.used.all(axis=1) & anchors.observed.any(axis=1))
@@ -318,8 +283,7 @@ def compute_forgotten_share(used: BoolArray, frames: IntArray, rate: float) -> F
     """Return the fraction (T, M) of the variance of each marker's displacement that is unknown in ``frames`` (T,).
 
     The displacement is a first-order Markov process between the known values beside a gap. The fraction is 0 where the
-    marker is used, and 1 if the marker is never used. ``used`` (F, M) marks the used markers; ``rate`` is in frames per
-    second.
+    marker is ``used`` (F, M), and 1 if it is never used.
     """
     unknown = np.zeros((len(frames), used.shape[1]))
     for marker in range(used.shape[1]):

@@ -26,6 +26,7 @@ from mocap_id.config import load
 from mocap_id.errors import MocapIdError, first_line
 from mocap_id.estimation import filter_kernels, smooth
 from mocap_id.estimation.encoders import estimate_encoder_noise, smooth_encoder
+from mocap_id.estimation.filter_problem import MarkerChain
 from mocap_id.estimation.space import smooth_in_space
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
@@ -210,7 +211,7 @@ def compile_filter() -> Finding:
     angles = np.stack([np.sin(3.0 * time_s), np.cos(2.0 * time_s)], axis=1)
     centres, segment = np.array([[0.0, 0.0], [0.4, 0.0]]), np.array([1, 1, 2, 2])
     local = np.array([[0.1, 0.05], [0.3, -0.05], [0.1, 0.05], [0.3, -0.05]])
-    smooth(marker_positions(angles, centres, segment, local), _RATE, centres, segment, local)
+    smooth(marker_positions(angles, centres, segment, local), _RATE, MarkerChain(centres, segment, local))
     encoder = (time_s, angles[:, 0], 3.0 * np.cos(3.0 * time_s))
     smooth_encoder(*encoder, estimate_encoder_noise(*encoder))
     hinge = SpatialJoint("hinge", 0, np.zeros(3))

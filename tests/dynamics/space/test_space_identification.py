@@ -112,8 +112,8 @@ def test_a_turned_and_shifted_laboratory_changes_nothing() -> None:
 
 
 def estimate(found: SpatialIdentification) -> BaseEstimate:
-    modes = np.array([mode.parameters[: len(found.base)] for mode in found.modes])
-    return BaseEstimate(found.base, found.unit_covariance, found.residual_covariance, modes)
+    modes = np.array([change[: len(found.base)] for _, change, _, _ in found.modes])
+    return found.base, found.unit_covariance, found.residual_covariance, modes
 
 
 def test_the_difference_of_two_trials_is_the_payload() -> None:

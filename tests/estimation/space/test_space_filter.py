@@ -7,7 +7,7 @@ from spatial_cases import mixed_chain, positions
 
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation import FilterSettings, smooth
-from mocap_id.estimation.filter_problem import noise_shape, start_sd, transition
+from mocap_id.estimation.filter_problem import MarkerChain, noise_shape, start_sd, transition
 from mocap_id.estimation.space.frame_poses import (
     ChainModel,
     FramePoses,
@@ -136,7 +136,9 @@ def test_a_planar_chain_agrees_with_the_smoother_of_the_plane() -> None:
     segment, local = np.repeat([1, 2], 4), rng.uniform([-0.08, 0.05], [0.08, 0.4], (8, 2))
     flat = marker_positions(angles, centres, segment, local)
     flat += SD * rng.standard_normal(flat.shape)
-    planar = smooth(flat, RATE, centres, segment, local, settings=FilterSettings(marker_sd=SD, sigma_v=500.0))
+    planar = smooth(
+        flat, RATE, MarkerChain(centres, segment, local), settings=FilterSettings(marker_sd=SD, sigma_v=500.0)
+    )
     joints = tuple(
         SpatialJoint("hinge", k, np.append(centre, 0.0), first_axis=np.array([0.0, 0.0, 1.0]))
         for k, centre in enumerate(centres)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import TypeAlias
 
 import numpy as np
 from scipy.linalg import null_space
 
 from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
 from mocap_id.dynamics.cautions import WEAK, Excitation, classify_parameters
-from mocap_id.dynamics.consistency import Solution
 from mocap_id.dynamics.fit import Fit, fit
-from mocap_id.dynamics.instrument_errors import ModelError, estimate_model_error
+from mocap_id.dynamics.identification import Identified
+from mocap_id.dynamics.instrument_errors import estimate_model_error
 from mocap_id.dynamics.preparation import interpolate_samples
 from mocap_id.dynamics.regressor import torque_regressor, unit_covariance, variance
 from mocap_id.dynamics.space.consistency import fit_semidefinite
@@ -44,14 +45,13 @@ class SpatialCalibration:
     tilt: float = 0.005  # tilt between the cameras' axes and gravity about each horizontal axis, rad
 
 
-@dataclass(frozen=True)
-class ErrorMode:
-    """Effect of one error with the size of one standard deviation."""
+ErrorMode: TypeAlias = tuple[str, FloatArray, SpatialMotion | None, float]
+"""Effect of one error with the size of one standard deviation.
 
-    name: str  # field of `SpatialCalibration`, or `centre` for a joint centre
-    parameters: FloatArray  # (b + k + 1,) change of the fit's parameters, in the order of `Fit.covariance`
-    motion: SpatialMotion | None = None  # motion after a small step of the error; None for errors of the plate
-    size: float = 0.0  # standard deviation of the error, divided by this step
+Field of :class:`SpatialCalibration`, or ``centre`` for a joint centre; change (b + k + 1,) of the fit's parameters, in
+the order of its covariance; motion after a small step of the error, None for errors of the plate; and standard
+deviation of the error, divided by this step.
+"""
 
 
 def propagate_errors(
@@ -102,12 +102,12 @@ def propagate_errors(
 
     wrenches = np.stack([wrench * result.weights for _, wrench, _, _ in effects], axis=-1)
     modes = [
-        ErrorMode(name, response, motion, size)
+        (name, response, motion, size)
         for (name, _, motion, size), response in zip(effects, result.response(wrenches).T, strict=True)
     ]
     whole = np.zeros(result.design.shape[-1])
     whole[: len(base)] = base
-    return (ErrorMode("gain", sd.gain * whole), *modes)
+    return (("gain", sd.gain * whole, None, 0.0), *modes)
 
 
 def make_exact() -> SpatialCalibration:
@@ -116,25 +116,12 @@ def make_exact() -> SpatialCalibration:
 
 
 @dataclass(frozen=True)
-class SpatialIdentification:
-    """The identified inertial parameters of a chain in space."""
+class SpatialIdentification(Identified):
+    """The identified inertial parameters of a chain in space; its base parameters are in the simple frames."""
 
-    fit: Fit  # unconstrained fit
-    # base, base_sd: (b,) base parameters in the simple frames (`SpatialBase`) and their standard deviations, SI
-    base: FloatArray
-    base_sd: FloatArray
-    covariance: FloatArray  # (b, b) covariance from residuals, joint centres, plate zero and errors of the instruments
-    residual_covariance: FloatArray  # (b, b) part of the covariance from the residuals
     modes: tuple[ErrorMode, ...]  # errors that the residuals do not contain
-    offset_sd: float  # standard deviation of the clock offset, s
     # constant errors of the plate's Fx and Fz, N, and tauy, N·m; empty if they were not estimated
     plate_bias: FloatArray
-    solution: Solution  # physically possible parameters, and the solver's report
-
-    @property
-    def full(self) -> FloatArray:
-        """Full parameters (10K,) in the segments' frames: one of many consistent solutions."""
-        return self.solution.full
 
     @property
     def unit_covariance(self) -> FloatArray:
@@ -152,7 +139,7 @@ def identify_parameters_in_space(
     solution = fit_semidefinite(result.problem, trial.structure.mapping)
     base = solution.parameters[: result.base]
     modes = propagate_errors(trial, result, base, calibration)
-    of_modes = np.array([mode.parameters for mode in modes]).reshape(-1, len(result.covariance))
+    of_modes = np.array([mode[1] for mode in modes]).reshape(-1, len(result.covariance))
     covariance = result.covariance + np.asarray(of_modes.T @ of_modes)
     own = slice(result.base)
     sd = np.sqrt(np.diag(covariance))
@@ -229,11 +216,10 @@ def predict_in_space(trial: SpatialTrial, result: SpatialIdentification) -> Spat
     residual = measured - local
     samples = result.fit.in_fit & find_complete_rows(residual)
     estimates = (estimate_model_error(residual[:, k], of_wrench[:, k], samples, recorded.rate) for k in range(6))
-    errors = [each or ModelError(0.0, 1.0, 1.0) for each in estimates]
-    size = np.nanmean(of_wrench[:, 3:], axis=0)
-    overall = float(np.average([each.overall for each in errors[3:]], weights=np.maximum(size, 1e-300)))
-    of_wrench = of_wrench * [each.scale for each in errors] + [each.steady for each in errors]
-    of_torque = overall * of_torque
+    steady, scale, overall = np.array([each or (0.0, 1.0, 1.0) for each in estimates]).T
+    share = np.maximum(np.nanmean(of_wrench[:, 3:], axis=0), 1e-300)
+    of_wrench = of_wrench * scale + steady
+    of_torque = float(np.average(overall[3:], weights=share)) * of_torque
 
     # Variance of the torques from errors of instruments and joint centres: the effects of an error through the
     # parameters and through the motion are correlated and largely cancel.
@@ -243,11 +229,11 @@ def predict_in_space(trial: SpatialTrial, result: SpatialIdentification) -> Spat
     if len(steps):
         thin_rows = _compute_torque_rows(trial, recorded.motion.at(steps))
         total = np.zeros(thin_rows.shape[:2])
-        for mode in result.modes:
-            changed = thin_rows @ mode.parameters[: len(base)]
-            if mode.motion is not None:
-                moved_rows = _compute_torque_rows(trial, mode.motion.at(steps))
-                changed = changed + mode.size * ((moved_rows - thin_rows) @ base)
+        for _, parameters, motion, size in result.modes:
+            changed = thin_rows @ parameters[: len(base)]
+            if motion is not None:
+                moved_rows = _compute_torque_rows(trial, motion.at(steps))
+                changed = changed + size * ((moved_rows - thin_rows) @ base)
             total += changed**2
         of_errors = interpolate_samples(recorded.time, valid, steps, total)
 
@@ -271,16 +257,12 @@ def _compute_torque_rows(trial: SpatialTrial, motion: SpatialMotion) -> FloatArr
 _UNKNOWN = 1e-6  # part of a unit vector in the null space above which a parameter is not determined
 
 
-@dataclass(frozen=True)
-class BaseEstimate:
-    """Base parameters of one trial."""
+BaseEstimate: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+"""Base parameters of one trial, SI.
 
-    value: FloatArray  # (b,) base parameters, SI
-    # unit_covariance, residual_covariance: (b, b) as in
-    # `space.identification.SpatialIdentification`
-    unit_covariance: FloatArray
-    residual_covariance: FloatArray
-    modes: FloatArray  # (k, b) change of the parameters with one standard deviation of each instrument's error, SI
+Base parameters (b,), ``unit_covariance`` and ``residual_covariance`` (b, b) of :class:`SpatialIdentification`, and
+change (k, b) of the parameters with one standard deviation of each instrument's error.
+"""
 
 
 @dataclass(frozen=True)
@@ -312,17 +294,18 @@ def identify_payload(mapping: FloatArray, loaded: BaseEstimate, empty: BaseEstim
     raised if their parameters differ. The errors of the instruments are the same in both trials, so they largely
     cancel.
     """
-    if loaded.modes.shape != empty.modes.shape or loaded.modes.shape[1] != len(mapping):
+    (heavy, loaded_unit, loaded_residual, loaded_modes), (light, unit, residual, modes) = loaded, empty
+    if loaded_modes.shape != modes.shape or loaded_modes.shape[1] != len(mapping):
         raise ValueError(
-            f"the trials with and without payload have {len(loaded.value)} and {len(empty.value)} base parameters and "
+            f"the trials with and without payload have {len(heavy)} and {len(light)} base parameters and "
             "do not match; expected the same chain: give `calibration:` in one of the trials"
         )
     columns = mapping[:, 10 * segment : 10 * segment + 10]
-    half = np.linalg.cholesky(np.linalg.inv(loaded.unit_covariance + empty.unit_covariance)).T
+    half = np.linalg.cholesky(np.linalg.inv(loaded_unit + unit)).T
     gain = np.linalg.pinv(half @ columns, rcond=1e-9) @ half
-    change = (loaded.modes - empty.modes) @ gain.T
-    covariance = gain @ (loaded.residual_covariance + empty.residual_covariance) @ gain.T + change.T @ change
+    change = (loaded_modes - modes) @ gain.T
+    covariance = gain @ (loaded_residual + residual) @ gain.T + change.T @ change
     unknown = np.linalg.norm(null_space(columns, rcond=1e-9), axis=1) > _UNKNOWN
-    value = np.where(unknown, np.nan, gain @ (loaded.value - empty.value))
+    value = np.where(unknown, np.nan, gain @ (heavy - light))
     covariance[unknown], covariance[:, unknown] = np.nan, np.nan
     return Payload(value, np.sqrt(np.diag(covariance)), covariance)

@@ -319,7 +319,7 @@ class SpatialTrial:
 
     def measured(self, offset: float) -> FloatArray:
         """Return the wrench (T, 6) about the plate's centre at the cameras' times, for a plate's clock offset, s."""
-        sampled = SampledWrench.of(self.recorded.time, self.recorded.plate_wrench)
+        sampled = SampledWrench(self.recorded.time, self.recorded.plate_wrench)
         return sampled(self.recorded.time - offset)
 
     def build_rows(self, motion: SpatialMotion, gravity: float) -> FloatArray:
@@ -350,7 +350,7 @@ def prepare_in_space(recorded: SpatialRecord, settings: FitSettings) -> SpatialT
         structure=structure,
         regressor=regressor,
         filtered=lowpass(regressor[:, :, structure.base.kept]),
-        filtered_wrench=SampledWrench.of(recorded.time, filtered_wrench),
+        filtered_wrench=SampledWrench(recorded.time, filtered_wrench),
         usable=find_usable(lowpass, observed, filtered_wrench, settings.offset_limit),
     )
 

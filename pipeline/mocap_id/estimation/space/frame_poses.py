@@ -167,9 +167,9 @@ def _nearest_angle(rotation: FloatArray, axis: FloatArray) -> FloatArray:
 _SLOW = 0.15  # s, length of a moving average; three of them pass less than half of the amplitude above 2 Hz
 
 
-def remove_fast_part(series: FloatArray, rate: float, seconds: float = _SLOW) -> FloatArray:
-    """Return series (F, …) smoothed by three moving averages over ``seconds``; ``rate`` is in samples per second."""
-    half = max(round(seconds * rate / 2), 1)
+def remove_fast_part(series: FloatArray, rate: float) -> FloatArray:
+    """Return series (F, …) smoothed by three moving averages; ``rate`` is in samples per second."""
+    half = max(round(_SLOW * rate / 2), 1)
     slow, every = series, np.arange(len(series))
     low, high = np.maximum(every - half, 0), np.minimum(every + half + 1, len(series))
     count = (high - low).reshape(-1, *[1] * (series.ndim - 1))
@@ -247,8 +247,8 @@ def find_frame_poses(
 ) -> FramePoses:
     """Return the poses of all frames, found one after the other from the most complete frame to both ends.
 
-    ``points`` (F, M, 3) are the markers, m; NaN where missing. ``sd`` (M,) is the standard deviation of each marker's
-    errors, m, ``rate`` the number of frames per second, and ``gate`` the limit of a residual in standard deviations.
+    ``sd`` (M,) is the standard deviation of each marker's errors, m, and ``gate`` the limit of a residual in standard
+    deviations.
     """
     ready = find_visible_clusters(chain, points)
     best = int(np.argmax(ready.sum(axis=1)))

@@ -1,9 +1,10 @@
-"""Smoothed states of an arm from a skeleton recording, whose joints have lasting errors and autocorrelated noise."""
+"""Smoothed states of an arm from a skeleton recording, and of any chain from markers and inertial sensors."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from mocap_id.errors import NumericalError
 from mocap_id.estimation.filter_problem import ORDER
 from mocap_id.estimation.inertial import (
     GRAVITY,
+    WORSE,
     MotionFromMarkers,
     PreparedSensor,
     SensorCalibration,
@@ -19,6 +21,7 @@ from mocap_id.estimation.inertial import (
     SensorSignals,
     calibrate_all,
     find_observed_segments,
+    measure_rms_distance,
     prepare_sensor,
 )
 from mocap_id.estimation.space.frame_poses import (
@@ -30,8 +33,9 @@ from mocap_id.estimation.space.frame_poses import (
     predict_positions,
     select_frames,
 )
-from mocap_id.estimation.space.space_kernels import ChainModel, Pose, Sensors, locate_markers
+from mocap_id.estimation.space.space_kernels import ChainModel, Sensors, locate_markers
 from mocap_id.estimation.space.space_smoothing import (
+    Colour,
     SkinErrors,
     SpatialNoise,
     SpatialSettings,
@@ -132,64 +136,75 @@ _LEAST_WEIGHT = 1e-3
 _HALF = 2  # frames on each side of a running median
 
 
-@dataclass(frozen=True)
-class SkeletonNoise:
-    """Errors of the M joints of a skeleton."""
-
-    sd: FloatArray  # (M,) standard deviation of the noise of a coordinate of each joint, m
-    weight: FloatArray  # (F, M) usually 1; less if the sample is guessed or its bone has a wrong length; 0 in gaps
-    colour: Callable[[FloatArray], FloatArray]  # power at frequencies (K,), Hz, relative to white noise of this sd
-    lasting: FloatArray  # (M,) sd of the part of each lasting error that changes with the posture, m
-
-
 def smooth_skeleton(
     points: FloatArray,
     rate: float,
     chain: SpatialChain,
     trunk: tuple[FloatArray, FloatArray],
-    noise: SkeletonNoise,
     *,
-    gate: float = 5.0,
+    sd: FloatArray,
+    weight: FloatArray,
+    colour: Colour,
+    lasting: FloatArray,
+    gate: float,
 ) -> SpatialStates:
     """Return the states of trunk and arm at every frame.
 
     ``points`` (F, M, 3) are the joints of the skeleton, m, without jumps and known lasting errors. Short gaps are
-    filled; long gaps are NaN. ``chain`` and ``trunk`` are as for
-    :func:`~find_skeleton_poses`. A sample farther from its prediction than
-    ``gate`` standard deviations is left out.
+    filled; long gaps are NaN. ``chain`` and ``trunk`` are as for :func:`find_skeleton_poses`. ``sd`` (M,) is the
+    standard deviation of the noise of a coordinate of each joint, m, and ``colour`` the power of this noise. ``weight``
+    (F, M) is usually 1, less if the sample is guessed or its bone has a wrong length, and 0 in gaps. ``lasting`` (M,)
+    is the standard deviation of the part of each lasting error that changes with the posture, m. A sample farther from
+    its prediction than ``gate`` standard deviations is left out.
 
     Raise NumericalError if a covariance is not positive definite.
     """
     model = make_chain_model(chain)
-    camera = float(np.median(noise.sd))
-    frames, shown = find_skeleton_poses(chain, model, points, trunk, noise.sd)
+    camera = float(np.median(sd))
+    frames, shown = find_skeleton_poses(chain, model, points, trunk, sd)
     # the shoulder counts only where the elbow is bent, unless it never is
     bent = frames.observed.copy()
     bent[:, 1] &= shown
     if not bent[:, 1].any():
         bent[:, 1] = frames.observed[:, 1]
     moving = replace(frames, observed=bent)
-    snap, gap_snap, errors = estimate_snaps(model, moving, 1.0 / rate, noise.colour, _SLOWEST)
+    snap, gap_snap, errors = estimate_snaps(model, moving, 1.0 / rate, colour, _SLOWEST)
     # samples without weight were not measured
-    there = np.asarray(noise.weight > 0)
+    there = np.asarray(weight > 0)
     seen = np.stack([there[:, model.segment == s].any(axis=1) for s in range(frames.observed.shape[1])], axis=1)
     seen[:, 1:3] &= seen[:, 1:2] & seen[:, 2:3]
     frames = replace(frames, observed=frames.observed & seen, used=there & frames.used)
-    sizes = SpatialNoise(camera, noise.sd, snap, gap_snap, errors)
-    measured = np.where(noise.weight[..., None] > 0, points, np.nan)
-    weight = np.maximum(noise.weight, _LEAST_WEIGHT) * (camera / noise.sd) ** 2
-    track = filter_and_smooth(model, measured, 1.0 / rate, frames, sizes, gate=gate, gate_sd=noise.sd, weight=weight)
+    noise = SpatialNoise(camera, sd, snap, gap_snap, errors)
+    measured = np.where(weight[..., None] > 0, points, np.nan)
+    weight = np.maximum(weight, _LEAST_WEIGHT) * (camera / sd) ** 2
+    track = filter_and_smooth(model, measured, 1.0 / rate, frames, noise, gate=gate, gate_sd=sd, weight=weight)
     # a pose with a wrongly rotated humerus is replaced by the anatomical pose with the same positions
     wrong = np.flatnonzero(track.pose.angle[:, 1, 0] < LEAST_FLEXION)
     if wrong.size:
         some = select_frames(track.pose, wrong)
         place = (some.turn[:, 0], some.origin)
-        right, _ = find_skeleton_poses(chain, model, predict_positions(model, some), place, noise.sd)
+        right, _ = find_skeleton_poses(chain, model, predict_positions(model, some), place, sd)
         track.pose.turn[wrong], track.pose.angle[wrong] = right.track.turn, right.track.angle
     lost = find_uncertain_segments(chain, model, track, _LIMITS)
     scale_to_movement(track, errors)
-    lasting = _estimate_lasting_errors(chain, model, track.pose, noise, np.asarray(~lost.any(axis=1)))
-    return collect_states(chain, model, frames, track, sizes, lost, lasting)
+    # errors of the pose due to lasting errors of the skeleton, at postures from frames with all segments
+    known, pose = np.asarray(~lost.any(axis=1)), track.pose
+    at = np.flatnonzero(known) if known.any() else np.arange(len(known))
+    postures: IntArray = np.unique(at[np.linspace(0, len(at) - 1, _POSTURES).round().astype(np.int64)])
+    d, segments = degrees_of_freedom(model), len(chain.joints) + 1
+    shape = (len(postures), len(model.segment), 3)
+    jacobian = np.zeros((*shape, d))
+    locate_markers(model, select_frames(pose, postures), np.empty(shape), jacobian)
+    normal = np.einsum("fmik,fmil,m->fkl", jacobian, jacobian, sd**-2) + _DAMPING * np.eye(d)
+    gain = np.einsum("fkl,fmil,m->fmki", np.linalg.inv(normal), jacobian, sd**-2)
+    covariance = np.zeros((len(postures), 2 * segments, d, d))
+    covariance[:, 0] = np.einsum("fmki,fmli,m->fkl", gain, gain, lasting**2)
+    rates = compute_chain_rates(chain, model, pose, chain.place(pose.origin, pose.turn[:, 0], pose.turn[:, 1:])[1])
+    motion = np.zeros((3, len(pose.origin), 2 * segments))
+    motion[0, :, 0] = 1.0
+    motion[1, :, 0] = np.sum(rates.velocity[:, :2] ** 2, axis=(1, 2))
+    motion[2, :, 0] = np.sum(rates.acceleration[:, :2] ** 2, axis=(1, 2))
+    return collect_states(chain, model, frames, track, noise, lost, SkinErrors(covariance, postures, motion))
 
 
 def remove_jumps(points: FloatArray, limit: FloatArray) -> FloatArray:
@@ -222,35 +237,11 @@ def bridge_short_gaps(points: FloatArray, longest: int) -> FloatArray:
     return filled
 
 
-def _estimate_lasting_errors(
-    chain: SpatialChain, model: ChainModel, pose: Pose, noise: SkeletonNoise, known: BoolArray
-) -> SkinErrors:
-    """Return the errors of the pose due to lasting errors of the skeleton, at postures from frames ``known`` (F,)."""
-    at = np.flatnonzero(known) if known.any() else np.arange(len(known))
-    postures: IntArray = np.unique(at[np.linspace(0, len(at) - 1, _POSTURES).round().astype(np.int64)])
-    d, segments = degrees_of_freedom(model), len(chain.joints) + 1
-    some = select_frames(pose, postures)
-    shape = (len(postures), len(model.segment), 3)
-    jacobian = np.zeros((*shape, d))
-    locate_markers(model, some, np.empty(shape), jacobian)
-    normal = np.einsum("fmik,fmil,m->fkl", jacobian, jacobian, noise.sd**-2) + _DAMPING * np.eye(d)
-    gain = np.einsum("fkl,fmil,m->fmki", np.linalg.inv(normal), jacobian, noise.sd**-2)
-    covariance = np.zeros((len(postures), 2 * segments, d, d))
-    covariance[:, 0] = np.einsum("fmki,fmli,m->fkl", gain, gain, noise.lasting**2)
-    rates = compute_chain_rates(chain, model, pose, chain.place(pose.origin, pose.turn[:, 0], pose.turn[:, 1:])[1])
-    motion = np.zeros((3, len(pose.origin), 2 * segments))
-    motion[0, :, 0] = 1.0
-    motion[1, :, 0] = np.sum(rates.velocity[:, :2] ** 2, axis=(1, 2))
-    motion[2, :, 0] = np.sum(rates.acceleration[:, :2] ** 2, axis=(1, 2))
-    return SkinErrors(covariance, postures, motion)
-
-
 _UP = (0.0, 1.0, 0.0)  # long axis of the base, which has no axial rotation
 _SNAP = 2.0  # factor on the snap, because sensors measure faster movement than markers
 _ACCELERATION_SHARE = 0.35  # factor on the filter's sd, from simulated arms at rest; errors from skin are added later
 _LONG = 0.1  # s without markers, after which the axial rotation is not interpolated
 _LASTS = 0.3  # s, time for which errors of a gyroscope keep their sign
-_WORSE = 1.5  # times the residual of the markers alone, at which the sensors contradict them
 _LEAST_USED = 0.8  # least fraction of the samples that must pass the gate
 
 
@@ -273,101 +264,102 @@ def fuse_in_space(
     model, rate = make_chain_model(chain), 1.0 / float(time[1] - time[0])
     points = np.where(np.isfinite(points).all(axis=2, keepdims=True), points, np.nan)
     frames, steady, noise = estimate_noise(chain, model, points, rate, settings)
-    trial = _Smoothing(chain, model, frames, steady, noise, rate, settings)
+    smooth = partial(_smooth_with_sensors, chain, model, frames, steady, noise, dt=1.0 / rate, settings=settings)
 
     def prepare(axial: Sequence[FloatArray | None]) -> dict[int, PreparedSensor]:
         seen = frames.observed
         return {s: prepare_sensor(sensors[s], kept[s], motions[s], time, seen[:, s], axial=axial[s]) for s in kept}
 
-    alone = trial.smooth({}, {})
+    alone = smooth(found={}, ready={})
     motions = _compute_motions_from_markers(chain, alone, rate, find_observed_segments(frames.observed, rate))
     results = calibrate_all(sensors, motions, time)
     kept = {s: each.used for s, each in results.items() if each.used is not None}
     if not kept:
         return alone, results
     try:
-        both = trial.smooth(kept, prepare([None] * len(motions)))
-        if not _measure_residual(both, points) < _WORSE * _measure_residual(alone, points):
+        both = smooth(found=kept, ready=prepare([None] * len(motions)))
+        off, usual = (measure_rms_distance(points, each.predicted, each.used) for each in (both, alone))
+        if not off < WORSE * usual:
             raise NumericalError("the sensors pull the chain away from the markers")
         # a segment whose skin lags may be hidden for too long to interpolate its axial rotation
         soft = [s for s, each in kept.items() if each.lag]
         if any(run.stop - run.start > _LONG * rate for s in soft for run in find_runs(~frames.observed[:, s])):
             turns = [_unwrap(joint.twist(both.joint_rotations[:, k])) for k, joint in enumerate(chain.joints)]
-            both = trial.smooth(kept, prepare([None, *turns]))
+            both = smooth(found=kept, ready=prepare([None, *turns]))
     except NumericalError as error:
         return alone, {s: replace(each, why=each.why or str(error)) for s, each in results.items()}
     return replace(both, noise=noise), results
 
 
-@dataclass(frozen=True)
-class _Smoothing:
-    """Markers of a trial and their noise, from which states can be estimated with and without sensors."""
+def _smooth_with_sensors(
+    chain: SpatialChain,
+    model: ChainModel,
+    frames: FramePoses,
+    steady: FloatArray,
+    noise: SpatialNoise,
+    *,
+    dt: float,
+    settings: SpatialSettings,
+    found: Mapping[int, SensorCalibration],
+    ready: Mapping[int, PreparedSensor],
+) -> SpatialStates:
+    """Return the states from the markers ``steady`` (F, M, 3), m, without lasting displacements, and from sensors.
 
-    chain: SpatialChain
-    model: ChainModel
-    frames: FramePoses
-    steady: FloatArray  # (F, M, 3) markers without lasting displacements, m
-    noise: SpatialNoise
-    rate: float
-    settings: SpatialSettings
-
-    def smooth(self, found: Mapping[int, SensorCalibration], ready: Mapping[int, PreparedSensor]) -> SpatialStates:
-        """Return the states from the markers, and from the sensors ``ready``, if any, with their calibrations."""
-        chain, model, dt, noise = self.chain, self.model, 1.0 / self.rate, self.noise
-        groups, observed = group_columns(model), self.frames.observed
-        own, sensors, followed = list(ready), None, np.zeros(groups[-1].stop, dtype=np.bool_)
-        if ready:
-            above = [chain.joints[s - 1] if s > 0 else None for s in own]
-            sensors = Sensors(
-                segment=np.array(own, dtype=np.int64),
-                place=np.array([found[s].place for s in own]),
-                lag=np.array([found[s].lag for s in own]),
-                long_axis=np.array([_UP if joint is None else joint.long_axis for joint in above]),
-                parent=np.array([0 if joint is None else joint.parent for joint in above], dtype=np.int64),
-                rest_axis=np.array([_UP if joint is None else joint.untwisted @ joint.long_axis for joint in above]),
-                gyro=np.ascontiguousarray(np.stack([ready[s].gyro for s in own], axis=1)),
-                force=np.ascontiguousarray(np.stack([ready[s].force for s in own], axis=1)),
-                variance=np.ascontiguousarray(np.stack([ready[s].variance for s in own], axis=1)),
-                spread=np.array([ready[s].spread for s in own]),
-                gravity=GRAVITY,
-            )
-            # the sensors measure the rates of joints with sensors on both segments; the base needs one, on the base
-            followed[groups[0]] = 0 in own
-            for k, parent in enumerate(model.parent.tolist()):
-                followed[groups[k + 1]] = k + 1 in own and parent in own
-            errors = noise.errors.copy()
-            errors[1:, followed] = np.nan
-            noise = replace(noise, snap=np.where(followed, _SNAP, 1.0) * noise.snap, errors=errors)
-        gate = self.settings.gate
-        track = filter_and_smooth(model, self.steady, dt, self.frames, noise, gate=gate, sensors=sensors)
-        if sensors is not None:
-            given = np.isfinite(sensors.gyro[..., 0]).mean(axis=0)
-            if np.any(track.sensed[:, :, 0].mean(axis=0) < _LEAST_USED * given):
-                raise NumericalError("most samples of a gyroscope contradict the markers and the other sensors")
-        lost = find_uncertain_segments(chain, model, track, self.settings)
-        scale_to_movement(track, noise.errors)
-        if sensors is not None:
-            scale = np.ones(ORDER * len(followed))
-            scale[2 * len(followed) : 3 * len(followed)][followed] = _ACCELERATION_SHARE
-            for part in chunks(len(track.covariance)):
-                track.covariance[part] *= scale[:, None] * scale
-            # errors of the gyroscopes, integrated over gaps of markers
-            for k, group in enumerate(groups):
-                both = (k,) if k == 0 else (k, int(model.parent[k - 1]))
-                if any(s not in ready for s in both):
-                    continue
-                lasting = np.sum([np.nan_to_num(ready[s].lasting) for s in both], axis=0)
-                columns = np.arange(max(group.start, 3), group.stop)
-                for run in find_runs(~observed[:, k]):
-                    grown = np.cumsum(lasting[run]) * _LASTS * dt
-                    inside = run.start > 0 and run.stop < len(observed)
-                    bridged = grown * (1.0 - grown / grown[-1]) if inside else grown
-                    track.covariance[run, columns, columns] += bridged[:, None]
-        # segments with a sensor, and with skin whose axial rotation has an estimated uncertainty
-        every, skin = np.arange(len(chain.joints) + 1), chain.skin
-        soft = chain.segment[skin != 0] if len(chain.skin_sd) else every[:0]
-        counted = np.isin(every, own) & np.isin(every, soft)
-        return collect_states(chain, model, self.frames, track, noise, lost, counted=counted)
+    ``ready`` are the sensors by segment, with the calibrations ``found``; without sensors, the markers alone count.
+    """
+    groups, observed = group_columns(model), frames.observed
+    own, sensors, followed = list(ready), None, np.zeros(groups[-1].stop, dtype=np.bool_)
+    if ready:
+        above = [chain.joints[s - 1] if s > 0 else None for s in own]
+        sensors = Sensors(
+            segment=np.array(own, dtype=np.int64),
+            place=np.array([found[s].place for s in own]),
+            lag=np.array([found[s].lag for s in own]),
+            long_axis=np.array([_UP if joint is None else joint.long_axis for joint in above]),
+            parent=np.array([0 if joint is None else joint.parent for joint in above], dtype=np.int64),
+            rest_axis=np.array([_UP if joint is None else joint.untwisted @ joint.long_axis for joint in above]),
+            gyro=np.ascontiguousarray(np.stack([ready[s].gyro for s in own], axis=1)),
+            force=np.ascontiguousarray(np.stack([ready[s].force for s in own], axis=1)),
+            variance=np.ascontiguousarray(np.stack([ready[s].variance for s in own], axis=1)),
+            spread=np.array([ready[s].spread for s in own]),
+            gravity=GRAVITY,
+        )
+        # the sensors measure the rates of joints with sensors on both segments; the base needs one, on the base
+        followed[groups[0]] = 0 in own
+        for k, parent in enumerate(model.parent.tolist()):
+            followed[groups[k + 1]] = k + 1 in own and parent in own
+        errors = noise.errors.copy()
+        errors[1:, followed] = np.nan
+        noise = replace(noise, snap=np.where(followed, _SNAP, 1.0) * noise.snap, errors=errors)
+    track = filter_and_smooth(model, steady, dt, frames, noise, gate=settings.gate, sensors=sensors)
+    if sensors is not None:
+        given = np.isfinite(sensors.gyro[..., 0]).mean(axis=0)
+        if np.any(track.sensed[:, :, 0].mean(axis=0) < _LEAST_USED * given):
+            raise NumericalError("most samples of a gyroscope contradict the markers and the other sensors")
+    lost = find_uncertain_segments(chain, model, track, settings)
+    scale_to_movement(track, noise.errors)
+    if sensors is not None:
+        scale = np.ones(ORDER * len(followed))
+        scale[2 * len(followed) : 3 * len(followed)][followed] = _ACCELERATION_SHARE
+        for part in chunks(len(track.covariance)):
+            track.covariance[part] *= scale[:, None] * scale
+        # errors of the gyroscopes, integrated over gaps of markers
+        for k, group in enumerate(groups):
+            both = (k,) if k == 0 else (k, int(model.parent[k - 1]))
+            if any(s not in ready for s in both):
+                continue
+            lasting = np.sum([np.nan_to_num(ready[s].lasting) for s in both], axis=0)
+            columns = np.arange(max(group.start, 3), group.stop)
+            for run in find_runs(~observed[:, k]):
+                grown = np.cumsum(lasting[run]) * _LASTS * dt
+                inside = run.start > 0 and run.stop < len(observed)
+                bridged = grown * (1.0 - grown / grown[-1]) if inside else grown
+                track.covariance[run, columns, columns] += bridged[:, None]
+    # segments with a sensor, and with skin whose axial rotation has an estimated uncertainty
+    every, skin = np.arange(len(chain.joints) + 1), chain.skin
+    soft = chain.segment[skin != 0] if len(chain.skin_sd) else every[:0]
+    counted = np.isin(every, own) & np.isin(every, soft)
+    return collect_states(chain, model, frames, track, noise, lost, counted=counted)
 
 
 def _unwrap(angle: FloatArray) -> FloatArray:
@@ -397,8 +389,3 @@ def _compute_motions_from_markers(
             each[~known[:, s]] = np.nan
         motions.append(MotionFromMarkers(own[0], own[1], own[2], axial, speed, along))
     return motions
-
-
-def _measure_residual(states: SpatialStates, points: FloatArray) -> float:
-    squares = np.sum((points - states.predicted) ** 2, axis=2)[states.used]
-    return float(np.sqrt(np.nanmean(squares))) if np.isfinite(squares).any() else np.inf

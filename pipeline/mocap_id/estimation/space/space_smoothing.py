@@ -354,8 +354,7 @@ class SpatialStates:
     rotations: FloatArray  # (F, n + 1, 3, 3) rotation of each segment
     omega: FloatArray  # (F, n + 1, 3) angular velocity of each segment in the trial's axes, rad/s
     alpha: FloatArray  # (F, n + 1, 3) angular acceleration, rad/s²
-    sd_origin: FloatArray  # (F, n + 1) standard deviation per axis, m
-    sd_rotation: FloatArray  # (F, n + 1) rad
+    sd_rotation: FloatArray  # (F, n + 1) standard deviation per axis, rad
     sd_omega: FloatArray  # (F, n + 1) rad/s
     sd_alpha: FloatArray  # (F, n + 1) rad/s²
     joint_rotations: FloatArray  # (F, n, 3, 3) child to parent
@@ -376,21 +375,8 @@ def smooth_in_space(
 ) -> SpatialStates:
     """Return the states of all segments and joints at every frame, estimated from markers.
 
-    Parameters
-    ----------
-    points : (F, M, 3) array
-        Measured markers in the frame of the trial, m; NaN where missing.
-    rate : float
-        Frames per second, Hz.
-    chain : SpatialChain
-        The joints and all M markers.
-    settings : SpatialSettings, optional
-        Default: :class:`SpatialSettings`.
-
-    Raises
-    ------
-    NumericalError
-        A covariance is not positive definite.
+    ``points`` (F, M, 3) are the measured markers in the frame of the trial, m, NaN where missing; ``rate`` is in frames
+    per second. Raise NumericalError if a covariance is not positive definite.
     """
     settings = settings or SpatialSettings()
     model = make_chain_model(chain)
@@ -505,48 +491,24 @@ def find_uncertain_segments(
 
 def _estimate_segment_sds(  # noqa: PLR0917
     chain: SpatialChain, model: ChainModel, track: SpatialTrack, rotations: FloatArray, rates: Rates, skin: SkinErrors
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return the standard deviations per axis of origin, rotation, omega and alpha, (F, n + 1) each."""
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the standard deviations per axis of rotation, omega and alpha, (F, n + 1) each."""
     d = degrees_of_freedom(model)
-    variance = np.empty((4, *rotations.shape[:2]))
+    variance = np.empty((3, *rotations.shape[:2]))
     for part in chunks(len(rotations), 256):
-        rotational = compute_rate_jacobians(chain, model, rotations[part], rates.at(part))
-        translational = _origin_jacobian(model, select_frames(track.pose, part))
         covariance = np.ascontiguousarray(track.covariance[part, : 3 * d, : 3 * d])
-        variance[0, part] = _propagate(translational, covariance[:, :d, :d])
-        for order, each in enumerate(rotational):
-            variance[order + 1, part] = _propagate(each, covariance)
-    # skin, from the derivatives (T, n + 1, 3, d) of the segments' rotations and origins by the pose at the postures
+        for order, each in enumerate(compute_rate_jacobians(chain, model, rotations[part], rates.at(part))):
+            flat = each.reshape(len(each), -1, each.shape[-1])
+            squares = np.einsum("fik,fik->fi", flat @ covariance, flat)
+            variance[order, part] = np.maximum(squares.reshape(*each.shape[:3]).mean(axis=2), 0.0)
+    # skin, from the derivatives (T, n + 1, 3, d) of the segments' rotations by the pose at the postures
     at = skin.postures
     spin = compute_rate_jacobians(chain, model, rotations[at], rates.at(at))[0][..., :d]
-    turned, shifted = (
-        skin.at_frames(np.einsum("tgik,tskl,tgil->tsg", each, skin.pose, each) / 3)
-        for each in (spin, _origin_jacobian(model, select_frames(track.pose, at)))
-    )
+    turned = skin.at_frames(np.einsum("tgik,tskl,tgil->tsg", spin, skin.pose, spin) / 3)
     still, rate, grows = (np.einsum("fs,fsg->fg", motion, turned) for motion in skin.motion)
     grows = grows + np.sum(rates.omega**2, axis=2) * rate
-    lasting = (np.einsum("fs,fsg->fg", skin.motion[0], shifted), still, rate, grows)
-    origin, rotation, omega, alpha = np.sqrt(variance + np.stack(lasting))
-    return origin, rotation, omega, alpha
-
-
-def _propagate(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return the variances (f, g) per axis of J x, from J (f, g, 3, m) and the covariance (f, m, m) of x."""
-    flat = jacobian.reshape(len(jacobian), -1, jacobian.shape[-1])
-    squares = np.einsum("fik,fik->fi", flat @ covariance, flat)
-    return np.asarray(np.maximum(squares.reshape(*jacobian.shape[:3]).mean(axis=2), 0.0))
-
-
-def _origin_jacobian(model: ChainModel, pose: Pose) -> FloatArray:
-    """Return the derivatives (f, n + 1, 3, d) of the segments' origins by the pose."""
-    segments = len(model.freedom) + 1
-    ends = model._replace(
-        segment=np.arange(segments), local=np.zeros((segments, 3)), on_glide=np.zeros(segments, dtype=np.bool_)
-    )
-    shape = (len(pose.origin), segments, 3)
-    jacobian = np.zeros((*shape, degrees_of_freedom(model)))
-    locate_markers(ends, pose, np.empty(shape), jacobian)
-    return jacobian
+    rotation, omega, alpha = np.sqrt(variance + np.stack((still, rate, grows)))
+    return rotation, omega, alpha
 
 
 def _estimate_joint_covariances(

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray
-from mocap_id.dynamics.cautions import AnyIdentification, Excitation
+from mocap_id.dynamics.cautions import Excitation
 from mocap_id.dynamics.consistency import PointGrid
-from mocap_id.dynamics.fit import describe_clock, number_parts, shorten_rests
-from mocap_id.dynamics.identification import Identification, LeftOutPrediction, predict_left_out
+from mocap_id.dynamics.fit import estimate_drift, number_parts, shorten_rests
+from mocap_id.dynamics.identification import Identification, Identified, LeftOutPrediction, predict_left_out
 from mocap_id.dynamics.prediction import agreement, centre_of_pressure
 from mocap_id.dynamics.preparation import AnyTrial, PreparedTrial
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
@@ -134,13 +134,20 @@ def make_datasets(
     }
 
 
-def describe_fit(trial: AnyTrial, found: AnyIdentification, requested: str) -> dict[str, Any]:
+def describe_fit(trial: AnyTrial, found: Identified, requested: str) -> dict[str, Any]:
     """Return JSON about the fit; ``requested`` is the kind of physical consistency that was requested."""
     fit, answer = found.fit, found.solution.answer
+    drift, drift_sd = estimate_drift(trial, fit)
+    drifts = bool(np.isfinite(drift))
     return {
         "clock_offset_s": fit.total_offset if fit.offset_known else None,
         "clock_offset_sd_s": found.offset_sd if fit.offset_known else None,
-        "clock": describe_clock(trial, fit),
+        "clock": {
+            "coarse_s": trial.recorded.clock.offset,
+            "applied_s": fit.offset,
+            "drift_s_per_s": drift if drifts else None,
+            "drift_sd_s_per_s": drift_sd if drifts else None,
+        },
         "samples": int(fit.in_fit.sum()),
         "solver": {
             "name": answer.solver,

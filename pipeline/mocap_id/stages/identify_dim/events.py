@@ -133,7 +133,7 @@ def make_sit_to_stand_events(
     time, rises = recorded.time, []
 
     def correct(force: FloatArray) -> FloatArray:  # a force of the plates at the times of their clock
-        return SampledWrench.of(time, force[:, None])(time - clock_offset)[:, 0]
+        return SampledWrench(time, force[:, None])(time - clock_offset)[:, 0]
 
     vertical = correct(recorded.wrench[:, 1]) / weight
     attempts = tuple(

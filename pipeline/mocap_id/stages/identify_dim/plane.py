@@ -404,8 +404,8 @@ def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) ->
         model = predict(trial, found, segments.noise(), threshold)
         left_out, prior_share = segments.left_out, segments.prior_share
         motion = motion | {
-            "bands_hz": dict(zip(("x", "y", "angle"), segments.cutoffs.bands, strict=True)),
-            "bands_why": segments.cutoffs.why,
+            "bands_hz": dict(zip(("x", "y", "angle"), segments.bands, strict=True)),
+            "bands_why": segments.bands_why,
             "bodies": list(segments.bodies.names),
             "used": list(segments.bodies.used),
             "prior": segments.prior.source,
@@ -486,8 +486,8 @@ def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) ->
     contact, gains = movement.contact, estimate_gains(prepared, found.fit)
     scales = None
     if found.scales is not None:
-        causes = {name: asdict(cause) for name, cause in found.scales.causes.items()}
-        scales = {"suspects": list(found.scales.suspects), "causes": causes}
+        causes, suspects = found.scales
+        scales = {"suspects": list(suspects), "causes": {name: asdict(cause) for name, cause in causes.items()}}
     facts = {
         **NO_FACTS,
         "condition_number": in_chain.fit.condition,

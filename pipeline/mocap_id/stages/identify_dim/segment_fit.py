@@ -14,7 +14,6 @@ from mocap_id.dynamics.cautions import check_scales, find_body_ratios
 from mocap_id.dynamics.consistency import PointGrid, build_grid
 from mocap_id.dynamics.fit import Fit, fit, number_parts, shorten_rests
 from mocap_id.dynamics.identification import (
-    ChosenCutoffs,
     Cutoffs,
     Identification,
     LeftOutPrediction,
@@ -25,7 +24,6 @@ from mocap_id.dynamics.identification import (
 from mocap_id.dynamics.instrument_errors import (
     KinematicError,
     PlanarCalibration,
-    PoseEffect,
     ScaleCause,
     propagate_calibration,
     propagate_pose_errors,
@@ -149,7 +147,7 @@ def pin_joints_that_hold(
         return close_gaps(bodies.poses, [joint for joint in bodies.poses.joints if joint not in joints])
 
     def predict(*joints: int) -> float:
-        return choose_cutoffs(predict_with(replace(bodies, poses=close_others(*joints)))).cost
+        return choose_cutoffs(predict_with(replace(bodies, poses=close_others(*joints))))[2]
 
     pinned = predict(*opened)
     for joint in bodies.loose:
@@ -506,7 +504,8 @@ def check_and_calibrate(
         "tilt": usual.tilt,
     }
     if scales is not None:
-        sd |= {name: max(sd.get(name, 0.0), abs(scales.causes[name].value)) for name in scales.suspects}
+        causes, suspects = scales
+        sd |= {name: max(sd.get(name, 0.0), abs(causes[name].value)) for name in suspects}
     return found.add_calibration(propagate_calibration(prepared, found.fit, found.base, sd), scales)
 
 
@@ -515,17 +514,17 @@ def explain_scales(out: Findings, found: Identification, given: float | None, *,
 
     ``stands`` says whether the plates or a balance board measure a standing person.
     """
-    scales = found.scales
-    if given is None and (stands or scales is not None):
+    causes, suspects = found.scales or ({}, ())
+    if given is None and (stands or found.scales is not None):
         out.reasons.append(ON_TRUST)
-    if scales is None or not scales.suspects:
+    if not suspects:
         return
-    suspects = [(name, _describe_cause(name, scales.causes[name])) for name in scales.suspects[:3]]
-    first, certain = scales.causes[suspects[0][0]], len(scales.suspects) == 1
+    first, certain = causes[suspects[0]], len(suspects) == 1
+    sentences = [_describe_cause(name, causes[name]) for name in suspects[:3]]
     if certain:
-        text = f"{suspects[0][1]}. {_CHECK[suspects[0][0]]}"
+        text = f"{sentences[0]}. {_CHECK[suspects[0]]}"
     else:
-        either = "; or ".join(sentence for _, sentence in suspects)
+        either = "; or ".join(sentences)
         text = f"the data do not determine which of these is wrong: {either}. Check them in this order"
     text += ". The standard deviations of the parameters contain an error of this size"
     out.say("scale-error" if certain else "scales-contradict", text, first.value, first.limit)
@@ -589,7 +588,8 @@ class SegmentFit:
     found: Identification  # identification of the full parameters of the bodies
     in_chain: Identification  # base and full parameters of the chain, computed from the bodies' parameters
     prior: BodyPrior  # prior of the bodies' parameters
-    cutoffs: ChosenCutoffs  # cut-offs of the poses
+    bands: Cutoffs  # cut-offs of x, y and angle of the poses, Hz
+    bands_why: str  # reason for this choice
     references: ReferenceBodies  # reference bodies, with parameters of these bodies
     prior_share: FloatArray  # (b,) share of the precision of each base parameter that comes from the prior, 0 … 1
     chain_map: ChainMap  # map from parameters of the bodies to parameters of the chain
@@ -597,7 +597,7 @@ class SegmentFit:
     left_out: LeftOutPrediction | str  # predictions of left-out repetitions, or why there are none
     # (n,) standard deviation of each joint centre in one direction, relative to the markers around it, m
     centre_sd: FloatArray
-    effect: PoseEffect  # effect of the errors of the poses that are the same in every repetition
+    of_poses: FloatArray  # (T, n) variance of the torques from errors of the poses that recur in every repetition
 
     def noise(self) -> PredictionNoise:
         """Return the errors of predicted wrench and torques, except those from errors of the parameters."""
@@ -611,7 +611,7 @@ class SegmentFit:
             seconds = float(found.fit.in_fit.sum()) / self.prepared.recorded.rate
             share = len(found.base) / max(3 * seconds / _CORRELATED, 1.0)
         return estimate_residual_noise(
-            self.prepared, found, residual, centre_sd=self.centre_sd, of_poses=self.effect.torque, parameters=share
+            self.prepared, found, residual, centre_sd=self.centre_sd, of_poses=self.of_poses, parameters=share
         )
 
 
@@ -632,8 +632,8 @@ def fit_segments(
     settings, recorded, reference = context.settings, prepared.recorded, tables.chosen.parameters
     mass = float(pinned.full[::4].sum()) if tables.chosen.mass is None else tables.chosen.mass
     prior = make_body_prior(bodies, recorded.q, movement, tables.chosen, mass)
-    cutoffs = choose_cutoffs(make_predictor(prepared, movement, bodies, prior))
-    ready = prepare_bodies(bodies, recorded, prepared.settings, prior, cutoffs.bands)
+    bands, bands_why, _ = choose_cutoffs(make_predictor(prepared, movement, bodies, prior))
+    ready = prepare_bodies(bodies, recorded, prepared.settings, prior, bands)
     found = identify(
         ready,
         movement.free,
@@ -656,8 +656,8 @@ def fit_segments(
         near = {joint for k in segments for joint in (k - 1, k) if 0 <= joint < joints}
         slide = propagate_slides(np.array([*markers.values()]), variance)
         slides.append((slide, tuple(sorted(near)) or (joints - 1,)))
-    effect = propagate_pose_errors(ready, found.fit, found.base, bodies.poses, sliding=slides, bands=cutoffs.bands)
-    covariance = found.covariance + effect.parameters[own] @ effect.parameters[own].T
+    moves, of_poses = propagate_pose_errors(ready, found.fit, found.base, bodies.poses, sliding=slides, bands=bands)
+    covariance = found.covariance + moves[own] @ moves[own].T
     found = replace(found, covariance=covariance, base_sd=np.sqrt(np.diag(covariance)))
 
     # errors of scale
@@ -702,14 +702,15 @@ def fit_segments(
         found=found,
         in_chain=in_chain,
         prior=prior,
-        cutoffs=cutoffs,
+        bands=bands,
+        bands_why=bands_why,
         references=ReferenceBodies(chosen, tuple(convert(each) for each in tables.every)),
         prior_share=np.clip(share, 0.0, 1.0),
         chain_map=chain_map,
         grid=grid,
         left_out=validate(ready, movement, found, np.zeros((len(recorded.time), 3))),
         centre_sd=centre_sd,
-        effect=effect,
+        of_poses=of_poses,
     )
 
 
@@ -805,7 +806,7 @@ def compare_torque(context: Context, dynamics: Mapping[str, FloatArray]) -> dict
     if matched.get("why") is not None or log.torque is None:
         return None
     measured = matched["sign"] * log.torque
-    model = SampledWrench.of(dynamics["time"], dynamics["tau_1"][:, None])
+    model = SampledWrench(dynamics["time"], dynamics["tau_1"][:, None])
     off = model(log.time + matched["clock_offset_s"])[:, 0] - measured
     both = np.isfinite(off)
     if np.count_nonzero(both) < 2 or not np.ptp(measured[both]) > 0.0:

@@ -140,7 +140,7 @@ def _identify(context: Context, chain: SpatialChain, trial: SpatialTrial) -> tup
         "plate_bias": {COMPONENTS[k]: float(value) for k, value in zip(trial.constants, found.plate_bias, strict=True)},
         "residual_covariance": found.residual_covariance.tolist(),
         "unit_covariance": found.unit_covariance.tolist(),
-        "error_modes": [[mode.name, mode.parameters[: len(found.base)].tolist()] for mode in found.modes],
+        "error_modes": [[name, change[: len(found.base)].tolist()] for name, change, _, _ in found.modes],
         "frames": structure.frames[:, :3, :3].tolist(),
         "moments_about_m": trial.recorded.base[:3, 3].tolist(),
     }

@@ -13,7 +13,7 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.cautions import WrenchGain, estimate_gains
 from mocap_id.dynamics.fit import LEAST_SECONDS, Fit, determines_parameters, fit, select_samples
 from mocap_id.dynamics.instrument_errors import KinematicError, propagate_to_parameters
-from mocap_id.dynamics.prediction import compare_wrenches
+from mocap_id.dynamics.prediction import agreement, centre_of_pressure
 from mocap_id.dynamics.preparation import (
     CoarseClock,
     PreparedTrial,
@@ -235,9 +235,12 @@ def compare_references(
 
 def describe_errors(model: FloatArray, measured: FloatArray, samples: BoolArray, threshold: float) -> dict[str, Any]:
     """Return JSON about the errors of a wrench (T, 3) and its centre of pressure in some samples (T,)."""
-    compared = compare_wrenches(model, measured, samples, threshold)
-    wrench = {name: None if one is None else asdict(one) for name, one in compared.wrench.items()}
-    return {"wrench": wrench, "cop_rms_m": compared.cop_rms}
+    compared = {name: agreement(model[:, k], measured[:, k], samples) for k, name in enumerate(WRENCH_COMPONENTS)}
+    cop = agreement(centre_of_pressure(model, threshold), centre_of_pressure(measured, threshold), samples)
+    return {
+        "wrench": {name: None if one is None else asdict(one) for name, one in compared.items()},
+        "cop_rms_m": None if cop is None else float(np.hypot(cop.bias, cop.sd)),
+    }
 
 
 _TAUZ = 2
@@ -405,7 +408,7 @@ def _check_clock(prepared: PreparedTrial, found: Fit, sensor: ExternalWrench) ->
     """Return a caution if the forces add up clearly better with another clock offset of a sensor."""
     components, time = list(prepared.settings.components), prepared.recorded.time
     filtered = prepared.lowpass(blank_incomplete(sensor.wrench))[:, components]
-    sampled = SampledWrench.of(time, filtered)
+    sampled = SampledWrench(time, filtered)
     around = np.linspace(-_SENSOR_RANGE, _SENSOR_RANGE, 21)
     known = np.isfinite(sampled(time[found.samples] - around[:, None])).all(axis=(0, 2))
     samples = found.samples[known]

@@ -183,16 +183,14 @@ def report_residuals(
             _FILTERED_HZ,
         )
     if oscillations:
-        parts = [
-            f"{segments[each.segment]} {1e3 * each.size:.1f} mm at {each.frequency:.1f} Hz" for each in oscillations
-        ]
+        parts = [f"{segments[k]} {1e3 * size:.1f} mm at {frequency:.1f} Hz" for k, frequency, size in oscillations]
         out.say(
             "markers-oscillate",
             f"all markers of a segment oscillate together relative to the chain ({', '.join(parts)}, rms of the "
             "residuals): soft tissue wobbles, or a marker plate is loose. The accelerations contain this oscillation "
             "as an error, and their intervals include it. Attach the markers where the bone is close to the skin, or "
             "tape the plates on firmly.",
-            max(each.size for each in oscillations),
+            max(size for _, _, size in oscillations),
         )
 
 

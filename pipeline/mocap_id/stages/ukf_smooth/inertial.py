@@ -11,15 +11,15 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, NumericalError, RecordingError, Refused
 from mocap_id.estimation import States
+from mocap_id.estimation.filter_problem import MarkerChain
 from mocap_id.estimation.inertial import GRAVITY, OBSERVABLE_SD, Clock, SensorResult, SensorSignals
 from mocap_id.estimation.inertial_tracking import (
     FORCE_BIAS,
     SWITCHED_ON,
-    CalibratedChain,
+    KnownChain,
     calibrate_chain,
     track_without_markers,
 )
-from mocap_id.estimation.noise import FilterNoise, MarkerChain
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.recording.sample_checks import describe_held
 from mocap_id.recording.sensor_logs import read_imu
@@ -188,8 +188,7 @@ def states_of_sensors(context: Context) -> Outputs:
             )
         signals.append(log)
     chain, snap = _calibrate_chain(context, skeleton)
-    tracked = track_without_markers(signals, view.time, chain)
-    reckoned = tracked.reckoning
+    mean, sds, reckoned, (levels, headings, heading_sds) = track_without_markers(signals, view.time, chain)
     worst = int(np.argmax(reckoned.residual))
     contradiction = (
         f"the accelerometers contradict the gyroscopes on the chain of the calibration, most on the {names[worst]}: by "
@@ -197,12 +196,12 @@ def states_of_sensors(context: Context) -> Outputs:
     )
     if reckoned.residual[worst] > _CONTRADICTING:
         raise Refused("imus-contradict", f"{contradiction}: no angles are given. {_CAUSES}")
-    uncertain = tracked.sd[..., 0] > settings.angle_sd_limit
-    tracked.mean[uncertain], tracked.sd[uncertain] = np.nan, np.nan
+    uncertain = sds[..., 0] > settings.angle_sd_limit
+    mean[uncertain], sds[uncertain] = np.nan, np.nan
 
     out = Findings()
-    sd, calibration = np.degrees(np.nanmean(tracked.sd[..., 0])), get_calibration(context.trial).trial.name
-    drift = float(np.degrees(np.max(tracked.heading_sd)))
+    sd, calibration = np.degrees(np.nanmean(sds[..., 0])), get_calibration(context.trial).trial.name
+    drift = float(np.degrees(np.max(heading_sds)))
     out.say(
         "imus-alone",
         f"no camera recorded this trial: the angles (standard deviation {sd:.1f}°) are valid if every sensor was worn "
@@ -217,7 +216,7 @@ def states_of_sensors(context: Context) -> Outputs:
     imus: dict[str, dict[str, Any]] = {}
     for k, segment in enumerate(names):
         # clock relative to the first sensor, biases in this trial and mounting of the sensor
-        found = chain.known.sensors[k].calibration
+        found = chain.calibrations[k]
         normal = found.mount.T @ [0.0, 0.0, 1.0]
         in_plane = np.sqrt(1.0 - normal**2)
         gyro_sd = np.hypot(normal * reckoned.gyro_bias_sd[:, k].mean(), in_plane * SWITCHED_ON)
@@ -231,7 +230,7 @@ def states_of_sensors(context: Context) -> Outputs:
             sd=found.sd | {"gyro_bias": gyro_sd, "acc_bias": acc_sd},
             residual=np.array([np.nan, reckoned.residual[k]]),
         )
-        heading, heading_sd = float(tracked.heading[k]), float(tracked.heading_sd[k])
+        heading, heading_sd = float(headings[k]), float(heading_sds[k])
         imus[segment] = describe_sensor(SensorResult(present, saturated)) | {
             "ppm": None,
             "gyro_residual_rad_s": None,
@@ -239,7 +238,7 @@ def states_of_sensors(context: Context) -> Outputs:
             "heading_sd_deg": float(np.degrees(heading_sd)),
         }
         # the direction of gravity shows whether the sensor was rotated on its segment
-        lean = float(np.arcsin(np.clip(abs(tracked.level[k]) / GRAVITY, 0.0, 1.0)))
+        lean = float(np.arcsin(np.clip(abs(levels[k]) / GRAVITY, 0.0, 1.0)))
         if lean > _LARGEST_LEAN:
             out.say(
                 "imu-moved",
@@ -280,14 +279,14 @@ def states_of_sensors(context: Context) -> Outputs:
     moves = skeleton.marker_segment > 0
     moving = MarkerChain(skeleton.centres, skeleton.marker_segment[moves], skeleton.local[moves])
     none, used = (np.zeros((len(view.time), count), np.bool_) for count in (len(names), int(moves.sum())))
-    states = States(tracked.mean, tracked.sd, none, used, FilterNoise(np.nan, snap), np.nan, moving)
+    states = States(mean, sds, none, used, np.nan, snap, np.nan, moving)
     skin = assume_skin(states, tree.array("markers/residual")[moves], skeleton.covariance)
     labels = [label for label, k in zip(skeleton.markers, skeleton.marker_segment, strict=True) if k > 0]
     # the calibration's markers on the moving chain, with residuals of NaN
-    places = marker_positions(tracked.mean[..., 0], skeleton.centres, skeleton.marker_segment, skeleton.local)
+    places = marker_positions(mean[..., 0], skeleton.centres, skeleton.marker_segment, skeleton.local)
     x, y = (np.ascontiguousarray(places[..., i]) for i in range(2))
     markers = {"x": x, "y": y, "residual": np.full(x.shape, np.nan), "used": np.zeros(x.shape, np.bool_)}
-    values = state_columns(view.time, tracked.mean, tracked.sd, none)
+    values = state_columns(view.time, mean, sds, none)
     return (
         Table(STATES, values, out.facts, tuple(out.reasons)),
         LongTable(MARKERS, view.frames, view.time, skeleton.markers, markers),
@@ -298,7 +297,7 @@ def states_of_sensors(context: Context) -> Outputs:
     )
 
 
-def _calibrate_chain(context: Context, skeleton: Skeleton) -> tuple[CalibratedChain, FloatArray]:
+def _calibrate_chain(context: Context, skeleton: Skeleton) -> tuple[KnownChain, FloatArray]:
     """Return the chain with its sensors, calibrated on the trial with markers, and the joints' snap (n,), rad/s⁴."""
     calibration = get_calibration(context.trial)
     table = read_states(calibration)
@@ -308,7 +307,7 @@ def _calibrate_chain(context: Context, skeleton: Skeleton) -> tuple[CalibratedCh
     mean = np.concatenate([joints.mean, np.zeros_like(joints.mean[..., :1])], axis=2)
     chain = MarkerChain(skeleton.centres.copy(), skeleton.marker_segment, skeleton.local)
     unused = np.zeros((0, 0), np.bool_)
-    states = States(mean, joints.sd, joints.observed, unused, FilterNoise(np.nan, snap), np.nan, chain)
+    states = States(mean, joints.sd, joints.observed, unused, np.nan, snap, np.nan, chain)
     worn = list_sensors(calibration.imus)
     sensors = {s: read_sensor(worn[name]) for s, name in enumerate(skeleton.segments[1:], start=1)}
     try:

@@ -15,8 +15,8 @@ from mocap_id.dynamics.measured_motion import BodyPoses, Stretch, fill_gaps, mea
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.estimation import FRAMEWISE, FilterSettings, States, smooth
 from mocap_id.estimation.encoders import estimate_encoder_noise, match_encoder, smooth_encoder
+from mocap_id.estimation.filter_problem import MarkerChain
 from mocap_id.estimation.lasting_errors import (
-    LastingErrors,
     ResidualSpectrum,
     add_lasting_errors,
     compute_residual_spectrum,
@@ -24,7 +24,6 @@ from mocap_id.estimation.lasting_errors import (
     estimate_camera_sd,
     estimate_coloured_variance,
 )
-from mocap_id.estimation.noise import MarkerChain
 from mocap_id.estimation.smoothing import find_rejected_segments
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.kinematics.base_motion import find_moving_markers
@@ -93,7 +92,7 @@ def ukf_smooth(context: Context) -> Outputs:
     local = as_complex(moving.local)
     if any(count_positions(local[moving.segment == k]) < 2 for k in range(1, len(moving.centres) + 1)):
         given["sigma_v_ratio"] = _SNAP_RATIO
-    noise, geometry = FilterSettings(**given), (moving.centres, moving.segment, moving.local)
+    noise = FilterSettings(**given)
 
     # filter and smoother; `observed` becomes NaN, in place, where a marker is not used: a copy would double the memory
     worn = list_sensors(context.trial.imus)
@@ -105,7 +104,7 @@ def ukf_smooth(context: Context) -> Outputs:
         check_method(noise.method, noise.engine)
         signals = read_sensors(skeleton.segments, worn)
         states, results = inertial_tracking.smooth_with_sensors(
-            observed, view.time, *geometry, sensors=signals, settings=noise
+            observed, view.time, moving, sensors=signals, settings=noise
         )
         has_sensor = np.isin(
             np.arange(len(skeleton.segments)), [0, *(s for s, each in results.items() if each.used is not None)]
@@ -113,7 +112,7 @@ def ukf_smooth(context: Context) -> Outputs:
         between = has_sensor[1:] & has_sensor[:-1]
         sensors = describe_sensors(skeleton.segments, worn, signals, results)
     else:
-        states = smooth(observed, view.rate, *geometry, settings=noise, overwrite=True)
+        states = smooth(observed, view.rate, moving, settings=noise, overwrite=True)
     observed[~states.used] = np.nan
 
     # skin motion, measured poses, and standard deviations that contain both
@@ -138,8 +137,8 @@ def ukf_smooth(context: Context) -> Outputs:
         if bends and shift.across is not None:
             hip = skeleton.joints.index("hip")
             bend = (hip, shift.across / float(np.linalg.norm(chain.centres[hip])))
-        errors = estimate_lasting_errors(states, observed, skin, camera, spectrum, bend=bend, stretch=stretch)
-        states = replace(states, sd=add_lasting_errors(states, spectrum.rate, errors))
+        lasting = estimate_lasting_errors(states, observed, skin, camera, spectrum, bend=bend, stretch=stretch)
+        states = replace(states, sd=add_lasting_errors(states, spectrum.rate, camera, *lasting))
     if between is not None:
         states.sd[:, between, 2] *= _ACCELERATION_SHARE
     del observed
@@ -179,8 +178,8 @@ def ukf_smooth(context: Context) -> Outputs:
         squares += float(own @ own)
     out = Findings()
     out.fact(
-        marker_sd_m=states.noise.marker_sd,
-        sigma_v=states.noise.sigma_v.tolist(),
+        marker_sd_m=states.marker_sd,
+        sigma_v=states.sigma_v.tolist(),
         reprojection_rms_m=math.sqrt(squares / counted) if counted else None,
         outlier_fraction=(seen - counted) / seen if seen else None,
         bridged_fraction=np.mean(~states.observed, axis=0).tolist(),
@@ -298,8 +297,8 @@ def estimate_lasting_errors(
     *,
     bend: tuple[int, FloatArray] | None = None,
     stretch: tuple[int, Stretch] | None = None,
-) -> LastingErrors:
-    """Return the variances of errors of the states that average out slowly or not at all.
+) -> tuple[IntArray, FloatArray]:
+    """Return some frames (T,), and in them the variances (T, n, 4) of errors of the states that average out slowly.
 
     ``used_markers`` and ``camera`` are as for :func:`estimate_skin`. ``bend`` is the hip, a joint from 0, and the turn
     (F,) of the thigh if it followed the hip of a trunk that bends, rad; None if the trunk is rigid. ``stretch`` is the
@@ -316,7 +315,7 @@ def estimate_lasting_errors(
     if stretch is not None:  # a trunk that bends also stretches the thigh
         moved = np.maximum(moved, _compute_stretch_variance(*stretch, states.chain.centres, frames, rate))
     variance += moved
-    return LastingErrors(camera, frames, variance)
+    return frames, variance
 
 
 def _compute_bend_variance(hip: int, turn: FloatArray, angles: FloatArray, frames: IntArray, rate: float) -> FloatArray:

@@ -23,7 +23,7 @@ from mocap_id.anatomy.angles import (
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.estimation.smoothing import find_rejected_segments
 from mocap_id.estimation.space import SpatialSettings, SpatialStates, smooth_in_space
-from mocap_id.estimation.space.skeleton_smoothing import SkeletonNoise, bridge_short_gaps, remove_jumps, smooth_skeleton
+from mocap_id.estimation.space.skeleton_smoothing import bridge_short_gaps, remove_jumps, smooth_skeleton
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.kinematics.space.bodies import rigid_poses
@@ -286,13 +286,17 @@ def smooth_skeleton_states(
         weight[:, m] /= np.where(np.isfinite(off), 1 + off**2, 1.0) ** 2
         start = points[:, m]
     weight[missing] = 0.0
-    noise = SkeletonNoise(
-        sd,
-        weight,
-        lambda frequency: sensor_noise_power(facts["white"], facts["memory_s"], frequency, 1 / view.rate),
-        tree.facts["lasting_scale"] * np.where(trunk, 0.5 * _LASTING_SD, _LASTING_SD),
+    return smooth_skeleton(
+        points,
+        view.rate,
+        chain,
+        (rotations, origins),
+        sd=sd,
+        weight=weight,
+        colour=lambda frequency: sensor_noise_power(facts["white"], facts["memory_s"], frequency, 1 / view.rate),
+        lasting=tree.facts["lasting_scale"] * np.where(trunk, 0.5 * _LASTING_SD, _LASTING_SD),
+        gate=gate,
     )
-    return smooth_skeleton(points, view.rate, chain, (rotations, origins), noise, gate=gate)
 
 
 def limit_to_skeleton(angles: JointAngles) -> JointAngles:

@@ -204,7 +204,7 @@ def export_forces(run: RunFolder, out: ExportFiles) -> None:
             if found is not None and str(fact["name"]) in segments:
                 wrench = found.stack([f"{each}_{fact['columns']}" for each in _IN_PLANE])
                 if fact["clock"] == "plates":
-                    wrench = SampledWrench.of(found["time"], wrench)(found["time"] - offset)
+                    wrench = SampledWrench(found["time"], wrench)(found["time"] - offset)
                 others.append((str(fact["name"]), segments[str(fact["name"])], wrench))
         measured = {str(fact["name"]) for fact in run.facts("wrench.parquet").get("external") or ()}
         unused = sorted(measured - {name for name, _, _ in others})

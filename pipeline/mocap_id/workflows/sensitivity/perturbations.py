@@ -246,9 +246,7 @@ def _delay(table: Table, delay: float | FloatArray) -> Table:
     sensors = [fact["columns"] for fact in table.facts.get("external") or () if fact["clock"] != "plates"]
     fixed = {"time", "plate_ok", *(f"{name}_{sensor}" for name in COMPONENTS for sensor in sensors)}
     delayed = {
-        name: SampledWrench.of(time, table[name][:, None])(time + delay)[:, 0]
-        for name in table.names
-        if name not in fixed
+        name: SampledWrench(time, table[name][:, None])(time + delay)[:, 0] for name in table.names if name not in fixed
     }
     nearest = np.searchsorted(time, time + delay - (time[1] - time[0]) / 2)
     plate_ok = table["plate_ok"][np.clip(nearest, 0, len(time) - 1)]

@@ -406,7 +406,7 @@ def trial_rows(trials: Sequence[RobotTrialResult]) -> Iterator[dict[str, Any]]:
         log = None if file is None else recording.read_encoder(file)
         if log is not None and log.torque is not None and encoder.get("sign") is not None:
             measured = encoder["sign"] * log.torque
-            model = SampledWrench.of(through.time, torque[:, None])(log.time + encoder["clock_offset_s"])[:, 0]
+            model = SampledWrench(through.time, torque[:, None])(log.time + encoder["clock_offset_s"])[:, 0]
             row |= compare_with("torque", model - measured, measured)
         yield labels | {"method": REFERENCE} | row
 
