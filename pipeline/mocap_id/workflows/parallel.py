@@ -136,12 +136,8 @@ _COUNTING_INTERVAL = 5.0  # s, after which the workers of a scheduler are counte
 _TERMINATION_TIME = 20.0  # s, for a process to end after SIGTERM
 
 
-@dataclass(frozen=True)
-class Workers:
-    """An executor for trials, and the number of trials to submit."""
-
-    executor: Executor
-    width: Callable[[], int]  # returns the number of trials to submit at the same time
+Workers: TypeAlias = tuple[Executor, Callable[[], int]]
+"""An executor for trials, and a function that returns the number of trials to submit to it at the same time."""
 
 
 class Backend(ABC):
@@ -178,7 +174,7 @@ class LocalBackend(Backend):
             for _ in range(jobs):
                 pool.submit(os.getpid)  # starts a process
         try:
-            yield Workers(pool, lambda: jobs)
+            yield pool, lambda: jobs
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             children = multiprocessing.active_children()
@@ -217,7 +213,7 @@ class DaskBackend(Backend):
                     f"no Dask scheduler answers at {address} ({error}): start one with `dask scheduler`"
                 ) from error
             try:
-                yield Workers(client.get_executor(pure=False), _WorkerCount(client))
+                yield client.get_executor(pure=False), _WorkerCount(client)
             except (CancelledError, _import("distributed.comm").CommClosedError) as error:
                 raise NumericalError(
                     f"the connection to the Dask scheduler at {address} broke: finished trials are kept; repeat the "
@@ -420,9 +416,9 @@ def _run_waiting(waiting: deque[_Numbered], run: RunTrial, backend: Backend | No
             yield from _run_until_broken(waiting, run, workers, lost)
         # One of these killed the process: run each in its own process, so that only this trial fails.
         for number, trial in lost:
-            with LocalBackend(1).workers(1) as workers:
+            with LocalBackend(1).workers(1) as (executor, _):
                 try:
-                    done = workers.executor.submit(run_until_terminated, run, trial).result()
+                    done = executor.submit(run_until_terminated, run, trial).result()
                 except BrokenExecutor:
                     done = _make_ended(trial, NumericalError.exit_code, _KILLED)
             yield number, done
@@ -432,15 +428,16 @@ def _run_until_broken(
     waiting: deque[_Numbered], run: RunTrial, workers: Workers, lost: list[_Numbered]
 ) -> Iterator[tuple[int, TrialRun]]:
     """Submit trials until all trials are done or the pool breaks; append the interrupted trials to ``lost``."""
+    executor, count_width = workers
     submitted: dict[Future[TrialRun], _Numbered] = {}
     # Futures report here when they finish: polling all of them would be expensive on a large cluster.
     finished: SimpleQueue[Future[TrialRun]] = SimpleQueue()
     while True:
-        width = workers.width()  # also if nothing is left to submit: this checks the versions of new workers
+        width = count_width()  # also if nothing is left to submit: this checks the versions of new workers
         while waiting and not lost and len(submitted) < width:
             numbered = waiting.popleft()
             try:
-                future = workers.executor.submit(run_until_terminated, run, numbered[1])
+                future = executor.submit(run_until_terminated, run, numbered[1])
             except BrokenExecutor:
                 lost.append(numbered)
             else:

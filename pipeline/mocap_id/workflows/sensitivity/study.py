@@ -260,8 +260,8 @@ def run_perturbations(
     entries = [stage.name for stage in repeated_stages()]
     order = sorted(perturbations, key=lambda one: entries.index(one.definition.entry))
     try:
-        with LocalBackend(jobs).workers(len(order)) as workers:
-            for future in as_completed([workers.executor.submit(_run_in_worker, trial, one) for one in order]):
+        with LocalBackend(jobs).workers(len(order)) as (executor, _):
+            for future in as_completed([executor.submit(_run_in_worker, trial, one) for one in order]):
                 run = future.result()
                 tell(run)
                 runs[run.perturbation] = run
