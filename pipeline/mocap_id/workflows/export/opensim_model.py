@@ -59,11 +59,6 @@ def element(tag: str, *children: Element, name: str | None = None, text: str | N
     return made
 
 
-def comment(text: str) -> Element:
-    """Return a comment, without the double hyphens that XML forbids."""
-    return ElementTree.Comment(f" {text.replace('--', '- -')} ")
-
-
 def format_numbers(values: Sequence[float]) -> str:
     """Return numbers as text with all their digits, separated by blanks."""
     return " ".join(f"{float(value) + 0.0:.17g}" for value in values)
@@ -292,7 +287,7 @@ def format_model(
     return format_document(
         "Model",
         run.name,
-        *(comment(text) for text in (made, *comments)),
+        *(ElementTree.Comment(f" {text.replace('--', '- -')} ") for text in (made, *comments)),  # XML forbids `--`
         element("length_units", text="meters"),
         element("force_units", text="N"),
         element("gravity", text=format_numbers([0.0, -read_gravity(run), 0.0])),

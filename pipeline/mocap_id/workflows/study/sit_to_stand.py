@@ -366,7 +366,7 @@ def _modify(parameters: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     where mx and my include everything that is regrouped into them. The base segment has only mx, which does not change.
     """
     by_symbol = {one["parameter"]: one for one in parameters}
-    modified = []
+    modified: list[Mapping[str, Any]] = []
     for symbol, mx in by_symbol.items():
         my = by_symbol.get(symbol.replace("mx", "my")) if symbol.startswith("mx") else None
         if my is not None:
