@@ -54,17 +54,15 @@ def find_trials(named: Sequence[str], *, runs: bool = False) -> tuple[list[Trial
                 found = [one.trial for one in load_study(file).trials]
             else:
                 found = [compose(content, model=model)]
-            for trial in found:
-                other = trials.setdefault(trial.out.resolve(), trial)
-                if (other.file.resolve(), other.name) != (trial.file.resolve(), trial.name):
-                    raise _SharedFolder(
-                        f"{trial.file} and {other.file} share the folder {trial.out}: give one of them a different "
-                        "`out:`"
-                    )
-        except _SharedFolder as error:
-            raise ConfigError(str(error)) from error
         except ConfigError as error:
             unreadable.append((file, error))
+            continue
+        for trial in found:
+            other = trials.setdefault(trial.out.resolve(), trial)
+            if (other.file.resolve(), other.name) != (trial.file.resolve(), trial.name):
+                raise ConfigError(
+                    f"{trial.file} and {other.file} share the folder {trial.out}: give one of them a different `out:`"
+                )
     return list(trials.values()), unreadable
 
 
@@ -74,10 +72,6 @@ def find_readable_trials(named: Sequence[str]) -> list[Trial]:
     if unreadable:
         raise ConfigError("\n".join(str(error) for _, error in unreadable))
     return trials
-
-
-class _SharedFolder(ConfigError):
-    """Two trials have the same run folder, so neither of them may be run."""
 
 
 def _find_files(name: str, runs: bool) -> Iterator[tuple[Path, Source | None]]:
