@@ -318,11 +318,11 @@ def main() -> None:
             report_progress(f"{claim.letter} {claim.text}")
         studies = {name: study_sensitivity(file, jobs=2) for name, file in files.items()}
     tolerances = []
-    for name, study in studies.items():
-        sentences = [row["sentence"] for row in study.document["tolerates"]]
+    for name, (_, runs, document) in studies.items():
+        sentences = [row["sentence"] for row in document["tolerates"]]
         lines = [f"- {sentence[:1].upper()}{sentence[1:]}" for sentence in sentences]
-        tolerances.append(f"**{name}**, {len(study.runs)} perturbations:\n\n" + "\n".join(lines))
-    costs, runs = [], studies["sts-normal"].runs
+        tolerances.append(f"**{name}**, {len(runs)} perturbations:\n\n" + "\n".join(lines))
+    costs, runs = [], studies["sts-normal"][1]
     for kind in dict.fromkeys(one.perturbation.kind for one in runs):
         spent = [one.seconds for one in runs if one.perturbation.kind == kind]
         costs.append((f"`{kind}`", str(len(spent)), f"{np.median(spent):.2f}", f"{sum(spent):.1f}"))

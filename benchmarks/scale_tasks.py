@@ -24,8 +24,9 @@ from scale_trial import read_memory
 from mocap_id.config import Trial, load
 from mocap_id.config.study import load_study
 from mocap_id.reporting.results.columns import ResultTable
-from mocap_id.workflows.batch import BATCH, find_trials, make_row, read_trial
+from mocap_id.workflows.batch import BATCH, find_trials, make_row
 from mocap_id.workflows.parallel import Backend, DaskBackend, LocalBackend, TrialRun, run_trials
+from mocap_id.workflows.trial_outcome import TrialOutcome, read_summary
 
 
 def do_nothing(trial: Trial) -> TrialRun:
@@ -63,7 +64,11 @@ def time_table(count: int) -> dict[str, float]:
         spend([*PROGRAM, "run", "--quiet", str(file)], Path(place))  # in another process, whose memory does not count
         wanted = [replace(one, out=load(file).out) for one in make_trials(count)]
         start = perf_counter()
-        rows = [make_row(read_trial(one, do_nothing(one), Path(place))) for one in wanted]
+        rows = []
+        for one in wanted:
+            run = do_nothing(one)
+            done = TrialOutcome(run=run, summary=read_summary(one.out, run))
+            rows.append(make_row(done, one.file, one.out, Path(place)))
         content = ResultTable.of(BATCH, rows).parquet("batch")
     return {"seconds": perf_counter() - start, "bytes": len(content)}
 

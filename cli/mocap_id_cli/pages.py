@@ -15,15 +15,14 @@ from typer.testing import CliRunner
 from mocap_id.store import Column, TableSchema, TreeSchema
 from mocap_id.store.provenance import SCHEMAS
 from mocap_id.workflows.batch import BATCH
-from mocap_id.workflows.study import curls as curl_study
-from mocap_id.workflows.study import reach as reach_study
+from mocap_id.workflows.study.arms import CURL_TABLES, REACH_TABLES
 from mocap_id.workflows.study.sit_to_stand import TABLES
 from mocap_id_cli.commands import COMMANDS, build, load_command
 from mocap_id_cli.stages import format_settings_page, format_settings_yaml
 
 SETTINGS_MARK = "# ---- every setting, with its default ----\n"
 COLUMNS_MARK = "## Columns\n"
-_STUDIES = {"": TABLES, " of reaches": reach_study.TABLES, " of curls": curl_study.TABLES}
+_STUDIES = {"": TABLES, " of reaches": REACH_TABLES, " of curls": CURL_TABLES}
 _OF_PROTOCOLS = {
     "seat_off_72": "`protocol: sit-to-stand`",
     "elbow_torque": "`protocol: curl`",

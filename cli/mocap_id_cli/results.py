@@ -161,14 +161,14 @@ def payload(
     be moved between the trials. If a trial is given as a YAML file, missing or outdated results are computed first; a
     run folder is read unchanged.
     """
-    found = workflows.parallel.find_payload(loaded, empty, segment, output.report_stage)
+    found = workflows.transfer.find_payload(loaded, empty, segment, output.report_stage)
     output.print_result(found.as_json(), _describe_payload(found))
 
 
-def _describe_payload(found: workflows.parallel.FoundPayload) -> Iterator[str]:
+def _describe_payload(found: workflows.transfer.FoundPayload) -> Iterator[str]:
     yield f"payload of {found.segment}: {found.loaded} minus {found.empty}; value ± standard deviation"
     yield "values are in the frame of the segment; moments of inertia are about its origin (the joint)"
-    names, units = workflows.parallel.PARAMETERS, workflows.parallel.UNITS
+    names, units = workflows.transfer.PARAMETERS, workflows.transfer.UNITS
     rows = zip(names, found.payload.value, found.payload.sd, units, strict=True)
     yield from align([[name, _format_with_sd(value, sd), unit] for name, value, sd, unit in rows])
     place, sd = found.payload.centre()

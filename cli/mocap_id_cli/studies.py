@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
@@ -23,7 +23,7 @@ from mocap_id_cli.console import (
 )
 
 if TYPE_CHECKING:
-    from mocap_id.workflows.sensitivity.study import PerturbationRun, SensitivityResult
+    from mocap_id.workflows.sensitivity.study import PerturbationRun
     from mocap_id.workflows.study.discovery import Discovery
 
 _PLURALS = {"strategy": "strategies", "session": "sessions", "side": "sides"}
@@ -151,18 +151,20 @@ def sensitivity(
     options = perturbations.SensitivityOptions() if settings is None else perturbations.read_options(settings)
     options = options.only(only or ())
     start = time.perf_counter()
-    result = study.study_sensitivity(trial, options, jobs=jobs, out=out, progress=output.report_stage, tell=report)
-    runs, wall = result.runs, time.perf_counter() - start
+    folder, runs, document = study.study_sensitivity(
+        trial, options, jobs=jobs, out=out, progress=output.report_stage, tell=report
+    )
+    wall = time.perf_counter() - start
     spent = sum(run.seconds for run in runs)
     output.say(f"perturbations: {len(runs)}, {spent:.1f} s of processor time, {wall:.1f} s in all")
-    output.print_result(result.document, _describe_sensitivity(result, options.tolerance))
+    output.print_result(document, _describe_sensitivity(document, folder, options.tolerance))
 
 
-def _describe_sensitivity(found: SensitivityResult, share: float) -> Iterator[str]:
+def _describe_sensitivity(document: Mapping[str, Any], folder: Path, share: float) -> Iterator[str]:
     from mocap_id.reporting.sensitivity import describe_criterion  # noqa: PLC0415  as above
 
-    yield f"{found.trial}: what this trial tolerates. {describe_criterion(share)}"
-    if found.note:
-        yield f"note: {found.note}"
-    yield from (f"  {row['sentence']}" for row in found.document["tolerates"])
-    yield f"written: {shorten(found.folder.absolute())}"
+    yield f"{document['trial']}: what this trial tolerates. {describe_criterion(share)}"
+    if document["note"]:
+        yield f"note: {document['note']}"
+    yield from (f"  {row['sentence']}" for row in document["tolerates"])
+    yield f"written: {shorten(folder.absolute())}"

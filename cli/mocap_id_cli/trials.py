@@ -180,14 +180,14 @@ def status(named: TrialFiles, *, as_json: AsJson = False) -> None:
             | asdict(one)
             for (trial, one), kind in zip(states, kinds, strict=True)
         ]
-        entries += [{"trial": None, "file": shorten(one.file), "failure": str(one.error)} for one in unreadable]
+        entries += [{"trial": None, "file": shorten(file), "failure": str(error)} for file, error in unreadable]
         print_json(entries)
         return
     width = max((len(trial.name) for trial in trials), default=0)
     for trial, one in states:
         typer.echo("\n".join(_describe_status(trial, one, width)))
-    for wrong in unreadable:
-        typer.echo(str(wrong.error))
+    for _, error in unreadable:
+        typer.echo(str(error))
     counts = Counter(kinds) + Counter({"unreadable": len(unreadable)})
     text = ", ".join(f"{count} {kind}" for kind, count in counts.items())
     typer.echo(f"{count_trials(len(states) + len(unreadable))}: {text}")

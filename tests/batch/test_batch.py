@@ -174,10 +174,10 @@ def test_a_scheduler_without_workers_says_so_once(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(parallel, "_COUNTING_INTERVAL", 0.0)
     with (
         distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0", silence_logs=50) as alone,
-        DaskBackend(alone.scheduler_address).workers(1) as workers,
+        DaskBackend(alone.scheduler_address).workers(1) as (_, width),
     ):
         for _ in range(3):
-            workers.width()
+            width()
         told = [one.getMessage() for one in caplog.records if one.name.startswith("mocap_id.")]
         assert len(told) == 1
         assert f"`dask worker {alone.scheduler_address}" in told[0]

@@ -44,10 +44,10 @@ def test_a_file_that_is_no_trials_is_kept_apart(tmp_path: Path) -> None:
     (one,) = trials(tmp_path, ["one"])
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text("trial: wrong\nrecordng: link.trc\n")
-    found, (unreadable,) = find_trials([str(one), str(wrong)])
+    found, ((file, error),) = find_trials([str(one), str(wrong)])
     assert [trial.name for trial in found] == ["one"]
-    assert unreadable.file == wrong
-    assert "did you mean `recording`?" in str(unreadable.error)
+    assert file == wrong
+    assert "did you mean `recording`?" in str(error)
 
 
 @pytest.mark.parametrize("named", ["nowhere/*.yaml", "."])

@@ -93,7 +93,7 @@ class Wide(Backend):
     @contextmanager
     def workers(self, most: int) -> Iterator[Workers]:
         try:
-            yield Workers(self.executor, lambda: self.executor.width)
+            yield self.executor, lambda: self.executor.width
         finally:
             self.executor.shutdown()
 
@@ -135,13 +135,13 @@ def test_workers_that_join_later_get_work(monkeypatch: pytest.MonkeyPatch) -> No
         n_workers=0, threads_per_worker=4, processes=False, dashboard_address=":0", silence_logs=50
     ) as cluster:
         asked: list[Any] = [Named(k) for k in range(60)]
-        with parallel.DaskBackend(cluster.scheduler_address).workers(len(asked)) as workers:
-            assert workers.width() == 1
+        with parallel.DaskBackend(cluster.scheduler_address).workers(len(asked)) as (_, width):
+            assert width() == 1
             cluster.scale(1)
             until = time.monotonic() + 30
-            while workers.width() == 1 and time.monotonic() < until:
+            while width() == 1 and time.monotonic() < until:
                 time.sleep(0.05)
-            assert workers.width() == 8
+            assert width() == 8
         done = run_trials(asked, parallel.DaskBackend(cluster.scheduler_address), run=at_once)
         assert [one.trial for one in done] == [one.name for one in asked]
 
@@ -192,7 +192,7 @@ def test_workers_are_looked_at_while_the_last_trials_run(monkeypatch: pytest.Mon
         @contextmanager
         def workers(self, most: int) -> Iterator[Workers]:
             with ThreadPoolExecutor(1) as executor:
-                yield Workers(executor, width)
+                yield executor, width
 
     def run(trial: Any) -> TrialRun:
         assert release.wait(30)

@@ -12,10 +12,11 @@ from mocap_id.errors import StoreError
 from mocap_id.reporting.summary import encode_summary, summarise
 from mocap_id.stages.report.function import report_data
 from mocap_id.store.views import Skeleton
-from mocap_id.workflows.batch import BatchTrial, make_row
+from mocap_id.workflows.batch import make_row
 from mocap_id.workflows.parallel import TrialRun
 from mocap_id.workflows.regress import compare_results, compare_tables, list_expected
 from mocap_id.workflows.run_folder import RunFolder
+from mocap_id.workflows.trial_outcome import TrialOutcome
 from spatial_trial import SpatialTrial, context
 
 
@@ -41,8 +42,9 @@ def test_a_centre_that_is_unknown_has_no_number_in_a_baseline() -> None:
 
 def test_a_row_of_a_batch(tmp_path: Path) -> None:
     run = TrialRun("s07", 0, None, None, None, computed=True, seconds=1.0)
-    trial = BatchTrial(run=run, summary=summary_of(), file=tmp_path / "s07.yaml", out=tmp_path, folder=tmp_path)
-    found = make_row(trial)
+    trial = TrialOutcome(run=run, summary=summary_of())
+    found = make_row(trial, tmp_path / "s07.yaml", tmp_path, tmp_path)
+    assert (found["file"], found["folder"]) == ("s07.yaml", ".")
     assert (found["segments"], found["verdict"], found["mass"]) == (4, "ok", 71.4)
 
 

@@ -92,7 +92,7 @@ def made(folder: Path) -> dict[str, Path]:
     summaries = {name: json.loads((where / "summary.json").read_text("utf-8")) for name, where in folders.items()}
     assert {name: one["verdict"]["level"] for name, one in summaries.items()} == LEVELS
     options = SensitivityOptions().only(["wrench-bias"])
-    sensitivity_study = study_sensitivity(folder / "trial.yaml", options, jobs=1, out=folder / "sensitivity").folder
+    sensitivity_study, *_ = study_sensitivity(folder / "trial.yaml", options, jobs=1, out=folder / "sensitivity")
     robot_options = Options(seed=31, repetitions=2, rate=120.0, analog_rate=600.0)
     simulated = simulate_robot_set(folder / "robots", RobotSet(1, ("elbow",), ("fast",), (45.0,), robot_options))
     validation = validate_robot([simulated], folder / "validation").page

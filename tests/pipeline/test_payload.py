@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from mocap_id.errors import ConfigError
-from mocap_id.workflows.parallel import PARAMETERS, find_payload
+from mocap_id.workflows.transfer import PARAMETERS, find_payload
 from mocap_id_cli.commands import build
 from mocap_id_simulation import SpaceRobotOptions, simulate_space_robot
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.prediction import centre_of_pressure, register_bodies, transfer_covariance, transfer_parameters
 from mocap_id.dynamics.priors import ReferencePrior
 from mocap_id.errors import ConfigError
@@ -17,10 +18,11 @@ from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified
 from mocap_id.workflows.transfer import (
     SERIES,
     TRANSFERRED,
-    TransferredBody,
     TrialTransfer,
     apply_model,
     find_support,
+    predict_sd,
+    predict_series,
     rms_error,
     share_inside,
     stated_sd,
@@ -44,9 +46,13 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[IdentifiedTrial, Ide
     return made[0], made[1]
 
 
-def on(source: IdentifiedTrial, target: IdentifiedTrial) -> TransferredBody:
-    """Return the source's body on the target's chain."""
-    return TransferredBody.of(source, target.chain, register_bodies(source.skeleton, target.chain.skeleton))
+def on(source: IdentifiedTrial, target: IdentifiedTrial) -> tuple[FloatArray, FloatArray]:
+    """Return what the source's body on the target's chain predicts, with the standard deviations."""
+    registration = register_bodies(source.skeleton, target.chain.skeleton)
+    parameters = transfer_parameters(source.parameters, registration)
+    covariance = transfer_covariance(source.covariance, registration)
+    sd = predict_sd(target, target.chain, parameters, covariance)
+    return predict_series(target, target.chain, parameters), sd
 
 
 def codes(found: TrialTransfer) -> set[str]:
@@ -87,7 +93,7 @@ def test_no_force_of_the_other_trial_is_used(pair) -> None:
     blind = target.dynamics.assign(**dict.fromkeys(("Fx", "Fy", "tauz", "cop_x"), np.nan), in_fit=False)
     unseen = replace(target, dynamics=blind, parameters=np.full(16, np.nan))
     carried = on(source, target)
-    assert find_support(source, unseen, carried) == find_support(source, target, carried)
+    assert find_support(source, unseen, *carried) == find_support(source, target, *carried)
     found = apply_model(source, unseen)
     assert codes(found) == {"transfer-nothing"}
     assert found.supported is None
@@ -103,12 +109,13 @@ def test_without_a_table_nothing_is_shown(pair) -> None:
 def test_the_difference_is_that_of_two_predictions(pair) -> None:
     source, target = pair
     carried = on(source, target)
-    found = find_support(source, target, carried)
+    found = find_support(source, target, *carried)
     assert found is not None
-    ours, table = (target.bodies.regressor @ full for full in (carried.parameters, target.reference))
+    parameters = transfer_parameters(source.parameters, register_bodies(source.skeleton, target.chain.skeleton))
+    ours, table = (target.bodies.regressor @ full for full in (parameters, target.reference))
     pressures = [centre_of_pressure(wrench, target.cop_threshold) for wrench in (ours, table)]
-    assert found.apart["cop_x"] == pytest.approx(np.sqrt(np.nanmean((pressures[0] - pressures[1]) ** 2)))
-    assert found.apart["tauz"] == pytest.approx(np.sqrt(np.mean((ours - table)[:, 2] ** 2)))
+    assert found["cop_x"]["apart_rms"] == pytest.approx(np.sqrt(np.nanmean((pressures[0] - pressures[1]) ** 2)))
+    assert found["tauz"]["apart_rms"] == pytest.approx(np.sqrt(np.mean((ours - table)[:, 2] ** 2)))
 
 
 def test_a_hardly_known_body_cannot_be_distinguished_from_the_table(pair) -> None:
@@ -152,13 +159,11 @@ def errors(found: TrialTransfer, name: str, series: str) -> float:
 def test_the_stated_deviation_covers_parameters_and_the_own_error(pair) -> None:
     source, target = pair
     carried = on(source, target)
-    known = stated_sd(
-        replace(source, covariance=np.zeros((16, 16))), target, replace(carried, covariance=np.zeros((16, 16)))
-    )
+    known = stated_sd(source, target, np.zeros_like(carried[1]))
     held_out = source.facts["held_out"]["model"]
     expected = [1.4 * np.hypot(held_out[name]["bias"], held_out[name]["sd"]) for name in SERIES]
     np.testing.assert_allclose(np.nanmax(known, axis=0), expected)
-    wider = stated_sd(source, target, carried)
+    wider = stated_sd(source, target, carried[1])
     both = np.isfinite(wider)
     assert (wider[both] >= known[both]).all()
 

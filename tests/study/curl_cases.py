@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.study.curls import ANGLES, CurlResult
+from mocap_id.workflows.study.arms import ANGLES, ArmTrial
 
 
-def curls(subject: str, condition: str, number: int, count: int | None, sway: float = 1.0) -> CurlResult:
+def curls(subject: str, condition: str, number: int, count: int | None, sway: float = 1.0) -> ArmTrial:
     """One trial; it failed if ``count`` is None."""
     name, well = f"{subject}-{condition}-{number}", count is not None
     run = TrialRun(name, 0 if well else 3, None if well else "no markers", None, "key" if well else None, False, 0.1)
@@ -28,12 +28,12 @@ def curls(subject: str, condition: str, number: int, count: int | None, sway: fl
         "compensation": dict.fromkeys(ANGLES, ranges),
     }
     summary = {"verdict": {"level": "ok", "reasons": []}}
-    return CurlResult(
-        trial=trial, run=run, reference="AC", summary=summary if well else None, curl=facts if well else {}
+    return ArmTrial(
+        trial=trial, run=run, reference="AC", summary=summary if well else None, facts=facts if well else {}
     )
 
 
-def cohort(counts: dict[str, Sequence[Sequence[int | None]]]) -> list[CurlResult]:
+def cohort(counts: dict[str, Sequence[Sequence[int | None]]]) -> list[ArmTrial]:
     """Return the trials of several conditions: for each person the counts of the trials."""
     return [
         curls(f"p{person}", condition, number, count, sway=1.0 + (condition == "2"))

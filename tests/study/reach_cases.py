@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.study.reach import ReachResult
+from mocap_id.workflows.study.arms import ArmTrial
 
 
 @dataclass
@@ -29,7 +29,7 @@ class Reach:
     def name(self) -> str:
         return f"{self.subject}-{self.side}-{self.session}"
 
-    def result(self) -> ReachResult:
+    def result(self) -> ArmTrial:
         well = self.failed is None
         run = TrialRun(self.name, 0 if well else 3, self.failed, self.failed, "key" if well else None, False, 0.1)
         keys = SimpleNamespace(side=self.side)
@@ -46,7 +46,7 @@ class Reach:
             if well and self.volume
             else {}
         )
-        return ReachResult(trial=trial, run=run, score=self.score, summary=summary if well else None, reach=reach)
+        return ArmTrial(trial=trial, run=run, score=self.score, summary=summary if well else None, facts=reach)
 
     def entry(self) -> dict[str, Any]:
         if self.volume is None:
@@ -71,7 +71,7 @@ def mesh_of(volume: float) -> dict[str, Any]:
     return {"theta_deg": theta.tolist(), "psi_deg": psi.tolist(), "box_m": [row] * 18, "visited_m": [row] * 18}
 
 
-def results(reaches: Sequence[Reach]) -> list[ReachResult]:
+def results(reaches: Sequence[Reach]) -> list[ArmTrial]:
     return [one.result() for one in reaches]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from mocap_id.config.study import Landmarks, Person
 from mocap_id.dynamics.prediction import Agreement
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.study.sit_to_stand import BaseParameter, TrialResult, find_length_reference
+from mocap_id.workflows.study.sit_to_stand import TrialResult, find_length_reference
 from mocap_id.workflows.transfer import BodyErrors
 
 SYMBOLS = ("m1", "mx1", "mx2", "my2", "I2")
@@ -48,10 +48,13 @@ class Made:
             facts={},
             parameters=np.ones(8),
         )
+        reference, lengths, by_stature = find_length_reference(self.person, "winter")
         return TrialResult(
             trial=trial,
             run=run,
-            reference=find_length_reference(self.person, "winter"),
+            reference=reference,
+            reference_lengths=lengths,
+            lengths_by_stature=by_stature,
             summary=self._summary() if well else None,
             identified=identified if well else None,
             bodies=self.bodies,
@@ -71,13 +74,14 @@ class Made:
             **({} if self.five_times is None else {"five_times": self.five_times}),
         }
 
-    def _parameters(self) -> tuple[BaseParameter, ...]:
+    def _parameters(self) -> tuple[dict[str, Any], ...]:
         if self.value is None:
             return ()
         expressions = ("m1+m2", "mx1+p2x*m2", "mx2", "my2", "I2")
         verdicts = ("known",) * 4 + ("weak",)
         columns = (SYMBOLS, expressions, UNITS, self.value, (0.1,) * 5, verdicts, self.reference)
-        return tuple(BaseParameter(*row) for row in zip(*columns, strict=True))
+        names = ("parameter", "expression", "unit", "value", "sd", "verdict", "reference")
+        return tuple(dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True))
 
 
 def reason(code: str) -> dict[str, Any]:

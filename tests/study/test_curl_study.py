@@ -15,8 +15,7 @@ from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.study.cohort import CohortData
 from mocap_id.reporting.study.curls import render_curl_page
-from mocap_id.workflows.study import curls as curl_study
-from mocap_id.workflows.study.curls import CurlResult
+from mocap_id.workflows.study.arms import CURLS, ArmTrial
 from mocap_id.workflows.study.study import average_people, sign_flip_p
 
 COUNTS = {
@@ -37,8 +36,8 @@ trials:
 """
 
 
-def frames(trials: Sequence[CurlResult]) -> dict[str, pd.DataFrame]:
-    return {name: table.frame for name, table in curl_study.STUDY.make_tables(trials).items()}
+def frames(trials: Sequence[ArmTrial]) -> dict[str, pd.DataFrame]:
+    return {name: table.frame for name, table in CURLS.make_tables(trials).items()}
 
 
 def row(frame: pd.DataFrame, **chosen: str) -> pd.Series:
@@ -95,7 +94,7 @@ def test_the_interval_and_p_value_are_honest_without_an_effect() -> None:
 def test_the_page_shows_boxes_and_effects() -> None:
     trials = cohort(COUNTS)
     entries = tuple(one.entry(one.name, one.subject, f"../{one.name}/report.html") for one in trials)
-    text = render_curl_page(CohortData("curls", entries, curl_study.STUDY.make_tables(trials)), "AC").decode()
+    text = render_curl_page(CohortData("curls", entries, CURLS.make_tables(trials)), "AC").decode()
     for words in ("thesis figure 8.5", "Differences from AC", "5 - AC", "Compensation by condition", "23 of 24 trials"):
         assert words in text
 
@@ -103,7 +102,7 @@ def test_the_page_shows_boxes_and_effects() -> None:
 def test_a_study_of_failed_trials_still_has_a_page() -> None:
     trials = cohort({"AC": [[None]], "5": [[None]]})
     entries = tuple(one.entry(one.name, one.subject, f"../{one.name}/report.html") for one in trials)
-    data = CohortData("curls", entries, curl_study.STUDY.make_tables(trials))
+    data = CohortData("curls", entries, CURLS.make_tables(trials))
     assert b"No repetitions" in render_curl_page(data, "AC")
 
 

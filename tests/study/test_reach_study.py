@@ -14,19 +14,18 @@ from scipy.stats import spearmanr
 from mocap_id.reporting.figure import Figure, Line, Panel
 from mocap_id.reporting.study.cohort import CohortData
 from mocap_id.reporting.study.reach import draw_reach_figures
-from mocap_id.workflows.study import reach as reach_study
-from mocap_id.workflows.study.reach import make_shape
+from mocap_id.workflows.study.arms import REACHES, make_reach_page, make_shape
 from mocap_id.workflows.study.study import IntervalEstimate, correlate_ranks
 
 
 def frames(reaches: Sequence[Reach]) -> dict[str, pd.DataFrame]:
-    return {name: table.frame for name, table in reach_study.STUDY.make_tables(results(reaches)).items()}
+    return {name: table.frame for name, table in REACHES.make_tables(results(reaches)).items()}
 
 
 def page(reaches: Sequence[Reach]) -> str:
     trials = results(reaches)
     entries = tuple(trial.entry(trial.name, trial.subject, f"../{trial.name}/report.html") for trial in trials)
-    return reach_study.make_page(CohortData("a study", entries, reach_study.STUDY.make_tables(trials)), trials).decode()
+    return make_reach_page(CohortData("a study", entries, REACHES.make_tables(trials)), trials).decode()
 
 
 def test_the_thesis_table_has_its_order_and_its_correlation() -> None:
@@ -109,7 +108,7 @@ def test_sides_and_sessions_are_drawn_on_one_scale_and_can_be_turned() -> None:
     ]
     reaches.append(Reach("p3", volume=0.2))
     trials = results(reaches)
-    data = CohortData("a study", (), reach_study.STUDY.make_tables(trials))
+    data = CohortData("a study", (), REACHES.make_tables(trials))
     drawn = {one.name: one.figure for one in draw_reach_figures(data, tuple(map(make_shape, trials))).all}
     sides, sessions = drawn["reach-sides"], drawn["reach-sessions"]
     assert isinstance(sides, Figure)
@@ -128,7 +127,7 @@ def test_sides_and_sessions_are_drawn_on_one_scale_and_can_be_turned() -> None:
     assert labels(sides.panels[2]) == ["right"]
     assert labels(sessions.panels[0]) == ["a", "b"]
     assert draw_reach_figures(
-        CohortData("s", (), reach_study.STUDY.make_tables(results(THESIS))), tuple(map(make_shape, results(THESIS)))
+        CohortData("s", (), REACHES.make_tables(results(THESIS))), tuple(map(make_shape, results(THESIS)))
     ).all[2].figure == ("Every trial belongs to the same session.")
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from mocap_id.config.study import load_study
 from mocap_id.recording.writer import write_c3d
-from mocap_id.workflows.study.discovery import RecordedArms, discover, find_session, write_draft
+from mocap_id.workflows.study.discovery import choose_sides, discover, find_session, write_draft
 
 LANDMARKS = ("IJ", "PX", "C7", "T8", "EL", "EM", "US", "RS", "UPA1", "FOR1")
 TRUNK = ("SpineShoulder", "SpineBase")
@@ -90,7 +90,7 @@ def test_a_session_is_a_number_after_its_word(path: str, session: str) -> None:
 
 
 def test_the_path_names_the_side_before_the_markers() -> None:
-    both = RecordedArms(skeleton=True, sides=("right", "left"))
-    assert both.choose_sides(PurePosixPath("anna/L_1.csv")) == ("left",)
-    assert both.choose_sides(PurePosixPath("anna/left_right.csv")) == ("right", "left")
-    assert RecordedArms(skeleton=False, sides=()).choose_sides(PurePosixPath("anna/1.c3d")) == ("right",)
+    both = ("right", "left")
+    assert choose_sides(both, PurePosixPath("anna/L_1.csv")) == ("left",)
+    assert choose_sides(both, PurePosixPath("anna/left_right.csv")) == ("right", "left")
+    assert choose_sides((), PurePosixPath("anna/1.c3d")) == ("right",)

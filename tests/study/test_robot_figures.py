@@ -27,10 +27,10 @@ def swing(envelope: bool) -> Any:
     result = SimpleNamespace(
         folder=SimpleNamespace(table=lambda _: events),
         time=time,
-        frame=SimpleNamespace(sign=1.0),
+        sign=1.0,
         identified=SimpleNamespace(q=angle[:, None], dq=speed[:, None], dynamics=pd.DataFrame(wrench)),
     )
-    return SimpleNamespace(by_method={CAMERAS.name: result}, method_of_reference=None, cell=("elbow", "fast"))
+    return SimpleNamespace(by_method={CAMERAS: result}, method_of_reference=None, cell=("elbow", "fast"))
 
 
 @pytest.mark.parametrize(("envelope", "count"), [(True, PERIODS - 2), (False, PERIODS)])

@@ -34,16 +34,8 @@ _DESCRIBED_BY = ({"trial", "recording"}, {"trial", "imus"}, {"study", "subjects"
 """Keys of which a file with trials has all of one set."""
 
 
-@dataclass(frozen=True)
-class UnreadableFile:
-    """A named file that cannot be read as the file of a trial or a study."""
-
-    file: Path
-    error: ConfigError
-
-
-def find_trials(named: Sequence[str], *, runs: bool = False) -> tuple[list[Trial], list[UnreadableFile]]:
-    """Return the named trials, each once, and the files that cannot be read as trials.
+def find_trials(named: Sequence[str], *, runs: bool = False) -> tuple[list[Trial], list[tuple[Path, ConfigError]]]:
+    """Return the named trials, each once, and the files that cannot be read as trials, with the error.
 
     The names are files of trials or studies; folders with such files at any depth; patterns such as
     ``lab/*/trial.yaml`` (``**`` matches folders at any depth). If ``runs``, a folder also stands for the trials whose
@@ -51,7 +43,7 @@ def find_trials(named: Sequence[str], *, runs: bool = False) -> tuple[list[Trial
     trials have the same run folder.
     """
     trials: dict[Path, Trial] = {}
-    unreadable: list[UnreadableFile] = []
+    unreadable: list[tuple[Path, ConfigError]] = []
     model = build_trial_model()  # once, because making it takes as long as reading a file
     for file, source in dict(one for name in named for one in _find_files(name, runs)).items():
         try:
@@ -62,17 +54,15 @@ def find_trials(named: Sequence[str], *, runs: bool = False) -> tuple[list[Trial
                 found = [one.trial for one in load_study(file).trials]
             else:
                 found = [compose(content, model=model)]
-            for trial in found:
-                other = trials.setdefault(trial.out.resolve(), trial)
-                if (other.file.resolve(), other.name) != (trial.file.resolve(), trial.name):
-                    raise _SharedFolder(
-                        f"{trial.file} and {other.file} share the folder {trial.out}: give one of them a different "
-                        "`out:`"
-                    )
-        except _SharedFolder as error:
-            raise ConfigError(str(error)) from error
         except ConfigError as error:
-            unreadable.append(UnreadableFile(file, error))
+            unreadable.append((file, error))
+            continue
+        for trial in found:
+            other = trials.setdefault(trial.out.resolve(), trial)
+            if (other.file.resolve(), other.name) != (trial.file.resolve(), trial.name):
+                raise ConfigError(
+                    f"{trial.file} and {other.file} share the folder {trial.out}: give one of them a different `out:`"
+                )
     return list(trials.values()), unreadable
 
 
@@ -80,12 +70,8 @@ def find_readable_trials(named: Sequence[str]) -> list[Trial]:
     """Return the trials that :func:`find_trials` finds; raise ConfigError if a file cannot be read as a trial."""
     trials, unreadable = find_trials(named)
     if unreadable:
-        raise ConfigError("\n".join(str(one.error) for one in unreadable))
+        raise ConfigError("\n".join(str(error) for _, error in unreadable))
     return trials
-
-
-class _SharedFolder(ConfigError):
-    """Two trials have the same run folder, so neither of them may be run."""
 
 
 def _find_files(name: str, runs: bool) -> Iterator[tuple[Path, Source | None]]:
@@ -127,26 +113,9 @@ def _find_files(name: str, runs: bool) -> Iterator[tuple[Path, Source | None]]:
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, kw_only=True)
-class BatchTrial(TrialOutcome):
-    """A trial of a batch, or a file that could not be read as a trial."""
-
-    file: Path
-    out: Path | None  # the run folder; None for a file that could not be read
-    folder: Path  # the folder of the table
-
-    @property
-    def repetitions(self) -> int | None:
-        """Number of repetitions found; None if unknown."""
-        repetitions = self.value("repetitions")
-        return len(repetitions) if isinstance(repetitions, list) else None
-
-    def relative(self, path: Path | None) -> str:
-        """Return a path relative to the folder of the table; an empty text if ``path`` is None."""
-        try:
-            return "" if path is None else os.path.relpath(path, self.folder)
-        except ValueError:  # on another drive
-            return str(path)
+def _count_repetitions(trial: TrialOutcome) -> int | None:
+    repetitions = trial.value("repetitions")
+    return len(repetitions) if isinstance(repetitions, list) else None
 
 
 BATCH = TableSchema(
@@ -154,8 +123,8 @@ BATCH = TableSchema(
     1,
     (
         text("trial", "name of the trial", lambda one: one.run.trial),
-        text("file", "its YAML file, relative to the table's folder", lambda one: one.relative(one.file)),
-        text("folder", "its run folder, relative to the table's folder", lambda one: one.relative(one.out)),
+        text("file", "its YAML file, relative to the table's folder"),
+        text("folder", "its run folder, relative to the table's folder"),
         text("verdict", "ok, caution, refused, failed, or not run because another trial failed", lambda one: one.level),
         text("codes", "codes of the verdict's reasons", lambda one: ", ".join(one.codes)),
         whole("exit_code", "exit code of `mocap-id run` for the trial", lambda one: one.run.exit_code),
@@ -170,7 +139,7 @@ BATCH = TableSchema(
         number("marker_sd", "m", "standard deviation of a marker coordinate", read_entry("noise", "marker_sd_m")),
         *(SUMMARY_COLUMNS[name] for name in ("mass", "condition_number", "clock_offset")),
         number("cop_rms", "m", "modelled minus measured centre of pressure, rms", read_entry("dynamics", "cop_rms_m")),
-        count("repetitions", "number of repetitions found", lambda one: one.repetitions),
+        count("repetitions", "number of repetitions found", _count_repetitions),
     ),
 )
 """Schema of the table of a batch."""
@@ -243,26 +212,36 @@ def run_batch(
         _log.warning("there is only one trial: it runs on this machine, without Dask")
     begin(len(trials))
     runs = run_trials(trials, backend or LocalBackend(), tell, on_error)
-    entries = [read_trial(trial, run, table.parent) for trial, run in zip(trials, runs, strict=True)]
-    for one in unreadable:  # the error takes the place of a result
-        message = str(one.error)
-        published = message.replace(str(one.file), one.file.name)
-        run = TrialRun(one.file.stem, one.error.exit_code, message, published, None, computed=False, seconds=0.0)
-        entries.append(BatchTrial(run=run, summary=None, file=one.file, out=None, folder=table.parent))
-    messages = {k: entry.run.message for k, entry in enumerate(entries) if entry.run.message is not None}
-    rows = [make_row(entry) for entry in entries]
+    messages = {k: run.message for k, run in enumerate(runs) if run.message is not None}
+    rows = [
+        make_row(TrialOutcome(run=run, summary=read_summary(one.out, run)), one.file, one.out, table.parent)
+        for one, run in zip(trials, runs, strict=True)
+    ]
+    for file, wrong in unreadable:  # the error takes the place of a result
+        messages[len(rows)] = str(wrong)
+        published = str(wrong).replace(str(file), file.name)
+        run = TrialRun(file.stem, wrong.exit_code, str(wrong), published, None, computed=False, seconds=0.0)
+        rows.append(make_row(TrialOutcome(run=run, summary=None), file, None, table.parent))
     write_files(table.parent, {table.name: ResultTable.of(BATCH, rows).parquet("batch")})
     return Batch(rows, messages, table)
 
 
-def read_trial(trial: Trial, run: TrialRun, folder: Path) -> BatchTrial:
-    """Read the result of a trial from its run folder; ``folder`` is the folder of the batch's table."""
-    return BatchTrial(run=run, summary=read_summary(trial.out, run), file=trial.file, out=trial.out, folder=folder)
+def make_row(trial: TrialOutcome, file: Path, out: Path | None, folder: Path) -> dict[str, Any]:
+    """Return the row of a trial in the table in a folder; without a summary, it has only the known values.
 
+    ``file`` is the trial's file, and ``out`` its run folder, None for a file that could not be read.
+    """
 
-def make_row(trial: BatchTrial) -> dict[str, Any]:
-    """Return the row of a trial in the table; if the trial has no summary, the row has only the known values."""
-    values = {
-        column.name: column.value(trial) for column in BATCH.columns if isinstance(column, Column) and column.value
+    def relative(path: Path | None) -> str:
+        try:
+            return "" if path is None else os.path.relpath(path, folder)
+        except ValueError:  # on another drive
+            return str(path)
+
+    values = {"file": relative(file), "folder": relative(out)}
+    row = {
+        column.name: values[column.name] if column.value is None else column.value(trial)
+        for column in BATCH.columns
+        if isinstance(column, Column)
     }
-    return {name: value for name, value in values.items() if trial.summary is not None or value is not None}
+    return {name: value for name, value in row.items() if trial.summary is not None or value is not None}

@@ -23,114 +23,17 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, Literal, TypeAlias
 
-import numpy as np
-
 from mocap_id import __version__, runner
 from mocap_id.config import Trial
-from mocap_id.dynamics.space import identification as dynamics
 from mocap_id.errors import ConfigError, MocapIdError, NumericalError, Refused
 from mocap_id.extras import optional
 from mocap_id.reporting.contents import FILES
-from mocap_id.reporting.results.columns import to_finite
 from mocap_id.runner.dependencies import find_user_files
 from mocap_id.stages import STAGES
 from mocap_id.store import Folder
-from mocap_id.store.views import SpatialSkeleton
-from mocap_id.workflows.run_folder import open_run
-
-PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
-UNITS = ("kg", *["kg*m"] * 3, *["kg*m^2"] * 6)
-_SIGNIFICANT = 2.0  # number of standard deviations above which a negative mass is significant
-_SAME = 0.02  # largest difference of two trials in the axes of a coordinate frame, or in the lever of a joint, m
-
-
-@dataclass(frozen=True)
-class FoundPayload:
-    """The payload that was identified from two trials."""
-
-    loaded: str  # name of the trial with the payload
-    empty: str  # name of the trial without the payload
-    segment: str  # name of the segment that carries the payload
-    payload: dynamics.Payload  # in the coordinate frame of this segment in ``chain.h5`` of the loaded trial
-    cautions: Mapping[str, tuple[str, ...]]  # codes of the cautions by trial
-
-    @property
-    def negative(self) -> bool:
-        """Whether the mass is significantly negative; probably the trials were swapped, or something else changed."""
-        return bool(self.payload.value[0] < -_SIGNIFICANT * self.payload.sd[0])
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the result as JSON values; None for a number that the trials do not determine."""
-        centre, centre_sd = self.payload.centre()
-        rows = zip(PARAMETERS, UNITS, self.payload.value, self.payload.sd, strict=True)
-        return {
-            "loaded": self.loaded,
-            "empty": self.empty,
-            "segment": self.segment,
-            "cautions": {name: list(codes) for name, codes in self.cautions.items()},
-            "parameters": {
-                name: {"value": to_finite(value), "sd": to_finite(sd), "unit": unit} for name, unit, value, sd in rows
-            },
-            "centre_m": {"value": list(map(to_finite, centre)), "sd": list(map(to_finite, centre_sd))},
-        }
-
-
-def find_payload(
-    loaded: Path, empty: Path, segment: str | None = None, progress: runner.Progress = lambda step: None
-) -> FoundPayload:
-    """Return the parameters of the payload of ``segment``, by default the last, from two trials with the same chain.
-
-    Paths and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`. ConfigError is raised if a trial
-    has no parameters in space, if the trials have different chains, or if there is no such segment.
-    """
-    runs = [open_run(path, progress) for path in (loaded, empty)]
-    trees = []
-    for run in runs:
-        if not run.in_space:
-            raise ConfigError(f"{run.source}: the trial is in the plane; a payload needs trials with `space: 3d`")
-        tree = run.tree("dynamics.h5")
-        if tree is None or "error_modes" not in tree.facts:
-            raise ConfigError(f"{run.source}: the trial has no inertial parameters: {run.why_missing('dynamics.h5')}")
-        if "unit_covariance" not in tree.facts:
-            raise ConfigError(
-                f"{run.source}: an earlier version of the program made this run: run the trial again from its YAML file"
-            )
-        trees.append(tree)
-    # The mappings (b, 10K) from the full to the b base parameters, which must be the same.
-    errors, other_errors = ([name for name, _ in tree.facts["error_modes"]] for tree in trees)
-    mapping, other = (np.asarray(tree.array("base/regrouping"), dtype=np.float64) for tree in trees)
-    frames, other_frames = (np.asarray(tree.facts["frames"]) for tree in trees)
-    same = mapping.shape == other.shape and frames.shape == other_frames.shape and errors == other_errors
-    if not same or max(np.abs(mapping - other).max(), np.abs(frames - other_frames).max()) > _SAME:
-        raise ConfigError(
-            f"{runs[0].source} and {runs[1].source} have different chains, so their parameters cannot be subtracted: "
-            f"write `calibration:` with the YAML file of {runs[1].name} into the file of the trial with the payload"
-        )
-    chain = runs[0].tree("chain.h5")
-    segments = SpatialSkeleton(chain).segments if chain else ()
-    carrier = segments[-1] if segment is None else segment
-    if carrier not in segments:
-        raise ConfigError(f"{loaded}: there is no segment {carrier!r}; the segments are {', '.join(segments)}")
-    estimates = [
-        (
-            tree.numbers("base/value"),
-            np.asarray(tree.facts["unit_covariance"], dtype=np.float64),
-            np.asarray(tree.facts["residual_covariance"], dtype=np.float64),
-            np.array([parameters for _, parameters in tree.facts["error_modes"]], dtype=np.float64),
-        )
-        for tree in trees
-    ]
-    found = dynamics.identify_payload(mapping, estimates[0], estimates[1], segments.index(carrier))
-    cautions = {}
-    for run in runs:
-        reasons = run.summary.get("verdict", {}).get("reasons", ())
-        cautions[run.name] = tuple(reason["code"] for reason in reasons if reason["level"] != "ok")
-    return FoundPayload(runs[0].name, runs[1].name, carrier, found, cautions)
-
 
 NOT_RUN = 1
 """Exit code of a trial that was skipped because another trial failed."""
@@ -233,12 +136,8 @@ _COUNTING_INTERVAL = 5.0  # s, after which the workers of a scheduler are counte
 _TERMINATION_TIME = 20.0  # s, for a process to end after SIGTERM
 
 
-@dataclass(frozen=True)
-class Workers:
-    """An executor for trials, and the number of trials to submit."""
-
-    executor: Executor
-    width: Callable[[], int]  # returns the number of trials to submit at the same time
+Workers: TypeAlias = tuple[Executor, Callable[[], int]]
+"""An executor for trials, and a function that returns the number of trials to submit to it at the same time."""
 
 
 class Backend(ABC):
@@ -275,7 +174,7 @@ class LocalBackend(Backend):
             for _ in range(jobs):
                 pool.submit(os.getpid)  # starts a process
         try:
-            yield Workers(pool, lambda: jobs)
+            yield pool, lambda: jobs
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             children = multiprocessing.active_children()
@@ -314,7 +213,7 @@ class DaskBackend(Backend):
                     f"no Dask scheduler answers at {address} ({error}): start one with `dask scheduler`"
                 ) from error
             try:
-                yield Workers(client.get_executor(pure=False), _WorkerCount(client))
+                yield client.get_executor(pure=False), _WorkerCount(client)
             except (CancelledError, _import("distributed.comm").CommClosedError) as error:
                 raise NumericalError(
                     f"the connection to the Dask scheduler at {address} broke: finished trials are kept; repeat the "
@@ -517,9 +416,9 @@ def _run_waiting(waiting: deque[_Numbered], run: RunTrial, backend: Backend | No
             yield from _run_until_broken(waiting, run, workers, lost)
         # One of these killed the process: run each in its own process, so that only this trial fails.
         for number, trial in lost:
-            with LocalBackend(1).workers(1) as workers:
+            with LocalBackend(1).workers(1) as (executor, _):
                 try:
-                    done = workers.executor.submit(run_until_terminated, run, trial).result()
+                    done = executor.submit(run_until_terminated, run, trial).result()
                 except BrokenExecutor:
                     done = _make_ended(trial, NumericalError.exit_code, _KILLED)
             yield number, done
@@ -529,15 +428,16 @@ def _run_until_broken(
     waiting: deque[_Numbered], run: RunTrial, workers: Workers, lost: list[_Numbered]
 ) -> Iterator[tuple[int, TrialRun]]:
     """Submit trials until all trials are done or the pool breaks; append the interrupted trials to ``lost``."""
+    executor, count_width = workers
     submitted: dict[Future[TrialRun], _Numbered] = {}
     # Futures report here when they finish: polling all of them would be expensive on a large cluster.
     finished: SimpleQueue[Future[TrialRun]] = SimpleQueue()
     while True:
-        width = workers.width()  # also if nothing is left to submit: this checks the versions of new workers
+        width = count_width()  # also if nothing is left to submit: this checks the versions of new workers
         while waiting and not lost and len(submitted) < width:
             numbered = waiting.popleft()
             try:
-                future = workers.executor.submit(run_until_terminated, run, numbered[1])
+                future = executor.submit(run_until_terminated, run, numbered[1])
             except BrokenExecutor:
                 lost.append(numbered)
             else:

@@ -29,7 +29,7 @@ from mocap_id.recording.skeleton_log import read_skeleton
 from mocap_id.stages.trial_keys import IN_PLANE, IN_SPACE
 from mocap_id.store.atomic import converting_errors, hash_file, write_files
 from mocap_id.store.folder import Owner, describe_conflict, is_other, read_owner
-from mocap_id.workflows.study.discovery import find_forces, read_joints, read_reach
+from mocap_id.workflows.study.discovery import choose_sides, find_forces, read_joints, read_reach
 
 _TEXTS = (".csv", ".txt", ".tsv")  # endings of files that may be skeletons
 
@@ -312,7 +312,7 @@ def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tu
         reach = read_reach(recording, None)
         if reach is not None:
             named = PurePosixPath(*recording.parts[-2:])  # a folder further up may be called L by chance
-            guessed["side"] = reach.choose_sides(named)[0]
+            guessed["side"] = choose_sides(reach[1], named)[0]
     return {name: value for name, value in guessed.items() if given.get(name) is None}, files
 
 

@@ -1,4 +1,8 @@
-"""``mocap-id transfer``: the model of one trial applied to other trials of the same person (thesis table 6.3)."""
+"""``mocap-id transfer`` and ``mocap-id payload``: the models of several trials together.
+
+First the model of one trial, applied to other trials of the same person (thesis table 6.3); then what a robot carries,
+from two trials in space.
+"""
 
 from __future__ import annotations
 
@@ -30,10 +34,13 @@ from mocap_id.dynamics.prediction import (
     transfer_parameters,
 )
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, variance
+from mocap_id.dynamics.space import identification as dynamics
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.reporting.results.columns import to_finite
+from mocap_id.store.views import SpatialSkeleton
 from mocap_id.verdict import Reason
 from mocap_id.workflows.identified_trial import IdentifiedTrial, MovingBodies, match_bodies, open_identified_trial
+from mocap_id.workflows.run_folder import open_run
 
 SERIES = {"Fx": "N", "Fy": "N", "tauz": "N*m", "cop_x": "m"}
 """Units of the compared series by name."""
@@ -73,8 +80,9 @@ class TrialTransfer:
     condition: float | None  # condition number of the regressor over these samples
     bodies: tuple[BodyErrors, ...]
     registration: Registration  # pose of the model's bodies in the trial's bodies
-    # evidence for the transfer, without the trial's forces; None if there is no allometric body to compare with
-    support: Support | None
+    # evidence for the transfer without the trial's forces, as by :func:`find_support`; None if there is no allometric
+    # body to compare with
+    support: Mapping[str, Mapping[str, float]] | None
     stated: Mapping[str, float]  # stated sd of the prediction for each of :data:`SERIES`, rms; NaN if unknown
     inside: Mapping[str, float]  # fraction of the samples within the stated 95 % intervals; NaN if unknown
     reasons: tuple[Reason, ...]  # reasons against the use of the result
@@ -124,13 +132,8 @@ class TrialTransfer:
             "support": None
             if support is None
             else {
-                name: {
-                    "apart_rms": to_finite(support.apart[name]),
-                    "sd_rms": to_finite(support.sd[name]),
-                    "at_home": to_finite(support.at_home[name]),
-                    "unit": SERIES[name],
-                }
-                for name in AT_HOME
+                name: {key: to_finite(value) for key, value in each.items()} | {"unit": SERIES[name]}
+                for name, each in support.items()
             },
             "intervals": {
                 name: {"sd_rms": to_finite(self.stated[name]), "inside": to_finite(self.inside[name]), "unit": unit}
@@ -254,12 +257,14 @@ def apply_model(source: IdentifiedTrial, target: IdentifiedTrial) -> TrialTransf
             f"{target.source}: the person faces opposite directions in trials {target.name} and {source.name}, because "
             "only the mirrored markers fit: set `planarise: {facing: …}` in one of the two trials"
         )
-    transferred = TransferredBody.of(source, moving, registration)
+    parameters = transfer_parameters(source.parameters, registration)
+    predicted = predict_series(target, moving, parameters)
+    parameters_sd = predict_sd(target, moving, parameters, transfer_covariance(source.covariance, registration))
     samples = target.dynamics["in_fit"].to_numpy(dtype=np.bool_)
-    bodies = errors_at_home(target, _compare_full(target, TRANSFERRED, moving, transferred.parameters, samples))
-    sd = stated_sd(source, target, transferred)
-    shares = share_inside(predict_series(target, moving, transferred.parameters), _read_measured(target), sd, samples)
-    support = find_support(source, target, transferred)
+    bodies = errors_at_home(target, _compare_full(target, TRANSFERRED, moving, parameters, samples))
+    sd = stated_sd(source, target, parameters_sd)
+    shares = share_inside(predicted, _read_measured(target), sd, samples)
+    support = find_support(source, target, predicted, parameters_sd)
     return TrialTransfer(
         trial=target.name,
         samples=int(samples.sum()),
@@ -323,13 +328,13 @@ def _list_reasons(
     source: IdentifiedTrial,
     target: IdentifiedTrial,
     registration: Registration,
-    support: Support | None,
+    support: Mapping[str, Mapping[str, float]] | None,
     bodies: Sequence[BodyErrors],
 ) -> Iterator[Reason]:
     """Yield reasons against the use of the transferred body."""
     # These reasons do not use the target's forces.
     if support is not None:
-        worse = {name: ratio for name, ratio in support.at_home.items() if ratio > 1.0}
+        worse = {name: each["at_home"] for name, each in support.items() if each["at_home"] > 1.0}
         if worse:
             yield Reason(
                 "transfer-not-at-home",
@@ -338,7 +343,7 @@ def _list_reasons(
                 value=max(worse.values()),
                 limit=1.0,
             )
-        times = {name: support.apart[name] / support.sd[name] for name in _DISTINCT}
+        times = {name: support[name]["apart_rms"] / support[name]["sd_rms"] for name in _DISTINCT}
         near = {name: ratio for name, ratio in times.items() if not ratio >= _TIMES}
         if near:
             listed = ", ".join(f"{name} ({ratio:.1f} standard deviations)" for name, ratio in near.items())
@@ -411,57 +416,39 @@ def rms_error(error: Agreement | None) -> float:
     return float("nan") if error is None else float(np.hypot(error.bias, error.sd))
 
 
-@dataclass(frozen=True)
-class TransferredBody:
-    """The identified body of one trial, transferred to the bodies of another trial."""
-
-    bodies: MovingBodies  # K bodies of the other trial with their motion
-    parameters: FloatArray  # (4K,)
-    covariance: FloatArray  # (4K, 4K) covariance of the parameters; NaN if unknown
-
-    @classmethod
-    def of(cls, source: IdentifiedTrial, bodies: MovingBodies, registration: Registration) -> TransferredBody:
-        """Return the model of the source, transferred to ``bodies`` with the registration of its own bodies."""
-        parameters = transfer_parameters(source.parameters, registration)
-        return cls(bodies, parameters, transfer_covariance(source.covariance, registration))
-
-
-@dataclass(frozen=True)
-class Support:
-    """Evidence for a transfer that does not use the forces of the other trial."""
-
-    # difference between the predictions of transferred and allometric body for each of :data:`AT_HOME`, rms over the
-    # other trial's states, N, N·m or m
-    apart: Mapping[str, float]
-    # standard deviation of the transferred body's prediction from the covariance of its parameters, rms
-    sd: Mapping[str, float]
-    # error on left-out repetitions of the model's own trial, divided by the allometric body's error; NaN if unknown
-    at_home: Mapping[str, float]
-
-
-def find_support(source: IdentifiedTrial, target: IdentifiedTrial, transferred: TransferredBody) -> Support | None:
+def find_support(
+    source: IdentifiedTrial, target: IdentifiedTrial, predicted: FloatArray, parameters_sd: FloatArray
+) -> dict[str, dict[str, float]] | None:
     """Return the comparison of the transferred and the allometric body on the target's states, without the forces.
+
+    For each of :data:`AT_HOME`: ``apart_rms``, the difference between the series (T, 4) that the transferred and the
+    allometric body predict, rms, N, N·m or m; ``sd_rms``, the standard deviation of the former from the covariance of
+    its parameters, rms; ``at_home``, the error on left-out repetitions of the model's own trial, divided by the
+    allometric body's error, NaN if unknown.
 
     None if there is no allometric body to compare with, or if the covariance of the model is unknown.
     """
     if not (np.isfinite(target.reference).all() and np.isfinite(source.covariance).all()):
         return None
-    table = predict_series(target, target.bodies, target.reference)
-    difference = predict_series(target, transferred.bodies, transferred.parameters) - table
-    apart, sd = (
-        {name: root_mean_square(series[:, k]) for k, name in enumerate(SERIES) if name in AT_HOME}
-        for series in (difference, _find_parameters_sd(target, transferred))
-    )
+    difference = predicted - predict_series(target, target.bodies, target.reference)
     model, allometric = ((source.facts.get("held_out") or {}).get(body) for body in ("model", "reference"))
-    at_home = {name: _read_error(model, name) / _read_error(allometric, name) for name in AT_HOME}
-    return Support(apart, sd, at_home)
+    return {
+        name: {
+            "apart_rms": root_mean_square(difference[:, k]),
+            "sd_rms": root_mean_square(parameters_sd[:, k]),
+            "at_home": _read_error(model, name) / _read_error(allometric, name),
+        }
+        for k, name in enumerate(SERIES)
+        if name in AT_HOME
+    }
 
 
-def stated_sd(source: IdentifiedTrial, target: IdentifiedTrial, transferred: TransferredBody) -> FloatArray:
+def stated_sd(source: IdentifiedTrial, target: IdentifiedTrial, parameters_sd: FloatArray) -> FloatArray:
     """Return the stated standard deviations (T, 4) of the predicted :data:`SERIES`, N, N·m and m.
 
-    They combine the covariance of the parameters with the rms error on left-out repetitions of the model's trial (or of
-    the fit if no repetition could be left out). The factor 1.4 accounts for the different movement.
+    They combine the standard deviations ``parameters_sd`` (T, 4) from the parameters with the rms error on left-out
+    repetitions of the model's trial (or of the fit if no repetition could be left out). The factor 1.4 accounts for the
+    different movement.
     """
     facts = source.facts
     held_out = facts.get("held_out") or {}
@@ -471,7 +458,7 @@ def stated_sd(source: IdentifiedTrial, target: IdentifiedTrial, transferred: Tra
         cop = facts.get("cop_rms_m")
         errors = {**(facts.get("wrench") or {}), "cop_x": None if cop is None else {"bias": 0.0, "sd": cop}}
     residual = np.array([_read_error(errors, name) for name in SERIES])
-    return np.asarray(_ELSEWHERE * np.hypot(_find_parameters_sd(target, transferred), residual))
+    return np.asarray(_ELSEWHERE * np.hypot(parameters_sd, residual))
 
 
 def share_inside(model: FloatArray, measured: FloatArray, sd: FloatArray, samples: BoolArray) -> dict[str, float]:
@@ -516,12 +503,13 @@ def predict_series(target: IdentifiedTrial, bodies: MovingBodies, parameters: Fl
     return make_series(target, bodies.regressor @ parameters - external)
 
 
-def _find_parameters_sd(target: IdentifiedTrial, transferred: TransferredBody) -> FloatArray:
-    """Return the standard deviations (T, 4) of the prediction that follow from the covariance of the parameters."""
-    rows = target.in_band(transferred.bodies.regressor)
-    pressure = centre_of_pressure_rows(rows, rows @ transferred.parameters, target.cop_threshold)
-    rows = np.concatenate([rows, pressure[:, None]], axis=1)
-    return np.sqrt(variance(rows, transferred.covariance))
+def predict_sd(
+    target: IdentifiedTrial, bodies: MovingBodies, parameters: FloatArray, covariance: FloatArray
+) -> FloatArray:
+    """Return the standard deviations (T, 4) of the predicted :data:`SERIES` from the covariance of the parameters."""
+    rows = target.in_band(bodies.regressor)
+    pressure = centre_of_pressure_rows(rows, rows @ parameters, target.cop_threshold)
+    return np.sqrt(variance(np.concatenate([rows, pressure[:, None]], axis=1), covariance))
 
 
 def _read_error(errors: Mapping[str, Any] | None, name: str) -> float:
@@ -533,3 +521,95 @@ def _read_error(errors: Mapping[str, Any] | None, name: str) -> float:
 def root_mean_square(values: FloatArray) -> float:
     """Return the root mean square of the finite values; NaN if there are none."""
     return float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else float("nan")
+
+
+# What a robot carries, from two trials in space.
+
+PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+UNITS = ("kg", *["kg*m"] * 3, *["kg*m^2"] * 6)
+_SIGNIFICANT = 2.0  # number of standard deviations above which a negative mass is significant
+_SAME = 0.02  # largest difference of two trials in the axes of a coordinate frame, or in the lever of a joint, m
+
+
+@dataclass(frozen=True)
+class FoundPayload:
+    """The payload that was identified from two trials."""
+
+    loaded: str  # name of the trial with the payload
+    empty: str  # name of the trial without the payload
+    segment: str  # name of the segment that carries the payload
+    payload: dynamics.Payload  # in the coordinate frame of this segment in ``chain.h5`` of the loaded trial
+    cautions: Mapping[str, tuple[str, ...]]  # codes of the cautions by trial
+
+    @property
+    def negative(self) -> bool:
+        """Whether the mass is significantly negative; probably the trials were swapped, or something else changed."""
+        return bool(self.payload.value[0] < -_SIGNIFICANT * self.payload.sd[0])
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the result as JSON values; None for a number that the trials do not determine."""
+        centre, centre_sd = self.payload.centre()
+        rows = zip(PARAMETERS, UNITS, self.payload.value, self.payload.sd, strict=True)
+        return {
+            "loaded": self.loaded,
+            "empty": self.empty,
+            "segment": self.segment,
+            "cautions": {name: list(codes) for name, codes in self.cautions.items()},
+            "parameters": {
+                name: {"value": to_finite(value), "sd": to_finite(sd), "unit": unit} for name, unit, value, sd in rows
+            },
+            "centre_m": {"value": list(map(to_finite, centre)), "sd": list(map(to_finite, centre_sd))},
+        }
+
+
+def find_payload(
+    loaded: Path, empty: Path, segment: str | None = None, progress: runner.Progress = lambda step: None
+) -> FoundPayload:
+    """Return the parameters of the payload of ``segment``, by default the last, from two trials with the same chain.
+
+    Paths and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`. ConfigError is raised if a trial
+    has no parameters in space, if the trials have different chains, or if there is no such segment.
+    """
+    runs = [open_run(path, progress) for path in (loaded, empty)]
+    trees = []
+    for run in runs:
+        if not run.in_space:
+            raise ConfigError(f"{run.source}: the trial is in the plane; a payload needs trials with `space: 3d`")
+        tree = run.tree("dynamics.h5")
+        if tree is None or "error_modes" not in tree.facts:
+            raise ConfigError(f"{run.source}: the trial has no inertial parameters: {run.why_missing('dynamics.h5')}")
+        if "unit_covariance" not in tree.facts:
+            raise ConfigError(
+                f"{run.source}: an earlier version of the program made this run: run the trial again from its YAML file"
+            )
+        trees.append(tree)
+    # The mappings (b, 10K) from the full to the b base parameters, which must be the same.
+    errors, other_errors = ([name for name, _ in tree.facts["error_modes"]] for tree in trees)
+    mapping, other = (np.asarray(tree.array("base/regrouping"), dtype=np.float64) for tree in trees)
+    frames, other_frames = (np.asarray(tree.facts["frames"]) for tree in trees)
+    same = mapping.shape == other.shape and frames.shape == other_frames.shape and errors == other_errors
+    if not same or max(np.abs(mapping - other).max(), np.abs(frames - other_frames).max()) > _SAME:
+        raise ConfigError(
+            f"{runs[0].source} and {runs[1].source} have different chains, so their parameters cannot be subtracted: "
+            f"write `calibration:` with the YAML file of {runs[1].name} into the file of the trial with the payload"
+        )
+    chain = runs[0].tree("chain.h5")
+    segments = SpatialSkeleton(chain).segments if chain else ()
+    carrier = segments[-1] if segment is None else segment
+    if carrier not in segments:
+        raise ConfigError(f"{loaded}: there is no segment {carrier!r}; the segments are {', '.join(segments)}")
+    estimates = [
+        dynamics.BaseEstimate(
+            tree.numbers("base/value"),
+            np.asarray(tree.facts["unit_covariance"], dtype=np.float64),
+            np.asarray(tree.facts["residual_covariance"], dtype=np.float64),
+            np.array([parameters for _, parameters in tree.facts["error_modes"]], dtype=np.float64),
+        )
+        for tree in trees
+    ]
+    found = dynamics.identify_payload(mapping, estimates[0], estimates[1], segments.index(carrier))
+    cautions = {}
+    for run in runs:
+        reasons = run.summary.get("verdict", {}).get("reasons", ())
+        cautions[run.name] = tuple(reason["code"] for reason in reasons if reason["level"] != "ok")
+    return FoundPayload(runs[0].name, runs[1].name, carrier, found, cautions)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from mocap_id.errors import Refused
 from mocap_id.reporting.contents import ENDINGS, SUMMARY_FILE
 from mocap_id.reporting.numbers import to_number
 from mocap_id.reporting.results.columns import ResultColumn, count, number, text, whole
 from mocap_id.reporting.summary_schema import ReasonEntry
-from mocap_id.store import Folder
 from mocap_id.workflows.parallel import NOT_RUN, TrialRun
 
 if TYPE_CHECKING:
@@ -21,9 +20,6 @@ if TYPE_CHECKING:
 
     from mocap_id.config.study import StudyTrial
     from mocap_id.reporting.study.cohort import TrialEntry
-
-Trial = TypeVar("Trial")
-Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,28 +73,12 @@ class StudyOutcome(TrialOutcome):
         return self.trial.subject
 
 
-@dataclass(frozen=True)
-class Measure(Generic[Trial, Value]):
-    """A quantity that a study compares between people or conditions."""
-
-    label: str | None  # name with unit on a page; None if no page shows it
-    unit: str
-    meaning: str
-    of: Callable[[Trial], Value]  # returns the quantity of a trial
-
-
 def read_summary(folder: Path, run: TrialRun) -> Mapping[str, Any] | None:
     """Return the content of summary.json; None for a failed trial, because its file may be from an earlier run."""
     if run.exit_code not in (0, Refused.exit_code):
         return None
     summary: Mapping[str, Any] = json.loads((folder / SUMMARY_FILE).read_text("utf-8"))
     return summary
-
-
-def read_event_facts(trial: StudyTrial, run: TrialRun, protocol: str) -> Mapping[str, Any]:
-    """Return the facts of events.parquet about a protocol; empty if missing, or if the trial failed or was refused."""
-    facts = Folder(trial.trial.out).read("events.parquet").facts if run.exit_code == 0 else {}
-    return facts.get(protocol) or {}
 
 
 def find_entry(entry: Any, *keys: str) -> Any:

@@ -59,11 +59,6 @@ def element(tag: str, *children: Element, name: str | None = None, text: str | N
     return made
 
 
-def comment(text: str) -> Element:
-    """Return a comment, without the double hyphens that XML forbids."""
-    return ElementTree.Comment(f" {text.replace('--', '- -')} ")
-
-
 def format_numbers(values: Sequence[float]) -> str:
     """Return numbers as text with all their digits, separated by blanks."""
     return " ".join(f"{float(value) + 0.0:.17g}" for value in values)
@@ -72,7 +67,8 @@ def format_numbers(values: Sequence[float]) -> str:
 def body_element(name: str, inertia: BodyInertia, *components: Element) -> Element:
     """Return a body with its mass, centre of mass, inertia and components such as geometry."""
     content: dict[str, Any] = {"components": components} if components else {}
-    content |= {"mass": [inertia.mass], "mass_center": inertia.centre, "inertia": inertia.inertia}
+    mass, centre, about_centre = inertia
+    content |= {"mass": [mass], "mass_center": centre, "inertia": about_centre}
     return element("Body", name=name, **content)
 
 
@@ -113,17 +109,9 @@ def format_document(tag: str, trial: str, *children: Element, **content: Any) ->
 LEAST_MASS = 1e-9  # kg: OpenSim rejects a chain whose last body is massless
 
 
-@dataclass(frozen=True)
-class BodyInertia:
-    """Inertia of a body about its centre of mass."""
-
-    mass: float  # kg
-    centre: tuple[float, ...]  # (3,) centre of mass in the segment's frame, m
-    inertia: tuple[float, ...]  # (6,) Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass, kg·m²
-
-
-_PLACEHOLDER = BodyInertia(1.0, (0.0, 0.0, 0.0), (0.01, 0.01, 0.01, 0.0, 0.0, 0.0))
-
+BodyInertia: TypeAlias = tuple[float, tuple[float, ...], tuple[float, ...]]
+"""Mass, kg, centre of mass (3,) in the segment's frame, m, and Ixx, Iyy, Izz, Ixy, Ixz, Iyz about it, kg·m²."""
+_PLACEHOLDER: BodyInertia = (1.0, (0.0, 0.0, 0.0), (0.01, 0.01, 0.01, 0.0, 0.0, 0.0))
 
 Inertias: TypeAlias = tuple[tuple[BodyInertia, ...], str]
 """Inertia of every segment, base first, and a text that describes where it comes from."""
@@ -136,31 +124,31 @@ def convert_planar_inertia(block: FloatArray) -> BodyInertia:
     not affect planar motion. A negative value, which rounding may cause, is set to zero.
 
     >>> convert_planar_inertia(np.array([2.0, 0.0, 1.0, 0.75]))
-    BodyInertia(mass=2.0, centre=(0.0, 0.5, 0.0), inertia=(0.25, 0.25, 0.25, 0.0, 0.0, 0.0))
+    (2.0, (0.0, 0.5, 0.0), (0.25, 0.25, 0.25, 0.0, 0.0, 0.0))
     """
     mass, mx, my, inertia = (float(value) for value in block)
     if mass <= 0.0:
         mass, x, y, own = LEAST_MASS, 0.0, 0.0, max(inertia, 0.0)
     else:
         x, y, own = mx / mass, my / mass, max(inertia - (mx * mx + my * my) / mass, 0.0)
-    return BodyInertia(mass, (x, y, 0.0), (own, own, own, 0.0, 0.0, 0.0))
+    return (mass, (x, y, 0.0), (own, own, own, 0.0, 0.0, 0.0))
 
 
 def convert_spatial_inertia(block: FloatArray) -> BodyInertia:
     """Return the inertia about the centre of mass, from m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the origin.
 
-    >>> convert_spatial_inertia(np.array([2.0, 0.0, 1.0, 0.0, 0.75, 0.1, 0.75, 0.0, 0.0, 0.0])).inertia
+    >>> convert_spatial_inertia(np.array([2.0, 0.0, 1.0, 0.0, 0.75, 0.1, 0.75, 0.0, 0.0, 0.0]))[2]
     (0.25, 0.1, 0.25, 0.0, 0.0, 0.0)
     """
     mass, moment = float(block[0]), block[1:4]
     if mass <= 0.0:
         own = np.clip(block[4:], 0.0, None) * [1, 1, 1, 0, 0, 0]
-        return BodyInertia(LEAST_MASS, (0.0, 0.0, 0.0), tuple(own.tolist()))
+        return LEAST_MASS, (0.0, 0.0, 0.0), tuple(own.tolist())
     xx, yy, zz, xy, xz, yz = block[4:]
     about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     about_centre = about_origin + hat(moment) @ hat(moment) / mass
     own = about_centre[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]] + 0.0
-    return BodyInertia(mass, tuple((moment / mass).tolist()), tuple(own.tolist()))
+    return mass, tuple((moment / mass).tolist()), tuple(own.tolist())
 
 
 def _read_planar_inertia(run: RunFolder, count: int) -> Inertias | None:
@@ -210,7 +198,7 @@ def _read_spatial_inertia(run: RunFolder, count: int) -> Inertias:
 
 def _use_placeholders(run: RunFolder, count: int) -> Inertias:
     source = (
-        f"placeholders of {_PLACEHOLDER.mass:g} kg and {_PLACEHOLDER.inertia[0]:g} kg·m² for each segment, because "
+        f"placeholders of {_PLACEHOLDER[0]:g} kg and {_PLACEHOLDER[2][0]:g} kg·m² for each segment, because "
         f"OpenSim loads no chain without mass. No parameters were identified ({run.why_missing('dynamics.h5')}). Use "
         "this model for kinematics only"
     )
@@ -299,7 +287,7 @@ def format_model(
     return format_document(
         "Model",
         run.name,
-        *(comment(text) for text in (made, *comments)),
+        *(ElementTree.Comment(f" {text.replace('--', '- -')} ") for text in (made, *comments)),  # XML forbids `--`
         element("length_units", text="meters"),
         element("force_units", text="N"),
         element("gravity", text=format_numbers([0.0, -read_gravity(run), 0.0])),
@@ -498,7 +486,7 @@ def export_spatial_model(run: RunFolder, out: ExportFiles) -> None:
     skeleton, chain = parts[0], parts[0].chain
     segments, girdles = opensim_bodies(skeleton.segments), [name for name in name_girdles(skeleton) if name]
     inertias, source = _read_spatial_inertia(run, len(segments))
-    light = BodyInertia(LEAST_MASS, (0.0,) * 3, (0.0,) * 6)
+    light: BodyInertia = (LEAST_MASS, (0.0,) * 3, (0.0,) * 6)
     bodies = [*zip(segments, inertias, strict=True), *((name, light) for name in girdles)]
     joints = []
     for joint in model_joints(*parts):

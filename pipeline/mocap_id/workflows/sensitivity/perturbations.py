@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -99,22 +99,14 @@ LAST: Entry = "identify-dim"
 
 
 @dataclass(frozen=True)
-class TrialSource:
-    """The run folder of a trial, and the settings of its stages."""
-
-    name: str
-    folder: Path  # the run folder
-    keys: TrialKeys  # keys of the trial, without the keys for the report's comparison with other systems
-    settings: Mapping[str, Settings]  # settings by stage, of the stages that are run again
-
-
-@dataclass(frozen=True)
 class RerunInputs(ArtefactReader):
     """The inputs of the stages that are run again, unperturbed or perturbed."""
 
-    source: TrialSource
-    artefacts: Mapping[str, Artefact]  # artefacts by file name
-    settings: Mapping[str, Settings]  # settings by stage
+    name: str  # name of the trial
+    folder: Path  # its run folder
+    keys: TrialKeys  # keys of the trial, without the keys for the report's comparison with other systems
+    settings: Mapping[str, Settings]  # settings by stage, of the stages that are run again
+    artefacts: Mapping[str, Artefact] = field(default_factory=dict)  # artefacts by file name; empty until they are read
 
     def read(self, file: str) -> Artefact:
         """Return an artefact."""
@@ -151,8 +143,8 @@ def repeated_stages() -> tuple[Stage, ...]:
     return STAGES[names.index(FIRST) : names.index(LAST) + 1]
 
 
-def locate_trial(path: Path, progress: runner.Progress = lambda step: None) -> TrialSource:
-    """Return the run folder and settings of a trial; if ``path`` is a YAML file, missing artefacts are computed first.
+def locate_trial(path: Path, progress: runner.Progress = lambda step: None) -> RerunInputs:
+    """Return a trial without its artefacts; if ``path`` is a YAML file, missing artefacts are computed first.
 
     ``path``, ``progress`` and the errors are as for :func:`mocap_id.workflows.run_folder.open_run_to`. StoreError is
     also raised if a different version of the program made the run folder.
@@ -160,9 +152,8 @@ def locate_trial(path: Path, progress: runner.Progress = lambda step: None) -> T
     folder, trial = open_run_to(path, LAST, progress)
     if trial is not None:
         keys = trial.keys.model_copy(update={"compare": None})
-        return TrialSource(
-            trial.name, folder.path, keys, {stage.name: trial.settings[stage.name] for stage in repeated_stages()}
-        )
+        used = {stage.name: trial.settings[stage.name] for stage in repeated_stages()}
+        return RerunInputs(trial.name, folder.path, keys, used)
     # The settings from which the artefacts in a run folder were computed.
     settings: dict[str, Settings] = {}
     parameters: dict[str, Any] = {}
@@ -183,26 +174,21 @@ def locate_trial(path: Path, progress: runner.Progress = lambda step: None) -> T
     subject = Subject.model_validate(parameters["subject"])
     # No stage that is run again reads the recording.
     keys = TrialKeys.model_construct(**known, recording=None, subject=subject)
-    return TrialSource(str(parameters["trial"]), path, keys, settings)
+    return RerunInputs(str(parameters["trial"]), path, keys, settings)
 
 
-def read_rerun_inputs(source: TrialSource) -> RerunInputs:
-    """Read the unperturbed inputs of a trial; StoreError is raised if its artefacts do not belong together."""
-    folder = Folder(source.folder)
+def read_rerun_inputs(trial: RerunInputs) -> RerunInputs:
+    """Return a trial with its artefacts; StoreError is raised if they do not belong together."""
+    folder = Folder(trial.folder)
     files = {file for stage in repeated_stages() for file in (*stage.inputs, *stage.outputs)} - {"markers.parquet"}
     check_provenance(folder, sorted(files))
-    return RerunInputs(source, {file: folder.read(file) for file in sorted(files)}, source.settings)
+    return replace(trial, artefacts={file: folder.read(file) for file in sorted(files)})
 
 
 # Perturbations of the signals: noise of the filter, angles, clock offset, wrench.
 
 _HALF_DEPTH_M = 0.119  # distance of the cells of a balance board from its centre, along the motion
 STATES, WRENCH = "states.parquet", "wrench.parquet"
-
-
-def _filter_noise(trial: RerunInputs, change: Perturbation) -> RerunInputs:
-    # Sigma_v and marker sd (3.17), which are otherwise estimated.
-    return trial.with_settings("ukf-smooth", sigma_v=change.level, marker_sd=float(change.target))
 
 
 def joints_of(trial: RerunInputs, change: Perturbation) -> IntArray:
@@ -251,11 +237,6 @@ def _delay(table: Table, delay: float | FloatArray) -> Table:
     nearest = np.searchsorted(time, time + delay - (time[1] - time[0]) / 2)
     plate_ok = table["plate_ok"][np.clip(nearest, 0, len(time) - 1)]
     return table.with_columns(**delayed, plate_ok=plate_ok & np.isfinite(delayed["Fy"]))
-
-
-def wrench_bias(trial: RerunInputs, change: Perturbation) -> RerunInputs:
-    """Return the trial with a constant added to a component of the plates' wrench."""
-    return _add_error(trial, change.target, change.level)
 
 
 def wrench_noise(trial: RerunInputs, change: Perturbation) -> RerunInputs:
@@ -437,12 +418,11 @@ def perturb_logs(trial: RerunInputs, change: Perturbation, folder: Path) -> Reru
     change_log = change.definition.change_log
     assert change_log is not None
     files = {}
-    for number, (segment, sensor) in enumerate(list_sensors(trial.source.keys.imus).items()):
+    for number, (segment, sensor) in enumerate(list_sensors(trial.keys.imus).items()):
         rng = np.random.default_rng([number, *change.rng().integers(2**32, size=4)])
         files[segment] = folder / f"{number}.csv"
         files[segment].write_bytes(format_imu_csv(change_log(read_imu(sensor.file, sensor.rate_hz), change.level, rng)))
-    keys = trial.source.keys.model_copy(update={"imus": files})
-    return replace(trial, source=replace(trial.source, keys=keys))
+    return replace(trial, keys=trial.keys.model_copy(update={"imus": files}))
 
 
 def _wander_clock(log: ImuLog, level: float, rng: np.random.Generator) -> ImuLog:
@@ -498,7 +478,8 @@ _UKF: Entry = "ukf-smooth"
 # fmt: off
 _KINDS = (
     Kind("filter-noise", "the filter's noise", _UKF, "rad/s^4", (1e1, 1e2, 1e3, 1e4), *_SNAP,
-         targets=_THESIS_SD, free=True, worse="either", change=_filter_noise),
+         targets=_THESIS_SD, free=True, worse="either",  # Sigma_v and marker sd (3.17), which are otherwise estimated
+         change=lambda trial, one: trial.with_settings(_UKF, sigma_v=one.level, marker_sd=float(one.target))),
     Kind("angle-bias", "angle bias", _DYN, "rad", (0.01, 0.03, 0.1), *_ANGLE, targets=JOINTS, change=angle_bias),
     Kind("angle-noise", "angle noise", _UKF, "rad", (0.001, 0.003, 0.01), *_SIZE,
          targets=JOINTS, usual=(ALL,), random=True, change=angle_noise),
@@ -507,7 +488,7 @@ _KINDS = (
     Kind("clock-offset-ignored", "clock offset, not estimated", _DYN, "s", _IGNORED, *_CLOCK,
          change=clock_offset_ignored),
     Kind("wrench-bias", "wrench bias", _DYN, "N or N*m", (0.1, 1.0, 10.0), *_NUMBER, targets=COMPONENTS,
-         change=wrench_bias),
+         change=lambda trial, one: _add_error(trial, one.target, one.level)),
     Kind("wrench-noise", "wrench noise", _DYN, "N or N*m", (0.01, 0.1, 1.0), *_SIZE,
          targets=COMPONENTS, random=True, change=wrench_noise),
     Kind("board-steps", "steps of a balance board's cells", _DYN, "kg", (0.1, 0.5, 2.0), *_SIZE, random=True,

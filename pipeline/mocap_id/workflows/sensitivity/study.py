@@ -51,7 +51,6 @@ from mocap_id.workflows.sensitivity.perturbations import (
     Perturbation,
     RerunInputs,
     SensitivityOptions,
-    TrialSource,
     locate_trial,
     perturb_logs,
     plan,
@@ -203,7 +202,7 @@ def run_from(entry: str, trial: RerunInputs) -> RerunInputs:
     own_chain = trial.tree("chain.h5")
     for stage in stages[first:]:
         inputs = {file: trial.artefacts[file] for file in stage.inputs}
-        outputs = stage.function(Context(trial.source.keys, trial.settings[stage.name], inputs))
+        outputs = stage.function(Context(trial.keys, trial.settings[stage.name], inputs))
         trial = trial.with_artefacts(*(one for one in outputs if isinstance(one, Table | Tree)))
         if stage.name == FIRST:
             trial = trial.with_artefacts(_align(trial.tree("chain.h5"), own_chain))
@@ -250,9 +249,9 @@ def run_perturbation(trial: RerunInputs, perturbation: Perturbation) -> Perturba
 
 
 def run_perturbations(
-    source: TrialSource, perturbations: Sequence[Perturbation], jobs: int, tell: Callable[[PerturbationRun], None]
+    trial: RerunInputs, perturbations: Sequence[Perturbation], jobs: int, tell: Callable[[PerturbationRun], None]
 ) -> tuple[PerturbationRun, ...]:
-    """Run all perturbations of a trial in parallel processes, and return the results in their order.
+    """Run all perturbations of a trial in parallel processes, which read its artefacts; return the results in order.
 
     ``tell`` is called with the result of each finished run. NumericalError is raised if a process was killed.
     """
@@ -261,8 +260,8 @@ def run_perturbations(
     entries = [stage.name for stage in repeated_stages()]
     order = sorted(perturbations, key=lambda one: entries.index(one.definition.entry))
     try:
-        with LocalBackend(jobs).workers(len(order)) as workers:
-            for future in as_completed([workers.executor.submit(_run_in_worker, source, one) for one in order]):
+        with LocalBackend(jobs).workers(len(order)) as (executor, _):
+            for future in as_completed([executor.submit(_run_in_worker, trial, one) for one in order]):
                 run = future.result()
                 tell(run)
                 runs[run.perturbation] = run
@@ -276,10 +275,10 @@ _trials: dict[Path, RerunInputs] = {}
 """The trials that this worker process has read, by run folder."""
 
 
-def _run_in_worker(source: TrialSource, perturbation: Perturbation) -> PerturbationRun:
-    if source.folder not in _trials:
-        _trials[source.folder] = read_rerun_inputs(source)
-    return run_perturbation(_trials[source.folder], perturbation)
+def _run_in_worker(trial: RerunInputs, perturbation: Perturbation) -> PerturbationRun:
+    if trial.folder not in _trials:
+        _trials[trial.folder] = read_rerun_inputs(trial)
+    return run_perturbation(_trials[trial.folder], perturbation)
 
 
 # The tolerated levels of each kind of error, and whether the verdict warns of larger errors, also as text.
@@ -561,17 +560,17 @@ def _describe_perturbation(one: Perturbation) -> dict[str, Any]:
     return labels | {"level": one.level, "level_unit": one.definition.unit}
 
 
-def _list_responses(result: SensitivityResult, run: PerturbationRun) -> Iterator[dict[str, Any]]:
+def _list_responses(own: Estimates, run: PerturbationRun, share: float) -> Iterator[dict[str, Any]]:
     """Yield the row of each parameter in the table `responses`."""
     parameters = {} if run.estimates is None else run.estimates.parameters
-    for name, before in result.own.parameters.items():
+    for name, before in own.parameters.items():
         after = parameters.get(name)
         row = _describe_perturbation(run.perturbation) | {
             "parameter": name,
             "unit": before.unit,
             "own_value": before.value,
             "own_sd": before.sd,
-            "ratio": tolerance_ratio(before, after, result.options.tolerance),
+            "ratio": tolerance_ratio(before, after, share),
         }
         if after is not None:
             change = after.value - before.value
@@ -581,17 +580,17 @@ def _list_responses(result: SensitivityResult, run: PerturbationRun) -> Iterator
         yield row
 
 
-def _describe_run(result: SensitivityResult, run: PerturbationRun) -> dict[str, Any]:
+def _describe_run(own: Estimates, run: PerturbationRun, judged: Sequence[str], share: float) -> dict[str, Any]:
     """Return the row of a run in the table `perturbations`."""
 
     def find_least(values: FloatArray) -> float:
         known = values[np.isfinite(values)]
         return float(known.min()) if len(known) else math.nan
 
-    own, now, change = result.own, run.estimates, run.perturbation
-    ratio, parameter = largest_ratio(own, now, result.judged_parameters, result.options.tolerance)
-    row = _describe_perturbation(change) | {
-        "enters": change.definition.entry,
+    now = run.estimates
+    ratio, parameter = largest_ratio(own, now, judged, share)
+    row = _describe_perturbation(run.perturbation) | {
+        "enters": run.perturbation.definition.entry,
         "verdict": "refused" if run.refused else "failed",
         "ratio": ratio,
         "parameter": parameter,
@@ -622,25 +621,6 @@ PerturbationCallback = Callable[[PerturbationRun, int, int], None]
 """Called with each finished perturbation, its number and the number of perturbations."""
 
 
-@dataclass(frozen=True)
-class SensitivityResult:
-    """The result of a sensitivity study."""
-
-    trial: str  # name of the trial
-    options: SensitivityOptions
-    own: Estimates  # estimates of the unperturbed trial
-    runs: tuple[PerturbationRun, ...]
-    note: str  # what could not be studied on this trial, and what failed; empty if all was studied
-    folder: Path  # folder of the results
-    document: Mapping[str, Any] = field(default_factory=dict)  # content of sensitivity.json
-
-    @property
-    def judged_parameters(self) -> tuple[str, ...]:
-        """Names of the parameters with a tolerance: base parameters, or lengths if there are no base parameters."""
-        known = [one for one in self.own.parameters.values() if math.isfinite(one.value)]
-        return tuple(one.name for one in known if bool(one.verdict) == bool(self.own.samples))
-
-
 def study_sensitivity(
     path: Path,
     options: SensitivityOptions | None = None,
@@ -649,9 +629,10 @@ def study_sensitivity(
     out: Path | None = None,
     progress: runner.Progress = lambda step: None,
     tell: PerturbationCallback = lambda run, number, total: None,
-) -> SensitivityResult:
-    """Perturb a trial, write the results, and return them; the run folder is not changed.
+) -> tuple[Path, tuple[PerturbationRun, ...], Mapping[str, Any]]:
+    """Perturb a trial, write the results, and return their folder, all runs, and the content of sensitivity.json.
 
+    The run folder is not changed.
     ``jobs`` perturbations run at the same time, in separate processes, which does not affect the results. The results
     are in ``out``, by default beside the run folder, with its name and ``-sensitivity``. ``progress`` is called with
     each step of the run that must come first, and ``tell`` with each finished perturbation.
@@ -672,32 +653,34 @@ def study_sensitivity(
         raise ConfigError(f"--out {folder}: this is the trial's own run folder: choose a different folder")
     trial = read_rerun_inputs(source)
     Skeleton(trial.tree("chain.h5"))  # raises StoreError for a trial in space
-    selections, note = _select_possible(options.selections, trial)
+    selections, left_out = _select_possible(options.selections, trial)
     perturbations = plan(selections, trial.joints, options.seed)
-    numbers = count(1)
+    numbers, share = count(1), options.tolerance
     with Folder(folder).locked():
         owner = find_owner_of_files(source.folder)
         check_owner(folder, owner, DOCUMENT)
         runs = run_perturbations(source, perturbations, jobs, lambda run: tell(run, next(numbers), len(perturbations)))
-        notes = "; ".join(filter(None, (note, describe_failures(runs))))
-        result = SensitivityResult(source.name, options, read_estimates(trial), runs, notes, folder)
-        own, judged, share = result.own, result.judged_parameters, result.options.tolerance
+        note = "; ".join(filter(None, (left_out, describe_failures(runs))))
+        own = read_estimates(trial)
+        # The parameters with a tolerance: base parameters, or lengths if there are no base parameters.
+        known = [one for one in own.parameters.values() if math.isfinite(one.value)]
+        judged = tuple(one.name for one in known if bool(one.verdict) == bool(own.samples))
         rows = {
-            "responses": (row for run in result.runs for row in _list_responses(result, run)),
-            "perturbations": (_describe_run(result, run) for run in result.runs),
-            "tolerates": find_tolerances(own, result.runs, judged, share),
+            "responses": (row for run in runs for row in _list_responses(own, run, share)),
+            "perturbations": (_describe_run(own, run, judged, share) for run in runs),
+            "tolerates": find_tolerances(own, runs, judged, share),
         }
         tables = {name: ResultTable.of(schema, rows[name]) for name, schema in TABLES.items()}
 
         def make_page() -> dict[str, bytes]:
             data = SensitivityData(
-                trial=result.trial,
+                trial=trial.name,
                 verdict=own.level,
-                note=result.note,
+                note=note,
                 tolerance=share,
-                seed=result.options.seed,
+                seed=options.seed,
                 parameters=tuple(own.parameters[name] for name in judged),
-                titles={run.perturbation.kind: run.perturbation.definition.title for run in result.runs},
+                titles={run.perturbation.kind: run.perturbation.definition.title for run in runs},
                 tables=tables,
             )
             return {PAGE: render_sensitivity_page(data)}
@@ -707,11 +690,11 @@ def study_sensitivity(
             return asdict(one) | numbers | {"verdict": one.verdict or None}
 
         content = {
-            "trial": result.trial,
+            "trial": trial.name,
             "product": __version__,
-            "seed": result.options.seed,
+            "seed": options.seed,
             "tolerance": {"share_of_size": share, "or_stated_sd": 1.0},
-            "note": result.note or None,
+            "note": note or None,
             "verdict": {"level": own.level, "codes": sorted(own.codes)},
             "condition_number": to_finite(own.condition),
             "parameters": [describe(one) for one in own.parameters.values()],
@@ -722,18 +705,18 @@ def study_sensitivity(
         output = CommandResult("sensitivity", DOCUMENT, content, tables, make_page, hashed=True)
         output.write(folder)
         store_owner(folder, owner, DOCUMENT)
-    return replace(result, document=output.document)
+    return folder, runs, output.document
 
 
 def _select_possible(selections: Sequence[KindSelection], trial: RerunInputs) -> tuple[tuple[KindSelection, ...], str]:
     """Return the selections that are possible on a trial, and a note on the selections that are left out."""
-    name = f"trial {trial.source.name}"
+    name = f"trial {trial.name}"
     if has_no_markers(trial.long("planar.parquet").facts):
         raise ConfigError(
             f"{name} has only inertial sensors and takes its lengths from a calibration, so no perturbation can "
             "change them: choose a trial with markers"
         )
-    if not trial.source.keys.imus:
+    if not trial.keys.imus:
         selections = tuple(one for one in selections if KINDS[one.kind].change_log is None)
         if not selections:
             raise ConfigError(f"{name} has no inertial sensors, so their errors cannot be studied")

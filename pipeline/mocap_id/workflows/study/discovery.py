@@ -174,27 +174,23 @@ _OF_THE_BODY = ("sit-to-stand", "walking", "jumping")  # movements that are no r
 _SESSION = re.compile(r"(?<![^\W_])(session|ses|visit|day)[\W_]*(\d+)", re.IGNORECASE)
 
 
-@dataclass(frozen=True)
-class RecordedArms:
-    """The arms in a recording of reaches."""
-
-    skeleton: bool  # whether the recording contains joint positions instead of markers
-    sides: tuple[str, ...]  # ``right``, ``left`` or both; empty if the markers' names have no side
-
-    def choose_sides(self, path: PurePosixPath) -> tuple[str, ...]:
-        """Return the sides to analyse: the side that the path names, or else all sides of the recording."""
-        words = re.findall(r"[^\W\d_]+", str(path.with_suffix("")).lower())
-        named = tuple(side for side, names in _SIDES.items() if set(names) & set(words))
-        return named if len(named) == 1 else self.sides or ("right",)
+def choose_sides(sides: tuple[str, ...], path: PurePosixPath) -> tuple[str, ...]:
+    """Return the sides to analyse: the side that the path names, or else all ``sides`` of the recording."""
+    words = re.findall(r"[^\W\d_]+", str(path.with_suffix("")).lower())
+    named = tuple(side for side, names in _SIDES.items() if set(names) & set(words))
+    return named if len(named) == 1 else sides or ("right",)
 
 
-def read_reach(path: Path, forces: Path | None) -> RecordedArms | None:
-    """Return the arms in a recording of reaches; None if the recording is not a reach, or cannot be read."""
+def read_reach(path: Path, forces: Path | None) -> tuple[bool, tuple[str, ...]] | None:
+    """Return whether a recording of reaches is a skeleton, and the sides of its arms (none if the labels have no side).
+
+    None if the recording is not a reach, or cannot be read.
+    """
     if forces is not None:
         return None
     skeleton = read_joints(path)
     if skeleton is not None:
-        return RecordedArms(skeleton=True, sides=_find_arms(skeleton.labels))
+        return True, _find_arms(skeleton.labels)
     try:
         content = recording.read(path)
     except (RecordingError, ConfigError):
@@ -205,7 +201,7 @@ def read_reach(path: Path, forces: Path | None) -> RecordedArms | None:
     seen = recording.ThinnedFrames.of(content.positions, content.time, content.rate)
     if recognise_movement(content.labels, seen.positions, seen.rate).kind in _OF_THE_BODY:
         return None
-    return RecordedArms(skeleton=False, sides=() if landmarks.side is None else (landmarks.side,))
+    return False, () if landmarks.side is None else (landmarks.side,)
 
 
 def read_joints(path: Path) -> Recording | None:
@@ -364,14 +360,14 @@ def discover(
     for path, label in labels.items():
         name, subject, reach = label.subject, ids[label.subject], reaches.get(path)
         session = "" if reach is None else find_session(paths[path])
-        for side in ("",) if reach is None else reach.choose_sides(paths[path]):
+        for side in ("",) if reach is None else choose_sides(reach[1], paths[path]):
             stem = "-".join(filter(None, (subject, label.strategy) if reach is None else (subject, session, side)))
             counts[stem] += 1
             trial = f"{stem}-{counts[stem]}"
             if reach is None:
                 trials.append(FoundRecording(trial, subject, name, label.strategy, path, find_forces(path, files)))
             else:
-                trials.append(FoundRecording(trial, subject, name, "", path, None, side, session, reach.skeleton))
+                trials.append(FoundRecording(trial, subject, name, "", path, None, side, session, reach[0]))
     trials.sort(key=lambda trial: (_sort_key(trial.subject), trial.subject))
     # Ids that may stand for several people.
     advice = "If so, give the position of the names with --pattern, or correct the ids in the file"

@@ -16,10 +16,9 @@ import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -33,6 +32,7 @@ from mocap_id.errors import ConfigError, MocapIdError, RecordingError
 from mocap_id.reporting.numbers import UNKNOWN, show_fixed, to_number
 from mocap_id.reporting.results.columns import (
     ResultColumn,
+    ResultTable,
     declare_tables,
     error_columns,
     number,
@@ -60,7 +60,7 @@ from mocap_id.store.folder import check_owner, record_file, store_owner
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trial, run_trials
 from mocap_id.workflows.run_folder import find_owner_of_files
-from mocap_id.workflows.study.study import StudyKind, group_by
+from mocap_id.workflows.study.study import group_by
 from mocap_id.workflows.trial_outcome import TrialOutcome, number_or_nan, read_summary
 
 PAGE, DOCUMENT, MARKDOWN = "robot.html", "validation.json", "robot.md"
@@ -109,34 +109,27 @@ class Truth:
 # The methods for the joint states; stages that do not depend on the method run once.
 
 
-@dataclass(frozen=True)
-class Method:
-    """A method for the joint states."""
-
-    name: str  # name of its folder in the trial's folder
-    thesis: str  # label in the thesis's tables
-    settings: Mapping[str, str | float]  # settings of `ukf-smooth` that replace the settings of the trial
-
-    def apply(self, trial: Trial) -> Trial:
-        if self is CAMERAS:
-            return trial
-        settings = trial.settings[_STATES_STAGE].model_copy(update=dict(self.settings))
-        out = trial.out / "methods" / self.name
-        return replace(trial, settings={**trial.settings, _STATES_STAGE: settings}, out=out)
-
-
-CAMERAS = Method("cameras", "P", {})
-ENCODER = Method("encoder", "R", {"method": "encoder"})
-DIFFERENCES = Method("differences", "Diff.", {"method": "butterworth", "butterworth_hz": 20.0})
-SMOOTHER = Method("differences-6", "Diff. 6 Hz", {"method": "butterworth", "butterworth_hz": 6.0})
-SPLINE = Method("spline", "Spline", {"method": "spline"})
-METHODS = (CAMERAS, ENCODER, DIFFERENCES, SMOOTHER, SPLINE)
+CAMERAS, ENCODER, DIFFERENCES = "cameras", "encoder", "differences"
+METHODS: Mapping[str, Mapping[str, str | float]] = {
+    CAMERAS: {},
+    ENCODER: {"method": "encoder"},
+    DIFFERENCES: {"method": "butterworth", "butterworth_hz": 20.0},
+    "differences-6": {"method": "butterworth", "butterworth_hz": 6.0},
+    "spline": {"method": "spline"},
+}
+"""Settings of `ukf-smooth` of each method that replace the settings of the trial."""
 REFERENCE = "reference"
 """Value of `method` in the rows of the reference parameters."""
 
 
-def _list_methods(trial: Trial) -> list[Method]:
-    return [method for method in METHODS if method is not ENCODER or trial.keys.encoder is not None]
+def _apply_methods(trial: Trial) -> Iterator[tuple[str, Trial]]:
+    """Yield the trial with each method; all methods but the first have a run folder in the trial's folder."""
+    yield CAMERAS, trial
+    for method, settings in METHODS.items():
+        if method != CAMERAS and (method != ENCODER or trial.keys.encoder is not None):
+            changed = trial.settings[_STATES_STAGE].model_copy(update=dict(settings))
+            out = trial.out / "methods" / method
+            yield method, replace(trial, settings={**trial.settings, _STATES_STAGE: changed}, out=out)
 
 
 def run_all_methods(trial: Trial) -> TrialRun:
@@ -149,8 +142,7 @@ def run_all_methods(trial: Trial) -> TrialRun:
         return done
     before = STAGES[: next(k for k, stage in enumerate(STAGES) if stage.name == _STATES_STAGE)]
     shared = [file for stage in before for file in (*stage.outputs, record_file(stage.name))]
-    for method in _list_methods(trial)[1:]:
-        variant = method.apply(trial)
+    for method, variant in list(_apply_methods(trial))[1:]:
         try:
             # Link or copy the artefacts of the stages before the joint states into the run folder of the method.
             with converting_errors(variant.out):
@@ -168,7 +160,7 @@ def run_all_methods(trial: Trial) -> TrialRun:
             if outcome.refused is not None:
                 raise outcome.refused
         except MocapIdError as error:
-            message = f"with the method {method.name}: {error}"
+            message = f"with the method {method}: {error}"
             return replace(
                 done, exit_code=error.exit_code, message=message, published=message.replace(str(trial.out), trial.name)
             )
@@ -184,34 +176,25 @@ def run_all_methods(trial: Trial) -> TrialRun:
 
 
 @dataclass(frozen=True)
-class RobotFrame:
-    """The robot's coordinate frame in the plane: angle in the plane = sign * robot's angle + zero."""
-
-    sign: int = 1
-    zero: float = 0.0  # rad
-
-    @property
-    def matrix(self) -> FloatArray:
-        """Matrix (5, 5) that transforms base parameters from the plane to the robot's frame."""
-        c, s = np.cos(self.zero), np.sin(self.zero)
-        matrix = np.diag([1.0, self.sign, 1.0, 1.0, 1.0])
-        matrix[2:4, 2:4] = [[self.sign * c, -self.sign * s], [s, c]]
-        return matrix
-
-
-@dataclass(frozen=True)
 class MethodResult:
     """The result of one trial with one method."""
 
+    folder: Folder
     identified: IdentifiedTrial
-    frame: RobotFrame
+    # the robot's coordinate frame in the plane: angle in the plane = sign * robot's angle + zero, rad
+    sign: int
+    zero: float
     time: FloatArray  # (T,) times of the samples, s
     states: FloatArray  # (T, 3) angle, velocity and acceleration in the plane, rad, rad/s and rad/s²
     row: dict[str, Any]  # its columns of the table `trials`
 
-    @property
-    def folder(self) -> Folder:
-        return Folder(self.identified.folder)
+
+def _to_robot(sign: int, zero: float) -> FloatArray:
+    """Return the matrix (5, 5) that transforms base parameters from the plane to the robot's frame."""
+    c, s = np.cos(zero), np.sin(zero)
+    matrix = np.diag([1.0, sign, 1.0, 1.0, 1.0])
+    matrix[2:4, 2:4] = [[sign * c, -sign * s], [s, c]]
+    return matrix
 
 
 def compare_with(name: str, difference: FloatArray, reference: FloatArray) -> dict[str, float]:
@@ -232,15 +215,15 @@ def _read_method_result(folder: Folder, truth: Truth | None, *, by_encoder: bool
     identified = open_identified_trial(folder.path)
     facts, encoder = identified.facts, folder.table("encoder.parquet")
     # The robot's frame from its encoder, or else from the truth, or else the frame of the plane.
-    frame = RobotFrame()
+    sign, zero = 1, 0.0
     if encoder.facts.get("sign") is not None:
-        frame = RobotFrame(int(encoder.facts["sign"]), float(encoder.facts["zero_rad"]))
+        sign, zero = int(encoder.facts["sign"]), float(encoder.facts["zero_rad"])
     elif truth is not None:
         table = folder.table("states.parquet")
         angle, true = table["theta_1"], truth.at(table["time"])[:, 0]
         both = np.isfinite(angle) & np.isfinite(true)
         sign = 1 if np.cov(angle[both], true[both])[0, 1] >= 0 else -1
-        frame = RobotFrame(sign, float(np.mean(angle[both] - sign * true[both])))
+        zero = float(np.mean(angle[both] - sign * true[both]))
     time = identified.dynamics["time"].to_numpy(dtype=np.float64)
     states = np.column_stack([identified.q[:, 0], identified.dq[:, 0], identified.ddq[:, 0]])
     row: dict[str, Any] = {
@@ -255,7 +238,8 @@ def _read_method_result(folder: Folder, truth: Truth | None, *, by_encoder: bool
     value, covariance = tree.numbers("base/value"), tree.array("base/covariance").astype(np.float64)
     verdicts = tree.texts("base/verdict")
     if len(value) == count:
-        value, covariance = frame.matrix @ value, frame.matrix @ covariance @ frame.matrix.T
+        matrix = _to_robot(sign, zero)
+        value, covariance = matrix @ value, matrix @ covariance @ matrix.T
     else:
         value, covariance = np.full(count, np.nan), np.full((count, count), np.nan)
         verdicts = ("not identifiable",) * count
@@ -265,7 +249,7 @@ def _read_method_result(folder: Folder, truth: Truth | None, *, by_encoder: bool
     # depends on the coordinate frame.
     reference: FloatArray | None = None
     if truth is not None:
-        reference, row["against"] = frame.sign * truth.at(time), "truth"
+        reference, row["against"] = sign * truth.at(time), "truth"
     elif encoder.length and not by_encoder:
         reference, row["against"] = encoder.stack(tuple(STATES)), "encoder"
     if reference is not None:
@@ -286,7 +270,7 @@ def _read_method_result(folder: Folder, truth: Truth | None, *, by_encoder: bool
     distances = residual[own & np.isfinite(residual)]
     if len(distances):
         row |= {"marker_bias": float(np.mean(distances)), "marker_sd": float(np.std(distances))}
-    return MethodResult(identified, frame, time, states, row)
+    return MethodResult(folder, identified, sign, zero, time, states, row)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -306,13 +290,6 @@ class RobotTrialResult(TrialOutcome):
         return self.trial.trial.name
 
     @property
-    def about(self) -> str:
-        """Joint and movement of the trial, for the page."""
-        orientation = "" if self.orientation is None else f"{self.orientation:g}°"
-        movement = " ".join(filter(None, (self.speed, orientation))) or "unlabelled"
-        return f"{self.joint or 'joint'}, {movement}"
-
-    @property
     def cell(self) -> tuple[str, str]:
         """Joint and speed, which identify a cell in the thesis's tables."""
         return self.joint, self.speed
@@ -321,7 +298,7 @@ class RobotTrialResult(TrialOutcome):
     def method_of_reference(self) -> MethodResult | None:
         """The result whose states are used with the reference parameters; None if a reference parameter is unknown."""
         known = all(name in self.reference for name in PARAMETERS)
-        return self.by_method.get(ENCODER.name, self.by_method.get(CAMERAS.name)) if known else None
+        return self.by_method.get(ENCODER, self.by_method.get(CAMERAS)) if known else None
 
 
 def _read_result(study: RobotStudy, trial: RobotTrial, run: TrialRun) -> RobotTrialResult:
@@ -348,8 +325,8 @@ def _read_result(study: RobotStudy, trial: RobotTrial, run: TrialRun) -> RobotTr
         truth=truth,
         reference=reference,
         by_method={
-            method.name: _read_method_result(Folder(method.apply(config).out), truth, by_encoder=method is ENCODER)
-            for method in (_list_methods(config) if run.exit_code == 0 else ())
+            method: _read_method_result(Folder(variant.out), truth, by_encoder=method == ENCODER)
+            for method, variant in (_apply_methods(config) if run.exit_code == 0 else ())
         },
     )
 
@@ -357,7 +334,9 @@ def _read_result(study: RobotStudy, trial: RobotTrial, run: TrialRun) -> RobotTr
 def predict_reference(trial: RobotTrialResult, result: MethodResult) -> tuple[FloatArray, FloatArray]:
     """Return wrench (T, 3) and torque (T,) in the plane, from the reference parameters and the states of a method."""
     identified = result.identified
-    base = np.linalg.solve(result.frame.matrix, np.array([trial.reference[name] for name in PARAMETERS]))
+    base = np.linalg.solve(
+        _to_robot(result.sign, result.zero), np.array([trial.reference[name] for name in PARAMETERS])
+    )
     full = np.linalg.pinv(result.folder.tree("dynamics.h5").array("base/regrouping").astype(np.float64)) @ base
     return identified.chain.regressor @ full, (identified.chain.torque_regressor @ full)[:, 0]
 
@@ -377,7 +356,7 @@ def trial_rows(trials: Sequence[RobotTrialResult]) -> Iterator[dict[str, Any]]:
             "codes": ", ".join(trial.codes),
         }
         if not trial.by_method:
-            yield labels | {"method": CAMERAS.name}
+            yield labels | {"method": CAMERAS}
         base, sd = (trial.value("lengths_m", "base", key) for key in ("value", "sd"))
         truth = {} if trial.truth is None else trial.truth.document.get("encoder", {})
         shared = {
@@ -538,17 +517,6 @@ class ThesisQuantity:
         return [shown_as(mean, self.symbol if self.unit == "1" else f"{self.symbol} ({shown})", cell), sd]
 
 
-@dataclass(frozen=True)
-class ThesisTable:
-    """A table of the thesis with the quantities of its columns."""
-
-    name: str
-    title: str
-    methods: Mapping[str, str]  # label in the thesis of each method
-    quantities: tuple[ThesisQuantity, ...]  # quantities in the thesis in its order, then additional ones
-    by_orientation: bool = False  # whether each orientation has its own row
-
-
 def _add_r2(name: str, unit: str, meaning: str, symbol: str) -> tuple[ThesisQuantity, ThesisQuantity]:
     return (
         ThesisQuantity(name, unit, meaning, symbol, "error"),
@@ -565,9 +533,9 @@ _MEASURED = {"encoder": "R", "cameras": "P"}
 _ALL = {"reference": "Ref.", **_MEASURED}
 _DEG = np.pi / 180
 
-TABLES = (
-    ThesisTable(
-        "table_5_1",
+_Table: TypeAlias = tuple[str, Mapping[str, str], tuple[ThesisQuantity, ...]]
+TABLES: Mapping[str, _Table] = {
+    "table_5_1": (
         "Kinematic parameters and errors (thesis table 5.1)",
         {"cameras": "P"},
         (
@@ -579,11 +547,9 @@ TABLES = (
             ),
             ThesisQuantity("base_error", "m", "distance minus the distance of the reference", "l₁ − reference"),
         ),
-        by_orientation=True,
     ),
-    ThesisTable("table_5_2", "Dynamic parameters (thesis table 5.2)", _ALL, _DYNAMICS),
-    ThesisTable(
-        "table_5_3",
+    "table_5_2": ("Dynamic parameters (thesis table 5.2)", _ALL, _DYNAMICS),
+    "table_5_3": (
         "Joint states against the truth or the encoder (thesis table 5.3)",
         _MEASURED,
         tuple(
@@ -592,8 +558,7 @@ TABLES = (
             for quantity in _add_r2(name, unit, f"{name} minus the truth's", _SYMBOLS[name])
         ),
     ),
-    ThesisTable(
-        "table_5_4",
+    "table_5_4": (
         "Contact wrench of the models minus the measured one (thesis table 5.4)",
         _ALL,
         tuple(
@@ -602,8 +567,7 @@ TABLES = (
             for quantity in _add_r2(name, unit, f"{name} of the model minus the measured", _SYMBOLS[name])
         ),
     ),
-    ThesisTable(
-        "table_5_5_6",
+    "table_5_5_6": (
         "Dynamic parameters by every method for the states (thesis tables 5.5 and 5.6)",
         {"cameras": "UKF", "differences": "Diff.", "differences-6": "Diff. 6 Hz", "spline": "Spline"},
         (
@@ -613,17 +577,29 @@ TABLES = (
             ),
         ),
     ),
-)
+}
+"""Title, labels of the methods in the thesis, and quantities, first those in the thesis in its order, of each table."""
+_BY_ORIENTATION = "table_5_1"  # each orientation has a row of its own
+_SCHEMAS = {
+    "trials": TRIALS,
+    **declare_tables(
+        **{
+            name: (*_CELL, *(column for each in quantities for column in each.columns))
+            for name, (_, _, quantities) in TABLES.items()
+        }
+    ),
+}
 
 
-def cell_rows(table: ThesisTable, trials: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def cell_rows(table: str, trials: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Return the rows of a table: a row for each cell with trials, followed by the thesis's row for this cell.
 
     ``trials`` are the rows of the table `trials`.
     """
+    _, methods, quantities = TABLES[table]
     in_thesis = read_published(table)
-    keys = ("joint", "speed", "orientation") if table.by_orientation else ("joint", "speed")
-    passed = [row for row in trials if row["method"] in table.methods and row["verdict"] != "failed"]
+    keys = ("joint", "speed", "orientation") if table == _BY_ORIENTATION else ("joint", "speed")
+    passed = [row for row in trials if row["method"] in methods and row["verdict"] != "failed"]
     groups = group_by(passed, lambda row: tuple(row[key] for key in keys))
 
     def rank(key: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -633,12 +609,12 @@ def cell_rows(table: ThesisTable, trials: Sequence[Mapping[str, Any]]) -> list[d
     rows: list[dict[str, Any]] = []
     for key in sorted(groups, key=rank):
         cell = dict(zip(keys, key, strict=True))
-        for method, obs in table.methods.items():
+        for method, obs in methods.items():
             own = [row for row in groups[key] if row["method"] == method]
             if not own:
                 continue
             label = {"orientation": np.nan} | cell | {"obs": obs}
-            averages = (value for one in table.quantities for value in _average(one, method, own).items())
+            averages = (value for one in quantities for value in _average(one, method, own).items())
             rows.append(label | {"source": "this", "trials": len(own)} | dict(averages))
             published = in_thesis.get((cell["joint"], cell["speed"], cell.get("orientation"), obs))
             if published is not None:
@@ -664,7 +640,7 @@ def _average(one: ThesisQuantity, method: str, own: Sequence[Mapping[str, Any]])
     return {f"{one.name}_mean": float(np.mean(centre)) if len(centre) else np.nan, f"{one.name}_sd": sd}
 
 
-def read_published(table: ThesisTable) -> Mapping[tuple[str, str, float | None, str], dict[str, float]]:
+def read_published(table: str) -> Mapping[tuple[str, str, float | None, str], dict[str, float]]:
     """Return the values in the thesis, SI, by joint, speed, orientation (degrees; None if unknown), and method.
 
     They come from ``thesis_tables.csv``, in the units of the thesis; mean and standard deviation alternate. A value is
@@ -674,11 +650,11 @@ def read_published(table: ThesisTable) -> Mapping[tuple[str, str, float | None, 
     _, *lines = csv.reader(content.splitlines())
     rows = {}
     for name, joint, speed, orientation, obs, *cells in lines:
-        if name == table.name:
+        if name == table:
             numbers = [float(cell or "nan") for cell in cells]
             row: dict[str, float] = {}
             # The thesis has fewer quantities.
-            for one, mean, sd in zip(table.quantities, numbers[::2], numbers[1::2], strict=False):
+            for one, mean, sd in zip(TABLES[table][2], numbers[::2], numbers[1::2], strict=False):
                 row |= {f"{one.name}_mean": one.to_si * mean, f"{one.name}_sd": one.to_si * sd}
             rows[joint, speed, float(orientation) if orientation else None, obs] = row
     return rows
@@ -693,12 +669,12 @@ _FULL = 0.05  # largest difference of a repetition's extreme angles from the usu
 
 def _collect_traces(trial: RobotTrialResult) -> StateTraces:
     """Return the joint states over time from the UKF and from differences, in the robot's coordinate frame."""
-    first = trial.by_method[CAMERAS.name]
-    zero = np.array([first.frame.zero, 0.0, 0.0])
+    first = trial.by_method[CAMERAS]
+    zero = np.array([first.zero, 0.0, 0.0])
     curves = {
-        method.thesis: first.frame.sign * (trial.by_method[method.name].states - zero)
-        for method in (CAMERAS, DIFFERENCES)
-        if method.name in trial.by_method
+        label: first.sign * (trial.by_method[method].states - zero)
+        for method, label in ((CAMERAS, "P"), (DIFFERENCES, "Diff."))
+        if method in trial.by_method
     }
     return StateTraces(trial.name, first.time, curves, None if trial.truth is None else trial.truth.at(first.time))
 
@@ -714,16 +690,16 @@ def average_wrench(trials: Sequence[RobotTrialResult]) -> AveragedWrench | None:
 
     series: dict[str, list[FloatArray]] = {}
     for trial in trials:
-        first = trial.by_method[CAMERAS.name]
+        first = trial.by_method[CAMERAS]
         wrenches = {"measured": read_wrench(first, "")} | {
-            method.thesis: read_wrench(trial.by_method[method.name], "_model")
-            for method in (ENCODER, CAMERAS)
-            if method.name in trial.by_method
+            label: read_wrench(trial.by_method[method], "_model")
+            for method, label in _MEASURED.items()
+            if method in trial.by_method
         }
         if trial.method_of_reference is not None:
             wrenches["Ref."] = predict_reference(trial, trial.method_of_reference)[0]
         # x is in the direction of the robot's x axis.
-        direction = np.array([first.frame.sign, 1.0, first.frame.sign])
+        direction = np.array([first.sign, 1.0, first.sign])
         for start, end in _find_repetitions(first):
             at = start + _PHASE / 100 * (end - start)
             for name, wrench in wrenches.items():
@@ -746,7 +722,7 @@ def _find_repetitions(result: MethodResult) -> list[tuple[float, float]]:
     events = result.folder.table("events.parquet")
     complete = events["complete"]
     time, angle = result.time, result.identified.q[:, 0]
-    speed = result.frame.sign * result.identified.dq[:, 0]
+    speed = result.sign * result.identified.dq[:, 0]
     kept, extremes = [], []
     for start, end in zip(events["start"][complete], events["end"][complete], strict=True):
         first = (time > start) & (time < start + 0.2 * (end - start))
@@ -778,7 +754,7 @@ def collect_page_data(data: CohortData, trials: Sequence[RobotTrialResult]) -> R
     for trial in trials:
         if trial.name not in chosen:
             continue
-        identified = trial.by_method[CAMERAS.name].identified
+        identified = trial.by_method[CAMERAS].identified
         planar, skeleton = identified.planar, identified.skeleton
         thinned = slice(None, None, max(1, len(planar.frames) // _FRAMES))
         own = sorted(set(planar.labels) & set(skeleton.markers))
@@ -798,7 +774,7 @@ def collect_page_data(data: CohortData, trials: Sequence[RobotTrialResult]) -> R
         study=data.study,
         trials=data.trials,
         overview=data.tables["trials"],
-        tables={one.title: data.tables[one.name] for one in TABLES},
+        tables={title: data.tables[name] for name, (title, *_) in TABLES.items()},
         recoveries=tuple(recoveries),
         averaged=average_wrench(fast) if fast else None,
         traces=_collect_traces(fast[0]) if fast else None,
@@ -831,21 +807,6 @@ class RobotStudyResult:
     @property
     def page(self) -> Path:
         return self.folder / PAGE
-
-
-STUDY = StudyKind(
-    labels=("joint", "speed", "orientation"),
-    read=_read_result,
-    tables={
-        "trials": TRIALS,
-        **declare_tables(
-            **{one.name: (*_CELL, *(column for each in one.quantities for column in each.columns)) for one in TABLES}
-        ),
-    },
-    rows={one.name: partial(cell_rows, one) for one in TABLES},
-    page=lambda data, trials: render_robot_page(collect_page_data(data, trials)),
-    prepare=lambda trials: list(trial_rows(trials)),
-)
 
 
 def validate_robot(
@@ -887,10 +848,17 @@ def validate_robot(
     with Folder(out).locked():
         check_owner(out, owner, DOCUMENT)
         runs = run_trials([one.trial for one in configs], LocalBackend(jobs), tell, run=run_all_methods)
-        trials = tuple(STUDY.read(study, one, run) for one, run in zip(configs, runs, strict=True))
-        tables = STUDY.make_tables(trials)
-        entries = tuple(trial.entry(trial.name, trial.about, f"runs/{trial.name}/report.html") for trial in trials)
-        data = collect_page_data(CohortData(study.name, entries, tables), trials)
+        trials = tuple(_read_result(study, one, run) for one, run in zip(configs, runs, strict=True))
+        rows = list(trial_rows(trials))
+        tables = {"trials": ResultTable.of(TRIALS, rows)}
+        tables |= {name: ResultTable.of(_SCHEMAS[name], cell_rows(name, rows)) for name in TABLES}
+        entries = []
+        for trial in trials:
+            orientation = "" if trial.orientation is None else f"{trial.orientation:g}°"
+            movement = " ".join(filter(None, (trial.speed, orientation))) or "unlabelled"
+            about = f"{trial.joint or 'joint'}, {movement}"
+            entries.append(trial.entry(trial.name, about, f"runs/{trial.name}/report.html"))
+        data = collect_page_data(CohortData(study.name, tuple(entries), tables), trials)
         content = {
             "study": study.name,
             "product": __version__,
@@ -899,11 +867,13 @@ def validate_robot(
             "trials": [
                 {
                     "trial": trial.name,
-                    **STUDY.read_labels(trial),
+                    "joint": trial.joint,
+                    "speed": trial.speed,
+                    "orientation": trial.orientation,
                     "exit_code": trial.run.exit_code,
                     "message": trial.run.published,
                     "truth": trial.truth is not None,
-                    "against": trial.by_method[CAMERAS.name].row["against"] if trial.by_method else "",
+                    "against": trial.by_method[CAMERAS].row["against"] if trial.by_method else "",
                 }
                 for trial in trials
             ],

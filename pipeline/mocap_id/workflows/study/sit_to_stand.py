@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -67,38 +67,18 @@ _OWN = (OWN, HELD_OUT)
 _ROUNDING = 1e-9  # kg, kg m, kg m²: the allometric body has its masses on the lines between the joints
 
 
-@dataclass(frozen=True)
-class LengthReference:
-    """Reference for the segment lengths of a person."""
-
-    kind: str  # ``landmarks``, or ``stature`` with the name of the allometric table; empty if there is no reference
-    lengths: Mapping[str, float | None]  # reference lengths by segment, m; None if unknown
-    by_stature: Mapping[str, float | None]  # lengths from height and allometric table, m; None if the height is unknown
-
-
-@dataclass(frozen=True)
-class BaseParameter:
-    """A base parameter of a trial, with the names of the columns of the table `parameters`."""
-
-    parameter: str  # the first parameter in the expression: m1, mx1, mx2 …
-    expression: str  # the parameters that are regrouped into it
-    unit: str
-    value: float  # NaN if unknown
-    sd: float  # standard deviation; NaN if unknown
-    verdict: str
-    reference: float  # value for the allometric body on the same chain; NaN if unknown
-
-
 @dataclass(frozen=True, kw_only=True)
 class TrialResult(StudyOutcome):
     """The result of one trial of a study."""
 
-    reference: LengthReference
+    reference: str  # ``landmarks``, or ``stature`` with the name of the allometric table; empty without a reference
+    reference_lengths: Mapping[str, float | None]  # by segment, m; None if unknown
+    lengths_by_stature: Mapping[str, float | None]  # from height and allometric table, m; None if the height is unknown
     identified: IdentifiedTrial | None  # None if the trial failed or was refused
     # errors of the trial's own model, in the fit and on left-out repetitions, and of the allometric body; empty if
     # the trial failed or was refused
     bodies: tuple[BodyErrors, ...]
-    parameters: tuple[BaseParameter, ...]  # empty if no parameter was identified
+    parameters: Sequence[Mapping[str, Any]]  # their rows of the table `parameters`; empty if none was identified
     segments: int = 0  # number of segments of the chain with these parameters, including the base
 
     @property
@@ -112,7 +92,7 @@ class TrialResult(StudyOutcome):
 
     def length_error(self, segment: str) -> float | None:
         """Return length minus reference length, % of the reference; None if one of the lengths is unknown."""
-        length, reference = self.length(segment), self.reference.lengths[segment]
+        length, reference = self.length(segment), self.reference_lengths[segment]
         return None if length is None or reference is None else 100 * (length / reference - 1)
 
 
@@ -120,28 +100,31 @@ def _read_result(study: Study, trial: StudyTrial, run: TrialRun) -> TrialResult:
     out, passed = trial.trial.out, run.exit_code == 0
     identified = open_identified_trial(out) if passed else None
     settings: Any = trial.trial.settings["identify-dim"]
-    parameters: tuple[BaseParameter, ...] = ()
+    parameters: list[dict[str, Any]] = []
     segments = 0
     if passed:
         tree = Folder(out).tree("dynamics.h5")
         value, full = tree.numbers("base/value"), tree.numbers("full/reference")
         if np.isfinite(value).sum() > 1:  # the mass alone is not a model
             expressions = tree.texts("base/name")
-            columns = (
-                [name.split("+")[0] for name in expressions],
-                expressions,
-                tree.texts("base/unit"),
-                value.tolist(),
-                tree.numbers("base/sd").tolist(),
-                tree.texts("base/verdict"),
-                (tree.array("base/regrouping") @ full).tolist(),
-            )
-            parameters = tuple(BaseParameter(*row) for row in zip(*columns, strict=True))
+            columns = {
+                "parameter": [name.split("+")[0] for name in expressions],
+                "expression": expressions,
+                "unit": tree.texts("base/unit"),
+                "value": value.tolist(),
+                "sd": tree.numbers("base/sd").tolist(),
+                "verdict": tree.texts("base/verdict"),
+                "reference": (tree.array("base/regrouping") @ full).tolist(),  # of the allometric body
+            }
+            parameters = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
             segments = len(full) // len(PLANAR_PARAMETERS)
+    reference, lengths, by_stature = find_length_reference(study.subjects[trial.subject], settings.reference)
     return TrialResult(
         trial=trial,
         run=run,
-        reference=find_length_reference(study.subjects[trial.subject], settings.reference),
+        reference=reference,
+        reference_lengths=lengths,
+        lengths_by_stature=by_stature,
         summary=read_summary(out, run),
         identified=identified,
         bodies=() if identified is None else errors_at_home(identified),
@@ -150,8 +133,13 @@ def _read_result(study: Study, trial: StudyTrial, run: TrialRun) -> TrialResult:
     )
 
 
-def find_length_reference(person: Person, name: TableName) -> LengthReference:
-    """Return the reference for a person's lengths: landmarks if one of them is given, or else stature."""
+def find_length_reference(
+    person: Person, name: TableName
+) -> tuple[str, Mapping[str, float | None], Mapping[str, float | None]]:
+    """Return the kind of a person's reference lengths, the lengths, and the lengths by stature, as in TrialResult.
+
+    The reference is the landmarks if one of them is given, or else stature.
+    """
     table = look_up_table(name, person.sex)
     by_stature = {
         segment: None if person.height is None else getattr(table, segment).length * person.height
@@ -159,8 +147,8 @@ def find_length_reference(person: Person, name: TableName) -> LengthReference:
     }
     measured = {segment: getattr(person.landmarks_m, segment) for segment in SEGMENTS}
     if any(length is not None for length in measured.values()):
-        return LengthReference(LANDMARKS, measured, by_stature)
-    return LengthReference("" if person.height is None else f"stature ({name})", by_stature, by_stature)
+        return LANDMARKS, measured, by_stature
+    return "" if person.height is None else f"stature ({name})", by_stature, by_stature
 
 
 # Lengths and results by strategy (tables 6.1 and 6.2).
@@ -173,16 +161,15 @@ def length_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
     """
     rows = []
     for segment, (subject, own) in product(SEGMENTS, group_by(trials, lambda trial: trial.subject).items()):
-        person = own[0].reference
-        reference = person.lengths[segment]
+        kind, reference = own[0].reference, own[0].reference_lengths[segment]
         methods = {FRAMEWORK: [length for trial in own if (length := trial.length(segment)) is not None]}
-        if person.kind == LANDMARKS:
-            by_stature = person.by_stature[segment]
+        if kind == LANDMARKS:
+            by_stature = own[0].lengths_by_stature[segment]
             methods[STATURE] = [] if by_stature is None else [by_stature]
         for method, lengths in methods.items():
             errors = [math.nan] if reference is None else [100 * (length / reference - 1) for length in lengths]
             why = ""
-            if person.kind == "":
+            if kind == "":
                 why = "neither landmarks_m nor height is given in the study's file"
             elif reference is None:
                 why = f"landmarks_m does not give the {segment}"
@@ -191,7 +178,7 @@ def length_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
             row: dict[str, Any] = {
                 "subject": subject,
                 "segment": segment,
-                "reference": person.kind,
+                "reference": kind,
                 "method": method,
                 "subjects": int(bool(lengths)),
                 "trials": len(lengths) if method == FRAMEWORK else 0,
@@ -216,7 +203,7 @@ def strategy_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
     for subject, strategy in product(subjects, strategies):
         own = groups.get((subject, strategy), [])
         if own:
-            labels: dict[str, Any] = {"subject": subject, "strategy": strategy, "reference": own[0].reference.kind}
+            labels: dict[str, Any] = {"subject": subject, "strategy": strategy, "reference": own[0].reference}
             rows.append(
                 labels
                 | {"subjects": 1, "trials": len(own)}
@@ -329,7 +316,7 @@ def parameter_rows(trials: Sequence[TrialResult]) -> Iterator[dict[str, Any]]:
     """Yield the rows of the table: one for each base parameter of each trial."""
     for trial in trials:
         labels = {"trial": trial.name, "subject": trial.subject, "strategy": trial.strategy}
-        yield from (labels | asdict(one) for one in trial.parameters)
+        yield from (labels | dict(one) for one in trial.parameters)
 
 
 def variation_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
@@ -351,15 +338,13 @@ def variation_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
                 row: dict[str, Any] = {
                     "subject": subject,
                     "set": kind,
-                    "parameter": same[0].parameter,
-                    "expression": same[0].expression,
-                    "unit": same[0].unit,
+                    **{name: same[0][name] for name in ("parameter", "expression", "unit")},
                     "segments": segments,
                     "subjects": 1,
                     "trials": len(counted),
                     "why": why if len(counted) > 1 else "a single trial has no variation",
                 }
-                columns = {"": [one.value for one in same], "reference_": [one.reference for one in same]}
+                columns = {"": [one["value"] for one in same], "reference_": [one["reference"] for one in same]}
                 for prefix, values in columns.items():
                     mean, sd = find_mean_sd(values)
                     cv = sd / abs(mean) if abs(mean) > _ROUNDING else math.nan
@@ -370,7 +355,7 @@ def variation_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
     return [*rows, *pool_people((row for row in rows if row["trials"] > 1), keys, means)]
 
 
-def _modify(parameters: Sequence[BaseParameter]) -> list[BaseParameter]:
+def _modify(parameters: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """Return the modified parameters, in which a length mr replaces each pair (mx, my).
 
     A segment's coordinate frame rotates slightly from trial to trial, which mixes mx and my. The modified parameters do
@@ -380,15 +365,14 @@ def _modify(parameters: Sequence[BaseParameter]) -> list[BaseParameter]:
 
     where mx and my include everything that is regrouped into them. The base segment has only mx, which does not change.
     """
-    by_symbol = {one.parameter: one for one in parameters}
-    modified = []
+    by_symbol = {one["parameter"]: one for one in parameters}
+    modified: list[Mapping[str, Any]] = []
     for symbol, mx in by_symbol.items():
         my = by_symbol.get(symbol.replace("mx", "my")) if symbol.startswith("mx") else None
         if my is not None:
-            value, reference = math.hypot(mx.value, my.value), math.hypot(mx.reference, my.reference)
-            expression = f"|({mx.expression}, {my.expression})|"
-            name = symbol.replace("mx", "mr")
-            modified.append(replace(mx, parameter=name, expression=expression, value=value, reference=reference))
+            lengths = {name: math.hypot(mx[name], my[name]) for name in ("value", "reference")}
+            expression = f"|({mx['expression']}, {my['expression']})|"
+            modified.append({**mx, "parameter": symbol.replace("mx", "mr"), "expression": expression, **lengths})
         elif not (symbol.startswith("my") and symbol.replace("my", "mx") in by_symbol):
             modified.append(mx)
     return modified
@@ -411,7 +395,7 @@ _LENGTH_ERROR = "minus reference, relative to the reference"
 
 def _reference(head: str) -> ResultColumn:
     meaning = "reference of the lengths: landmarks, or stature and allometric table"
-    return text("reference", meaning, lambda trial: trial.reference.kind, head, missing=UNKNOWN)
+    return text("reference", meaning, lambda trial: trial.reference, head, missing=UNKNOWN)
 
 
 def _count_repetitions(trial: TrialResult, *, complete: bool = False) -> int | None:
@@ -428,7 +412,7 @@ def _length_columns(segment: str) -> list[ResultColumn]:
             f"{segment}_reference",
             "m",
             f"reference length of the {segment}",
-            lambda trial: trial.reference.lengths[segment],
+            lambda trial: trial.reference_lengths[segment],
         ),
         number(f"{segment}_error", "%", f"{segment} {_LENGTH_ERROR}", lambda trial: trial.length_error(segment)),
     ]

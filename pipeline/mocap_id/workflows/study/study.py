@@ -370,8 +370,8 @@ def run_study(
         if is_current:
             return StudyResult(study, runs, before, reused=True)
         # The modules of the other kinds are not imported.
-        name = "curls" if study.curl else "reach" if study.reach else "sit_to_stand"
-        kind: StudyKind = import_module(f"mocap_id.workflows.study.{name}").STUDY
+        module = import_module(f"mocap_id.workflows.study.{'arms' if study.curl or study.reach else 'sit_to_stand'}")
+        kind: StudyKind = module.CURLS if study.curl else module.REACHES if study.reach else module.STUDY
         trials = [kind.read(study, one, run) for one, run in zip(study.trials, runs, strict=True)]
         labels = [kind.read_labels(trial) for trial in trials]
         remarks += find_remarks(study, trials)
