@@ -34,7 +34,6 @@ def do_nothing(trial: Trial) -> TrialRun:
 
 
 def make_trials(count: int) -> list[Trial]:
-    """Return ``count`` different trials."""
     one = load(SAMPLE / "trial.yaml")
     names = [f"s{k // 100:04}-trial-{k:06}" for k in range(count)]
     return [
@@ -110,7 +109,6 @@ TASKS: dict[str, Callable[[int], dict[str, float]]] = {
 
 
 def main() -> None:
-    """Print the results."""
     what, count = sys.argv[1], int(sys.argv[2])
     before = read_memory("VmRSS") or 0.0
     found: dict[str, Any] = TASKS[what](count)
