@@ -74,7 +74,7 @@ def measure(task: tuple[str, int, int]) -> Outcome:
     with harness.temporary_folder() as place:
         configuration = write_arm(place / "trial", options)
         if row.camera:
-            skeleton = film_skeleton(generate_arm(options), options).csv()
+            skeleton, _ = film_skeleton(generate_arm(options), options)
             configuration.with_name("skeleton.csv").write_bytes(skeleton)
             text = configuration.read_text("utf-8")
             text = text.replace("recording: trial.c3d", "recording: {skeleton: skeleton.csv}")

@@ -17,7 +17,6 @@ from mocap_id_simulation.options import PRESETS, ChainOptions, Difficulty, Prese
 from mocap_id_simulation.sit_to_stand import (
     STEP,
     Attitude,
-    AxisRotation,
     constant_attitude,
     draw_sway,
     motion_through,
@@ -188,7 +187,7 @@ def _draw_motion(
     motion = motion_through(fine, ramp_up(fine, _REST) * np.hstack([waves, base]), options.duration)
     q, dq, ddq, _ = motion.at(time)
     all_axes = np.concatenate([*axes, np.eye(3)], 1).T
-    rotations = [AxisRotation(axis, q[:, i], dq[:, i], ddq[:, i]) for i, axis in enumerate(all_axes)]
+    rotations = [(axis, q[:, i], dq[:, i], ddq[:, i]) for i, axis in enumerate(all_axes)]
     attitudes = [constant_attitude(np.eye(3), len(time)).rotate(rotations[count:])]
     first = np.cumsum([0, *(each.shape[1] for each in axes)])
     for start, end in pairwise(first):

@@ -19,7 +19,7 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.geometry import so3
 from mocap_id.recording.lab_plates import PlateSignals
-from mocap_id.recording.sensor_logs import ImuLog, format_imu_csv
+from mocap_id.recording.sensor_logs import ImuLog
 from mocap_id_simulation.bodies import GRAVITY, MIDDLE, MarkerSet
 from mocap_id_simulation.options import FaultOptions, Sense
 from mocap_id_simulation.sit_to_stand import Schedule, draw_direction, smoothstep
@@ -208,20 +208,10 @@ _SWITCHED_ON = 0.3  # fraction of a bias that changes from one recording to the 
 _FORWARDS, _ALONG, _ACROSS = 0.06, 0.6, 0.05  # m, fraction of the length, m: mean position from the segment's origin
 
 
-@dataclass(frozen=True)
-class SimulatedSensor:
-    """Log and truth of one sensor, with K samples."""
-
-    time: FloatArray  # (K,) time stamps on the sensor's clock, s
-    gyro: FloatArray  # (K, 3) angular velocity in the sensor's axes, rad/s
-    acc: FloatArray  # (K, 3) specific force in the sensor's axes, m/s²
-    truth: Mapping[str, Any]  # clock, mounting, position and errors, for truth.json
-
-
 def simulate_plane_sensors(
     seed: int, scene: Scene, state: TrueState, softness: float, person: int | None = None
-) -> dict[str, SimulatedSensor]:
-    """Return one sensor for each moving segment, by segment name; the person must not have separate bodies.
+) -> dict[str, tuple[ImuLog, dict[str, Any]]]:
+    """Return log and truth of a sensor on each moving segment, by its name; the person must not have separate bodies.
 
     ``state`` is the true state at the frames. ``softness`` is a factor on the rotation of the skin, which follows the
     joints at both ends of the segment. With the seed ``person``, position and mounting are the same in all trials.
@@ -257,24 +247,12 @@ def measure_motion(
     error_factor: float,
     truth: Mapping[str, Any],
     kept: np.random.Generator | None = None,
-) -> SimulatedSensor:
-    """Return the measurement of a motion by a sensor with its own clock, mounting and errors.
+) -> tuple[ImuLog, dict[str, Any]]:
+    """Return the log of a sensor with its own clock, mounting and errors, and their truth, to which ``truth`` is added.
 
-    Parameters
-    ----------
-    rng : Generator
-    time : (F,) array
-        Times of the frames, s.
-    rotations : (F, 3, 3) array
-        Rotations from the skin under the sensor to the laboratory, z up.
-    positions : (F, 3) array
-        Positions of the sensor in the laboratory, m.
-    error_factor : float
-        Factor on all errors.
-    truth : mapping
-        Further entries of the truth.
-    kept : Generator, optional
-        Generator of the properties that are the same in all trials: mounting, scale and the larger part of the biases.
+    ``rotations`` (F, 3, 3) from the skin under the sensor to the laboratory, z up, and ``positions`` (F, 3) of the
+    sensor, m, are at the times (F,) of the frames, s. ``error_factor`` is a factor on all errors. The generator
+    ``kept``, if given, draws what is the same in all trials: mounting, scale and the larger part of the biases.
     """
     own = kept or rng
     mount = so3.exp(own.uniform(0, np.pi) * draw_direction(own))
@@ -303,12 +281,7 @@ def measure_motion(
         errors |= {f"{name}_bias_start": bias[0].tolist(), f"{name}_bias_end": bias[-1].tolist()}
         errors |= {f"{name}_scale": scale.tolist(), f"{name}_nd": density}
     clock = {"offset_s": offset, "ppm": ppm, "mount_R_sensor_to_segment": mount.tolist(), "n": len(at)}
-    return SimulatedSensor(stamps, signals[0], signals[1], clock | dict(truth) | errors)
-
-
-def imu_csv(sensor: SimulatedSensor) -> bytes:
-    """Return the log as a CSV file."""
-    return format_imu_csv(ImuLog(sensor.time, sensor.gyro, sensor.acc))
+    return ImuLog(stamps, *signals), clock | dict(truth) | errors
 
 
 BURST = (5, 200)  # frames

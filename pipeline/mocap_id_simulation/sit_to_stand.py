@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
@@ -69,18 +69,10 @@ def draw_direction(rng: np.random.Generator) -> FloatArray:
 
 @dataclass(frozen=True)
 class JointMotion:
-    """Joint angles as a function of time.
+    """Joint angles as a function of time."""
 
-    Parameters
-    ----------
-    spline : BSpline
-        Joint angles (n,), rad, at a time, s. The spline extends beyond both ends of the trial.
-    duration : float
-        Duration of the trial, which starts at 0, s.
-    """
-
-    spline: BSpline
-    duration: float
+    spline: BSpline  # angles (n,), rad, at a time, s; extends beyond both ends of the trial
+    duration: float  # of the trial, which starts at 0, s
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return angle, velocity, acceleration and jerk, (T, n) each, at times (T,)."""
@@ -126,14 +118,9 @@ class Swing:
 X, Y, Z = np.eye(3)
 
 
-@dataclass(frozen=True)
-class AxisRotation:
-    """A rotation about an axis that is fixed in the coordinate frame reached by the previous rotations."""
-
-    axis: FloatArray  # (3,) unit vector
-    angle: FloatArray  # (F,) rad
-    rate: FloatArray  # (F,) rad/s
-    acceleration: FloatArray  # (F,) rad/s²
+AxisRotation: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+"""A rotation about a unit axis (3,), fixed in the frame that the previous rotations reach: axis, and angle, rate and
+acceleration (F,), rad."""
 
 
 @dataclass(frozen=True)
@@ -147,12 +134,11 @@ class Attitude:
     def rotate(self, rotations: Iterable[AxisRotation]) -> Attitude:
         """Return the attitude after the given rotations."""
         rotation, omega, alpha = self.rotation, self.omega, self.alpha
-        for one in rotations:
-            axis = rotation @ one.axis
-            rate = one.rate[:, None]
-            alpha = alpha + np.cross(omega, axis) * rate + axis * one.acceleration[:, None]
+        for own, angle, speed, acceleration in rotations:
+            axis, rate = rotation @ own, speed[:, None]
+            alpha = alpha + np.cross(omega, axis) * rate + axis * acceleration[:, None]
             omega = omega + axis * rate
-            rotation = rotation @ so3.exp(one.angle[:, None] * one.axis)
+            rotation = rotation @ so3.exp(angle[:, None] * own)
         return Attitude(rotation, omega, alpha)
 
 
@@ -344,30 +330,23 @@ class Chair:
     share: float  # fraction of the total vertical force while the person sits still
     friction: float  # horizontal force divided by vertical force
     schedule: Schedule
+    rail: float = 0.0  # largest fraction of the total vertical force on a rail that the person holds while rising
 
     def load(self, time: FloatArray) -> FloatArray:
         """Return the fraction (T,) of the total vertical force that the chair carries at times (T,)."""
         return self.share * self.schedule.chair_load(time)
 
+    def rail_load(self, time: FloatArray) -> FloatArray:
+        """Return the fraction (T,) that the rail carries, from the start of each rise until shortly before its end.
 
-@dataclass(frozen=True)
-class Rail:
-    """A rail that carries a fraction of the vertical force while the person rises; no plate measures its force."""
-
-    share: float  # largest fraction of the total vertical force
-    schedule: Schedule
-
-    def load(self, time: FloatArray) -> FloatArray:
-        """Return the fraction (T,) of the total vertical force that the rail carries at times (T,).
-
-        The rail is loaded from the start of each rise until shortly before its end.
+        No plate measures its force.
         """
         level = np.zeros_like(time)
         for each in self.schedule.repetitions:
             length = each.rise_end - each.rise_start
             level += smoothstep((time - each.rise_start) / (0.4 * length))
             level -= smoothstep((time - each.rise_start - 0.75 * length) / (0.25 * length))
-        return self.share * level
+        return self.rail * level
 
 
 @dataclass(frozen=True)
@@ -397,7 +376,8 @@ def draw_plan(rng: np.random.Generator, body: SimulatedBody, options: Options) -
     seat = contact[:, 0] - friction * contact[:, 1]
     # the chair's share of the load follows from the balance at rest
     at_rest = _com_x(body, legs[0, 0], legs[0, 1], trunk)
-    chair = Chair(point, float((at_rest - under_feet[0]) / (seat[0] - under_feet[0])), friction, schedule)
+    share = float((at_rest - under_feet[0]) / (seat[0] - under_feet[0]))
+    chair = Chair(point, share, friction, schedule, options.rail)
     push = under_feet + chair.load(time) * (seat - under_feet)
     return Plan(time, legs, push, chair, trunk)
 

@@ -15,6 +15,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.recording.lab_plates import PlateSignals
+from mocap_id.recording.sensor_logs import format_imu_csv
 from mocap_id.recording.writer import write_c3d
 from mocap_id.store.atomic import converting_errors, write_files
 from mocap_id_simulation.bodies import GRAVITY
@@ -24,7 +25,6 @@ from mocap_id_simulation.instruments import (
     MOMENT_NOISE,
     SIZE,
     SimulatedPlate,
-    imu_csv,
     joint_position,
     joint_sensor_csv,
     measure_board,
@@ -75,8 +75,8 @@ def simulate(kind: Kind, folder: Path, options: Options, given: JointMotion | No
         if options.imus and kind == "sit-to-stand":
             person = None if options.subject is None else options.subject.seed
             sensors = simulate_plane_sensors(options.seed, trial.scene, trial.state, options.soft_tissue, person)
-            truth["imu"] = {segment: sensor.truth for segment, sensor in sensors.items()}
-            logs |= {f"imu_{segment}.csv": imu_csv(sensor) for segment, sensor in sensors.items()}
+            truth["imu"] = {segment: each for segment, (_, each) in sensors.items()}
+            logs |= {f"imu_{segment}.csv": format_imu_csv(each) for segment, (each, _) in sensors.items()}
             text += f"imus: {flow_mapping({segment: f'imu_{segment}.csv' for segment in sensors})}\n"
         return trial_contents(c3d_bytes(options, trial), truth, plane_arrays(trial), text) | logs
 
@@ -342,7 +342,7 @@ def plane_document(kind: Kind, options: Options, trial: SimulatedTrial) -> dict[
         **body.description,
         **scene.protocol,
         "cop_outside_foot_max_m": max(float(np.maximum(cop - high, low - cop).max()), 0.0),
-        **({} if scene.divided is None or bodies is None else _people(scene.divided.body, bodies, options, scene)),
+        **({} if scene.divided is None or bodies is None else _people(scene.divided[0], bodies, options, scene)),
         **({"faults": {**faults, **trial.fault_truth}} if faults else {}),
     }
 
