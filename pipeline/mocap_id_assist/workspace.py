@@ -2,7 +2,7 @@
 
 W = {g(θ) : θ ∈ Q} (eq. 7.1) for the box Q of the joint limits. It is the alpha shape of the points to which
 low-discrepancy samples of Q are mapped: the simplices of scipy's Delaunay triangulation whose circumscribed ball has at
-most a given radius. The radius follows from the samples (:func:`covering_radius`). A circumscribed ball contains no
+most a given radius. The radius follows from the samples. A circumscribed ball contains no
 sample; if its centre is in the sampled set, it is therefore at most as large as the largest ball in that set without a
 sample.
 """
@@ -289,11 +289,6 @@ def compute_alpha_shape(points: FloatArray, radius: float) -> AlphaShape:
     return AlphaShape(points, triangulation, _is_kept(points, triangulation, radius), radius)
 
 
-def covering_radius(points: FloatArray, others: FloatArray) -> float:
-    """Return the largest distance of any of ``others`` (M, d) from the nearest of ``points`` (N, d), m."""
-    return float(np.max(cKDTree(points).query(others)[0]))
-
-
 def compute_measure(corners: FloatArray) -> FloatArray:
     """Return the area or volume (...) within a closed, oriented boundary, by the divergence theorem.
 
@@ -343,6 +338,7 @@ class ReachableWorkspace:
     sd: float  # standard deviation of the measure, from the uncertain limits and dimensions
     discretisation: float  # bound of the error from the number of samples (`_bound_discretisation`)
     convergence: tuple[tuple[int, float, float], ...]  # samples, radius and measure of each fraction
+    seed: int  # of the samples
 
 
 def compute_reachable_workspace(
@@ -355,17 +351,8 @@ def compute_reachable_workspace(
     deviations, widened on both sides by the discretisation. The standard deviation follows from displacing each limit
     and dimension in turn by its standard deviation; the topology of the edge stays the same.
 
-    ValueError is raised if there are too few samples, the number of limits differs from the number of joints, or the
-    points of the tip have no area (or volume).
-
-    Parameters
-    ----------
-    arm : Arm
-    limits : JointLimits
-    samples : int
-        Number of postures, at least 512.
-    seed : int
-        Seed of the samples.
+    ValueError is raised if there are fewer than 512 samples, the number of limits differs from the number of joints, or
+    the points of the tip have no area (or volume).
     """
     if samples < _LEAST * max(_PARTS):
         raise ValueError(
@@ -379,7 +366,7 @@ def compute_reachable_workspace(
     shapes = []
     for part in _PARTS:
         some, checked = points[: samples // part], others[: samples // part]
-        shapes.append(compute_alpha_shape(some, RADIUS_FACTOR * covering_radius(some, checked)))
+        shapes.append(compute_alpha_shape(some, RADIUS_FACTOR * float(np.max(cKDTree(some).query(checked)[0]))))
     measures = [shape.measure for shape in shapes]
     discretisation = _bound_discretisation(shapes)
     sd = _measure_sd(arm, limits, postures, shapes[-1])
@@ -394,6 +381,7 @@ def compute_reachable_workspace(
         convergence=tuple(
             (len(shape.points), shape.radius, size) for shape, size in zip(shapes, measures, strict=True)
         ),
+        seed=seed,
     )
 
 

@@ -189,10 +189,11 @@ def test_the_planar_arm_is_the_spatial_one_in_its_plane() -> None:
 def test_the_area_of_arm_reach_from_its_recording(reaching_arm: Path, recordings: Path) -> None:
     truth = json.loads((recordings / "simulated" / "arm-reach" / "truth.json").read_text())["reach"]["area_m2"]
     for chosen in ("WRST", None):
-        reach = measure_workspace(read_arm(reaching_arm, chosen))
-        assert reach.subject.tip == "WRST"
-        assert reach.workspace.measure == pytest.approx(truth, rel=0.01)
-        low, high = reach.workspace.interval
+        subject = read_arm(reaching_arm, chosen)
+        reach = measure_workspace(subject)
+        assert subject.tip == "WRST"
+        assert reach.measure == pytest.approx(truth, rel=0.01)
+        low, high = reach.interval
         assert low < truth < high
         assert high - low < 0.05 * truth
 
