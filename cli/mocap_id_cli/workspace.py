@@ -11,6 +11,7 @@ from typer import Argument, Option
 
 from mocap_id.workflows.run_folder import write_result
 from mocap_id_assist import workspaces as workflow
+from mocap_id_assist.workspace import ReachableWorkspace
 from mocap_id_cli.console import Output, common_options
 
 
@@ -60,7 +61,7 @@ def workspace(
     output.print_result(result.document, [*lines, *written])
 
 
-def _lines(subject: workflow.SubjectArm, found: workflow.ReachableWorkspace) -> Iterator[str]:
+def _lines(subject: workflow.SubjectArm, found: ReachableWorkspace) -> Iterator[str]:
     kind, unit = ("area", "m²") if subject.arm.dimension == 2 else ("volume", "m³")
     low, high = found.interval
     yield f"{subject.name}: {kind} {found.measure:.5f} {unit}, 95 % interval {low:.5f} to {high:.5f}; tip {subject.tip}"

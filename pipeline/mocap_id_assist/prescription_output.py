@@ -463,10 +463,10 @@ def _make_files(found: PrescriptionResult) -> dict[str, bytes]:
         axes = ["angle_deg", "velocity_deg_s"] if controlled.made_for else [f"angle_{j + 1}_deg" for j in range(joints)]
         lines = [",".join(["from", "to", *axes, "missing_Nm", "controller_changes_here"])]
         for change in controlled.changes:
-            for k in np.flatnonzero(change.unsafe):
-                state = ",".join(f"{value:.2f}" for value in np.degrees(change.states[k]))
+            for at in np.flatnonzero(change.unsafe):
+                state = ",".join(f"{value:.2f}" for value in np.degrees(change.states[at]))
                 between = f"{names[change.before]},{names[change.after]}"
-                lines.append(f"{between},{state},{change.missing[k]:.4f},{str(bool(change.switched[k])).lower()}")
+                lines.append(f"{between},{state},{change.missing[at]:.4f},{str(bool(change.switched[at])).lower()}")
         files["unsafe_postures.csv" if limits is None else "unsafe_states.csv"] = make_text_file(lines)
     return files
 

@@ -150,30 +150,16 @@ class JointLimits:
         """Number of joints n."""
         return len(self.lower)
 
-    def contains(self, q: FloatArray) -> BoolArray:
-        """Return whether each of the postures (..., n) is within the box."""
-        return np.asarray(np.all((q >= self.lower) & (q <= self.upper), axis=-1))
-
 
 def find_limits(q: FloatArray, sd: FloatArray, measured: BoolArray, quantile: float = 0.0) -> JointLimits:
     """Return the extremes of an observed motion as limits.
 
+    Of the angles ``q`` (T, n) with standard deviations ``sd`` (T, n), rad, those that markers determine (``measured``)
+    are used. ``quantile``, below 0.5, is the fraction of each joint's samples that is left out at either end. The
+    standard deviation of a limit is that of the angle at the extreme sample, or with a quantile the root mean square
+    over the samples between 0.5 and 1.5 times the quantile.
+
     ValueError is raised if a joint was never measured, or did not move.
-
-    Parameters
-    ----------
-    q, sd : (T, n) arrays
-        Joint angles and their standard deviations, rad.
-    measured : (T, n) bool array
-        Whether markers determine the angle in this frame; other samples are not used.
-    quantile : float
-        Fraction of each joint's samples, below 0.5, that is left out at either end; 0 for the extremes.
-
-    Returns
-    -------
-    JointLimits
-        The standard deviation of a limit is the standard deviation of the angle at the extreme sample. With a quantile,
-        it is the root mean square over the samples between 0.5 and 1.5 times the quantile.
     """
     if not 0.0 <= quantile < 0.5:
         raise ValueError(f"the quantile is {quantile}; expected at least 0 and below 0.5")
@@ -248,10 +234,6 @@ class AlphaShape:
     def measure(self) -> float:
         """Area, m², or volume, m³."""
         return float(np.abs(_signed_measure(self.points[self.triangulation.simplices[self.kept]])).sum())
-
-    def with_radius(self, radius: float) -> AlphaShape:
-        """Return the alpha shape of the same points for another radius, m."""
-        return AlphaShape(self.points, self.triangulation, _is_kept(self.points, self.triangulation, radius), radius)
 
     def boundary(self) -> IntArray:
         """Return the facets of the shape's boundary, (F, d) indices.
@@ -394,7 +376,8 @@ def _bound_discretisation(shapes: list[AlphaShape]) -> float:
     not enough: around a cavity both effects can cancel. They count if they are larger.
     """
     half, whole = shapes[-2:]
-    with_radius_of_half = whole.with_radius(half.radius).measure
+    kept = _is_kept(whole.points, whole.triangulation, half.radius)
+    with_radius_of_half = replace(whole, kept=kept, radius=half.radius).measure
     cut_off, filled = abs(with_radius_of_half - half.measure), abs(with_radius_of_half - whole.measure)
     return max(2 * cut_off + filled, *(abs(whole.measure - fewer.measure) for fewer in shapes[:-1]))
 

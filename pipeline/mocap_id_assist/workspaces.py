@@ -78,16 +78,9 @@ def read_arm(
 ) -> SubjectArm:
     """Return the arm from a trial's YAML file or run folder, or from a chain's YAML file.
 
-    Parameters
-    ----------
-    path : Path
-        A trial's YAML file is run up to the joint states, which needs no forces.
-    tip : str, optional
-        A marker of the last segment, or a point ``x,y`` in its frame, m; by default the marker farthest from the joint.
-    quantile : float
-        Fraction of the samples that is left out at each end of the range of an observed angle.
-    progress : callable, optional
-        Called with each step of the run if ``path`` is a trial's YAML file.
+    A trial's YAML file is run up to the joint states, which needs no forces; ``progress`` is called with each step.
+    ``tip`` is a marker of the last segment, or a point ``x,y`` in its frame, m; by default the marker farthest from the
+    joint. ``quantile`` is the fraction of the samples that is left out at each end of the range of an observed angle.
 
     Raises
     ------
@@ -98,7 +91,8 @@ def read_arm(
     Refused, NumericalError, StoreError
         As for :func:`mocap_id.runner.run`.
     """
-    if not path.is_dir() and is_chain(path):
+    data = None if path.is_dir() else read_source(path.absolute()).data
+    if isinstance(data, dict) and "chain" in data and "recording" not in data:  # a chain, not a trial
         if tip is not None or quantile:
             raise ConfigError(
                 f"{path}: a chain's YAML file contains `tip:` and limits; leave out `--tip` and `--quantile`"
@@ -143,12 +137,6 @@ def read_folder(folder: Folder, name: str, source: Path, tip: str | None, quanti
     arm = PlanarArm(centres, local, covariance, covariance[-1] + error**2 * np.eye(2))
     complete = q[np.all(seen & np.isfinite(q), axis=1)]
     return SubjectArm(name, skeleton.joints, arm, limits, tip_name, complete, tuple(notes))
-
-
-def is_chain(file: Path) -> bool:
-    """Return whether a YAML file describes a chain, not a trial; ConfigError if it is missing or not YAML."""
-    data = read_source(file.absolute()).data
-    return isinstance(data, dict) and "chain" in data and "recording" not in data
 
 
 def load_chain(file: Path) -> SubjectArm:

@@ -248,17 +248,11 @@ _HINGES = 500
 def reach_volume(body: ArmBody, box: FloatArray, pronation: float) -> tuple[float, float]:
     """Return the volume that the wrist reaches within a box of joint angles (thesis 7.2), and its standard error, m³.
 
-    The volume is in the thorax frame. For each of many evenly spread points, the angles that reach it are computed: the
-    distance from the shoulder gives the hinge angle. At a given elevation, the height gives the axial rotation, and the
-    direction gives the plane. A point is reached if these angles are within the box for at least one elevation of many.
-
-    Parameters
-    ----------
-    body : ArmBody
-    box : (4, 2) array
-        Lowest and highest plane, elevation, axial rotation and hinge angle, rad.
-    pronation : float
-        Constant pronation, rad.
+    The volume is in the thorax frame, for a constant ``pronation``, rad. The ``box`` (4, 2) has the lowest and highest
+    plane, elevation, axial rotation and hinge angle, rad. For each of many evenly spread points, the angles that reach
+    it are computed: the distance from the shoulder gives the hinge angle. At a given elevation, the height gives the
+    axial rotation, and the direction gives the plane. A point is reached if these angles are within the box for at
+    least one elevation of many.
     """
     hinge = np.linspace(box[3, 0], box[3, 1], _HINGES)
     forearm = so3.exp(X * body.carrying) @ so3.exp(body.pronation_axis * pronation)
@@ -321,11 +315,8 @@ _DEPTH_NOISE = 1.35  # noise along the line of sight, relative to that across it
 _WHITE, _MEMORY = 0.12, 0.22  # fraction of the noise's variance that is white; correlation time of the rest, s
 _INFERRED_SD, _JUMP_SD = 0.025, 0.06  # m
 _HARD = 1.5  # factor on all errors
-_LOST, _DROPPED, _ROW_JITTER = (
-    0.01,
-    0.025,
-    0.0012,
-)  # fractions of the frames of a hand and of the rows; jitter of times, s
+_LOST, _DROPPED = 0.01, 0.025  # fractions of the frames of a hand, and of the rows
+_ROW_JITTER = 0.0012  # s, of the times
 
 
 def film_skeleton(trial: SimulatedSpaceTrial, options: ArmOptions) -> tuple[bytes, dict[str, Any]]:
@@ -341,7 +332,27 @@ def film_skeleton(trial: SimulatedSpaceTrial, options: ArmOptions) -> tuple[byte
     count = int((trial.time[-1] - 0.2) * SKELETON_RATE)
     ticks = 0.1 + np.arange(count) / SKELETON_RATE + rng.uniform(-1, 1, count) * _ROW_JITTER
     at = ticks[rng.random(count) > _DROPPED]
-    joints, lab = _true_joints(trial, at, options.side == "left")
+    # names and true positions (K, J, 3) of the joints in the laboratory
+    body: ArmBody = trial.document["body"]
+    mirrored = options.side == "left"
+    height = body.subject.height
+    arm, other = ("Left", "Right") if mirrored else ("Right", "Left")
+    local = {name: (THORAX, height * np.array(share)) for name, share in _TRUNK.items()}
+    local[f"Shoulder{other}"] = (THORAX, body.shoulder * [1, 1, -1])
+    local |= {f"{name}{arm}": (HAND, height * np.array(share)) for name, share in _HAND_JOINTS.items()}
+    points = {
+        name: trial.origins[:, s] + trial.rotations[:, s] @ np.asarray(where) for name, (s, where) in local.items()
+    }
+    points |= {
+        f"{name}{arm}": trial.origins[:, s]
+        for name, s in (("Shoulder", UPPER_ARM), ("Elbow", FOREARM), ("Wrist", HAND))
+    }
+    if mirrored:  # the recording contains the mirror image
+        points = {name: point * [1, -1, 1] for name, point in points.items()}
+        swapped = {"HipLeft": "HipRight", "HipRight": "HipLeft"}
+        points = {swapped.get(name, name): point for name, point in points.items()}
+    sampled = [np.column_stack([np.interp(at, trial.time, c) for c in point.T]) for point in points.values()]
+    joints, lab = tuple(points), np.stack(sampled, axis=1)
     # the camera looks at the person from the front, tilted by some degrees
     forward = trial.rotations[0, THORAX, :, 0] * np.array([1.0, 1.0, 0.0])
     away = -forward / np.linalg.norm(forward)
@@ -382,27 +393,6 @@ def film_skeleton(trial: SimulatedSpaceTrial, options: ArmOptions) -> tuple[byte
         "joints": list(joints),
     }
     return ("\n".join(lines) + "\n").encode(), truth
-
-
-def _true_joints(trial: SimulatedSpaceTrial, time: FloatArray, left: bool) -> tuple[tuple[str, ...], FloatArray]:
-    """Return names and true positions (K, J, 3) of the joints in the laboratory at times (K,)."""
-    body: ArmBody = trial.document["body"]
-    height = body.subject.height
-    arm, other = ("Left", "Right") if left else ("Right", "Left")
-    local = {name: (THORAX, height * np.array(share)) for name, share in _TRUNK.items()}
-    local[f"Shoulder{other}"] = (THORAX, body.shoulder * [1, 1, -1])
-    local |= {f"{name}{arm}": (HAND, height * np.array(share)) for name, share in _HAND_JOINTS.items()}
-    points = {name: trial.origins[:, s] + trial.rotations[:, s] @ np.asarray(at) for name, (s, at) in local.items()}
-    points |= {
-        f"{name}{arm}": trial.origins[:, s]
-        for name, s in (("Shoulder", UPPER_ARM), ("Elbow", FOREARM), ("Wrist", HAND))
-    }
-    if left:  # the recording contains the mirror image
-        points = {name: point * [1, -1, 1] for name, point in points.items()}
-        swapped = {"HipLeft": "HipRight", "HipRight": "HipLeft"}
-        points = {swapped.get(name, name): point for name, point in points.items()}
-    sampled = [np.column_stack([np.interp(time, trial.time, c) for c in point.T]) for point in points.values()]
-    return tuple(points), np.stack(sampled, axis=1)
 
 
 def _infer(rng: np.random.Generator, points: FloatArray, state: IntArray, share: float, *, is_hand: bool) -> None:

@@ -399,14 +399,6 @@ def place_body_markers(
     )
 
 
-def fix_knee_to_shank(markers: MarkerSet, body: SimulatedBody) -> MarkerSet:
-    """Return the markers after fixing the knee markers to the shank."""
-    at_knee = np.array([joint == "knee" for joint in markers.at_joint])
-    local = markers.local.copy()
-    local[at_knee, :2] += body.links[2].centre
-    return replace(markers, link=markers.link - at_knee, local=local)
-
-
 def add_plate_markers(
     rng: np.random.Generator,
     labels: tuple[str, ...],

@@ -80,57 +80,55 @@ def compute_state(body: SimulatedBody, motion: JointMotion, chair: Chair | None,
     angle, origin = planar.segment_poses(q, centres)
     loads = inverse_dynamics(planar.spatial_chain(centres), body.inertias, q, qd, qdd, base_acceleration=UP)
     total, tau = loads.base_wrench[:, [0, 1, 5]], loads.effort
-    force, point, ground, tau = _share_load(
-        (angle, origin), (origin[:, 1:], np.arange(1, len(centres) + 1)), total, tau, time, chair
-    )
     coms = planar.marker_positions(q, centres, np.arange(len(body.links)), body.coms)
+    com = np.einsum("l,tlx->tx", body.masses / body.mass, coms)
+    joints = origin[:, 1:], np.arange(1, len(centres) + 1)
+    return _share_load(time, (q, qd, qdd, qddd), (angle, origin), joints, com, total, tau, chair)
+
+
+def _share_load(  # noqa: PLR0917
+    time: FloatArray,
+    coordinates: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    segments: tuple[FloatArray, FloatArray],
+    joints: tuple[FloatArray, IntArray],
+    com: FloatArray,
+    total: FloatArray,
+    tau: FloatArray,
+    chair: Chair | None,
+) -> TrueState:
+    """Return the state after dividing the wrench ``total`` (T, 3) between ground, chair and rail.
+
+    ``coordinates`` are the angles (T, n) and their derivatives. ``segments`` are angles (T, n + 1) and origins (T, n +
+    1, 2) of the chain's segments, base first; ``joints`` are the centres (T, J, 2) and, for each joint, the first
+    segment distal to it (J,). The torques ``tau`` (T, J) are corrected.
+    """
+    (angle, origin), (centres, distal) = segments, joints
+    force, point = np.zeros((len(time), 2)), np.full((len(time), 2), np.nan)
+    ground = total
+    if chair is not None:
+        point = origin[:, THIGH] + planar.rotate(angle[:, THIGH], np.array(chair.point))
+        vertical = chair.load(time) * total[:, 1]
+        force = np.column_stack([chair.friction * vertical, vertical])
+        # the plate and the joints below the point of contact do not carry the chair's part of the load
+        tau = tau - np.where(distal <= THIGH, _moment(point[:, None] - centres, force), 0)
+        ground = total - np.column_stack([force, _moment(point[:, None], force)])
+        if chair.rail > 0:
+            hand = origin[:, TRUNK] + planar.rotate(angle[:, TRUNK], np.array(HAND))
+            on_rail = np.column_stack([np.zeros(len(time)), chair.rail_load(time) * total[:, 1]])
+            tau = tau - np.where(distal <= TRUNK, _moment(hand[:, None] - centres, on_rail), 0)
+            ground = ground - np.column_stack([on_rail, _moment(hand[:, None], on_rail)])
     return TrueState(
-        time=time,
-        q=q,
-        qd=qd,
-        qdd=qdd,
-        qddd=qddd,
+        time,
+        *coordinates,
         seg_angle=angle[:, 1:],
-        joint_xy=origin[:, 1:],
-        com=np.einsum("l,tlx->tx", body.masses / body.mass, coms),
+        joint_xy=centres[:, : angle.shape[1] - 1],
+        com=com,
         wrench_total=total,
         chair_force=force,
         chair_point=point,
         wrench=ground,
         tau=tau,
     )
-
-
-def _share_load(  # noqa: PLR0917
-    segments: tuple[FloatArray, FloatArray],
-    joints: tuple[FloatArray, IntArray],
-    total: FloatArray,
-    tau: FloatArray,
-    time: FloatArray,
-    chair: Chair | None,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Divide the wrench ``total`` (T, 3) between ground, chair and rail, and correct the torques ``tau`` (T, J).
-
-    ``segments`` are angles (T, n + 1) and origins (T, n + 1, 2) of the chain's segments, base first; ``joints`` are the
-    centres (T, J, 2) and, for each joint, the first segment distal to it (J,). Return the force of the chair (T, 2),
-    its point of application (T, 2), the wrench of the ground (T, 3) and the corrected torques.
-    """
-    (angle, origin), (centres, distal) = segments, joints
-    force, point = np.zeros((len(time), 2)), np.full((len(time), 2), np.nan)
-    if chair is None:
-        return force, point, total, tau
-    point = origin[:, THIGH] + planar.rotate(angle[:, THIGH], np.array(chair.point))
-    vertical = chair.load(time) * total[:, 1]
-    force = np.column_stack([chair.friction * vertical, vertical])
-    # the plate and the joints below the point of contact do not carry the chair's part of the load
-    tau = tau - np.where(distal <= THIGH, _moment(point[:, None] - centres, force), 0)
-    ground = total - np.column_stack([force, _moment(point[:, None], force)])
-    if chair.rail > 0:
-        hand = origin[:, TRUNK] + planar.rotate(angle[:, TRUNK], np.array(HAND))
-        on_rail = np.column_stack([np.zeros(len(time)), chair.rail_load(time) * total[:, 1]])
-        tau = tau - np.where(distal <= TRUNK, _moment(hand[:, None] - centres, on_rail), 0)
-        ground = ground - np.column_stack([on_rail, _moment(hand[:, None], on_rail)])
-    return force, point, ground, tau
 
 
 def _moment(arm: FloatArray, force: FloatArray) -> FloatArray:
@@ -426,25 +424,11 @@ def compute_divided_state(body: DividedBody, motion: JointMotion, chair: Chair |
     joints = pose[:, :5, :2] + planar.rotate(pose[:, :5, 2], np.array([part.centre for part in body.parts[1:6]]))
     angles = np.column_stack([np.zeros(len(time)), angle])
     origins = np.concatenate([np.zeros((len(time), 1, 2)), joints[:, :3]], axis=1)
-    force, point, ground, tau = _share_load((angles, origins), (joints, _DISTAL), total, torques, time, chair)
     masses = np.array([part.mass for part in body.parts])
     coms = pose[..., :2] + planar.rotate(pose[..., 2], np.array([part.com for part in body.parts]))
-    return TrueState(
-        time=time,
-        q=q,
-        qd=qd,
-        qdd=qdd,
-        qddd=qddd,
-        seg_angle=angle,
-        joint_xy=joints[:, :3],
-        com=np.einsum("b,tbx->tx", masses / masses.sum(), coms),
-        wrench_total=total,
-        chair_force=force,
-        chair_point=point,
-        wrench=ground,
-        tau=tau[:, :3],
-        bodies=BodiesState(pose, velocity, acceleration, gap, tau),
-    )
+    com = np.einsum("b,tbx->tx", masses / masses.sum(), coms)
+    state = _share_load(time, (q, qd, qdd, qddd), (angles, origins), (joints, _DISTAL), com, total, torques, chair)
+    return replace(state, tau=state.tau[:, :3], bodies=BodiesState(pose, velocity, acceleration, gap, state.tau))
 
 
 def _body_motion(

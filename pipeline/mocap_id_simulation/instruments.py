@@ -7,7 +7,7 @@ ORIGIN points from the transducer to the centre of the working surface: M_sensor
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -128,11 +128,6 @@ def measure_encoder(rng: np.random.Generator, scene: Scene) -> tuple[str, dict[s
     note = "the row at time_s is the state at the markers' time time_s + clock_offset_s; the torque has no friction"
     text = "\n".join(["time_s,position_rad,velocity_rad_s,torque_Nm", *lines]) + "\n"
     return text, {"rate_hz": _ENCODER_RATE, **errors, "note": note}
-
-
-def joint_position(scene: Scene) -> FloatArray:
-    """Return the joint's position (3,) in the laboratory, m."""
-    return scene.plane.from_plane(np.array([*scene.body.links[1].centre, scene.offset]))
 
 
 def joint_sensor_csv(rng: np.random.Generator, scene: Scene) -> str:
@@ -267,9 +262,8 @@ def measure_motion(
     force = make_interp_spline(time, positions, k=5)(at, 2) + np.array([0.0, 0.0, GRAVITY])
     signals: list[FloatArray] = []
     errors: dict[str, Any] = {}
-    for k, (name, pure) in enumerate(
-        (("gyro", omega / 2 @ mount), ("acc", np.einsum("fji,fj->fi", turn, force) @ mount))
-    ):
+    pures = {"gyro": omega / 2 @ mount, "acc": np.einsum("fji,fj->fi", turn, force) @ mount}
+    for k, (name, pure) in enumerate(pures.items()):
         scale = 1 + error_factor * _SCALE * own.standard_normal(3)
         walk = np.cumsum(rng.standard_normal((len(at), 3)), axis=0) * error_factor * _DRIFTS[k] / np.sqrt(_IMU_RATE)
         bias = error_factor * _BIASES[k] * own.standard_normal(3) + walk
@@ -281,7 +275,7 @@ def measure_motion(
         errors |= {f"{name}_bias_start": bias[0].tolist(), f"{name}_bias_end": bias[-1].tolist()}
         errors |= {f"{name}_scale": scale.tolist(), f"{name}_nd": density}
     clock = {"offset_s": offset, "ppm": ppm, "mount_R_sensor_to_segment": mount.tolist(), "n": len(at)}
-    return ImuLog(stamps, *signals), clock | dict(truth) | errors
+    return ImuLog(stamps, signals[0], signals[1]), clock | dict(truth) | errors
 
 
 BURST = (5, 200)  # frames
@@ -313,19 +307,6 @@ def draw_occlusions(
         count = min(int(np.exp(rng.uniform(*np.log(BURST)))), frames // 2)
         bursts.append(MarkerEpisode(str(rng.choice(labels)), int(rng.integers(frames - count)), count))
     return tuple(bursts)
-
-
-def draw_jumps(
-    rng: np.random.Generator, labels: Sequence[str], frames: int, number: int
-) -> tuple[tuple[MarkerEpisode, FloatArray], ...]:
-    """Draw ``number`` jumps of random markers at random times, with their shift (3,) in a random direction, m."""
-    jumps = []
-    for _ in range(number):
-        count = int(rng.integers(JUMP_LENGTH[0], min(JUMP_LENGTH[1], frames // 2) + 1))
-        direction = rng.normal(0, 1, 3)
-        shift = rng.uniform(*JUMP) * direction / np.linalg.norm(direction)
-        jumps.append((MarkerEpisode(str(rng.choice(labels)), int(rng.integers(frames - count)), count), shift))
-    return tuple(jumps)
 
 
 def find_visible(labels: Sequence[str], occlusions: Sequence[MarkerEpisode], frames: int) -> BoolArray:
@@ -492,14 +473,6 @@ def add_camera_faults(
         skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
         points = points @ (np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew).T
     return labels, points, truth
-
-
-def add_plate_faults(faults: FaultOptions, signals: PlateSignals, along: FloatArray) -> PlateSignals:
-    """Return the plate's signals with wrong gains and offset, and with corners displaced in the direction ``along``."""
-    gains = (1 + faults.gain) * np.array([1, 1, 1 + faults.gain_fz, *[1 + faults.gain_moments] * 3])
-    offset = np.array([0, 0, faults.offset_fz_N, 0, 0, 0])
-    corners = signals.corners + faults.corners_mm / 1e3 * along
-    return replace(signals, channels=signals.channels * gains + offset, corners=corners)
 
 
 def _draw_moving_marker(rng: np.random.Generator, markers: MarkerSet) -> int:

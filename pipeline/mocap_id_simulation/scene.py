@@ -23,7 +23,6 @@ from mocap_id_simulation.bodies import (
     draw_person,
     draw_robot,
     draw_subject_skin_motion,
-    fix_knee_to_shank,
     place_body_markers,
     ur5_body,
 )
@@ -37,13 +36,13 @@ from mocap_id_simulation.forces import (
     draw_additional_motion,
 )
 from mocap_id_simulation.instruments import (
+    JUMP,
+    JUMP_LENGTH,
     Displacement,
     MarkerEpisode,
     SimulatedPlate,
     add_camera_faults,
-    add_plate_faults,
     draw_displacement,
-    draw_jumps,
     draw_occlusions,
     draw_plate,
     draw_skin_faults,
@@ -224,7 +223,10 @@ def draw_scene(kind: Kind, options: Options, rng: Streams, given: JointMotion | 
     plate = _draw_plate(options, rng["plate"])
     markers = place_body_markers(rng["markers"], body, options.marker_set, options.without, ur5_joint)
     if options.knee_on_shank:
-        markers = fix_knee_to_shank(markers, body)
+        at_knee = np.array([joint == "knee" for joint in markers.at_joint])
+        local = markers.local.copy()
+        local[at_knee, :2] += body.links[2].centre
+        markers = replace(markers, link=markers.link - at_knee, local=local)
     yaw = float(rng["place"].uniform(-np.pi, np.pi))
     scene = Scene(
         body=body,
@@ -301,7 +303,14 @@ def measure_scene(scene: Scene, options: Options, rng: Streams) -> SimulatedTria
     positions = scene.marker_positions(state, skin, draw_displacement(seed, faults, schedule, state.time))
     hideable = [label for label, hidden in zip(labels, markers.hidden, strict=True) if hidden]
     bursts = draw_occlusions(rng["occlusion"], hideable, frames, options.rate, options.occlusions)
-    jumps = draw_jumps(rng["jumps"], labels, frames, options.jumps)
+    # jumps of random markers at random times, shifted in a random direction
+    jumps: list[tuple[MarkerEpisode, FloatArray]] = []
+    of = rng["jumps"]
+    for _ in range(options.jumps):
+        count = int(of.integers(JUMP_LENGTH[0], min(JUMP_LENGTH[1], frames // 2) + 1))
+        direction = of.normal(0, 1, 3)
+        shift = of.uniform(*JUMP) * direction / np.linalg.norm(direction)
+        jumps.append((MarkerEpisode(str(of.choice(labels)), int(of.integers(frames - count)), count), shift))
     visible = find_visible(labels, bursts, frames)
     samples = frames * round(options.analog_rate / options.rate)
     loaded = scene.at(np.arange(samples) / options.analog_rate + options.clock_offset)
@@ -313,6 +322,9 @@ def measure_scene(scene: Scene, options: Options, rng: Streams) -> SimulatedTria
     displacement = draw_displacement(seed, faults, schedule, loaded.time)
     load = scene.load_on_plate(loaded, displacement)
     signals = measure_load(rng["channels"], scene.plate, *load, options.analog_rate)
+    gains = (1 + faults.gain) * np.array([1, 1, 1 + faults.gain_fz, *[1 + faults.gain_moments] * 3])
+    channels = signals.channels * gains + np.array([0, 0, faults.offset_fz_N, 0, 0, 0])
+    corners = signals.corners + faults.corners_mm / 1e3 * scene.plane.axes[0]
     seat_signals = None
     if scene.seat_plate is not None:
         load = scene.load_on_seat_plate(loaded, displacement)
@@ -323,9 +335,9 @@ def measure_scene(scene: Scene, options: Options, rng: Streams) -> SimulatedTria
         positions=positions,
         visible=visible,
         bursts=bursts,
-        jumps=jumps,
+        jumps=tuple(jumps),
         points=points,
-        signals=add_plate_faults(faults, signals, scene.plane.axes[0]),
+        signals=replace(signals, channels=channels, corners=corners),
         seat_signals=seat_signals,
         labels=labels,
         fault_truth=fault_truth,

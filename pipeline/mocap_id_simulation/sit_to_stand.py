@@ -365,8 +365,33 @@ def draw_plan(rng: np.random.Generator, body: SimulatedBody, options: Options) -
     strategy = STRATEGIES[options.strategy]
     schedule = _draw_schedule(rng, options)
     time = np.arange(-MARGIN, schedule.duration + MARGIN, STEP)
-    legs = _leg_angles(body, strategy, schedule, time)
-    under_feet = _draw_pressure_centre(rng, body, strategy, schedule, time)
+    # angles of shank and thigh from the vertical, (K, 2) rad
+    ankle = body.links[1].centre[0]
+
+    def standing_error(shank: float) -> float:
+        return _com_x(body, shank, shank - STANDING_KNEE, STANDING_TRUNK) - (ankle + strategy.stand_cop)
+
+    def seated_error(shank: float) -> float:
+        return _com_x(body, shank, SEATED_THIGH, np.radians(strategy.lean)) - (ankle + strategy.off_cop)
+
+    standing, seated = brentq(standing_error, -0.4, 0.4), brentq(seated_error, -0.2, 1.2)
+    late = 0.08 * strategy.rise
+    lowered = seated + (standing - seated) * schedule.height_at(time, late, 0.1 * strategy.sit)
+    lowered = lowered + np.radians(strategy.dip) * schedule.bumps(time)
+    upper = SEATED_THIGH + (standing - STANDING_KNEE - SEATED_THIGH) * schedule.height_at(time)
+    legs = np.column_stack([lowered, upper])
+    # the centre of pressure under the feet, (K,) m, with some millimetres of sway
+    shift = np.full_like(time, strategy.seat_cop)
+    for each in schedule.repetitions:
+        for begin, end, change in (
+            (each.rise_start, each.seat_off, strategy.off_cop - strategy.seat_cop),
+            (each.seat_off, each.rise_end, strategy.stand_cop - strategy.off_cop),
+            (each.sit_start, each.sit_end, strategy.seat_cop - strategy.stand_cop),
+        ):
+            shift += change * smoothstep((time - begin) / (end - begin))
+    frequency, phase = rng.uniform(0.08, 0.5, 4), rng.uniform(0, 2 * np.pi, 4)
+    sway = np.sin(2 * np.pi * frequency * time[:, None] + phase) @ rng.uniform(0.0008, 0.0022, 4)
+    under_feet = body.links[1].centre[0] + shift + np.asarray(sway)
     trunk, thigh = np.radians(strategy.trunk), body.links[2].length
     point = (rng.uniform(0.05, 0.08), thigh * rng.uniform(0.90, 0.97))
     friction = rng.uniform(-0.05, 0.05)
@@ -391,46 +416,22 @@ def balance_lean(
     NumericalError is raised if no lean of the trunk balances the body.
     """
     legs = plan.legs
-    moment, hip = _leg_moment(body, legs, plan.push)
+    # the moment (K,) of foot and legs about `push`, N·m, which the trunk has to balance, and the hip (K, 2), m
+    q = np.column_stack([legs[:, 0], legs[:, 1] - legs[:, 0], -legs[:, 1]])
+    _, origin = planar.segment_poses(q, body.centres)
+    coms = planar.marker_positions(q, body.centres, np.arange(3), body.coms[:3])
+    change = _second_difference(coms)
+    moment = np.zeros(len(plan.push))
+    for i in range(3):
+        arm = coms[:, i, 0] - plan.push
+        moment += body.masses[i] * (arm * (change[:, i, 1] + GRAVITY) - coms[:, i, 1] * change[:, i, 0])
+    for i in (1, 2):
+        moment += body.links[i].inertia * _second_difference(legs[:, i - 1])
+    hip = origin[:, 3]
     lean = _solve_lean(body, moment if additional is None else moment + additional, plan, hip)
     angles = np.column_stack([legs[:, 0], legs[:, 1] - legs[:, 0], lean - legs[:, 1]])
     seated = tuple(float(x) for x in np.degrees([legs[0, 0], legs[0, 1], lean[0]]))
     return motion_through(plan.time, angles, plan.chair.schedule.duration), seated
-
-
-def _leg_angles(body: SimulatedBody, strategy: StrategyParameters, schedule: Schedule, time: FloatArray) -> FloatArray:
-    """Return the angles of shank and thigh from the vertical, (K, 2) rad."""
-    ankle = body.links[1].centre[0]
-
-    def standing_error(shank: float) -> float:
-        return _com_x(body, shank, shank - STANDING_KNEE, STANDING_TRUNK) - (ankle + strategy.stand_cop)
-
-    def seated_error(shank: float) -> float:
-        return _com_x(body, shank, SEATED_THIGH, np.radians(strategy.lean)) - (ankle + strategy.off_cop)
-
-    standing, seated = brentq(standing_error, -0.4, 0.4), brentq(seated_error, -0.2, 1.2)
-    late = 0.08 * strategy.rise
-    lowered = seated + (standing - seated) * schedule.height_at(time, late, 0.1 * strategy.sit)
-    lowered = lowered + np.radians(strategy.dip) * schedule.bumps(time)
-    thigh = SEATED_THIGH + (standing - STANDING_KNEE - SEATED_THIGH) * schedule.height_at(time)
-    return np.column_stack([lowered, thigh])
-
-
-def _draw_pressure_centre(
-    rng: np.random.Generator, body: SimulatedBody, strategy: StrategyParameters, schedule: Schedule, time: FloatArray
-) -> FloatArray:
-    """Return the centre of pressure under the feet, (K,) m, with some millimetres of sway."""
-    shift = np.full_like(time, strategy.seat_cop)
-    for each in schedule.repetitions:
-        for begin, end, change in (
-            (each.rise_start, each.seat_off, strategy.off_cop - strategy.seat_cop),
-            (each.seat_off, each.rise_end, strategy.stand_cop - strategy.off_cop),
-            (each.sit_start, each.sit_end, strategy.seat_cop - strategy.stand_cop),
-        ):
-            shift += change * smoothstep((time - begin) / (end - begin))
-    frequency, phase = rng.uniform(0.08, 0.5, 4), rng.uniform(0, 2 * np.pi, 4)
-    sway = np.sin(2 * np.pi * frequency * time[:, None] + phase) @ rng.uniform(0.0008, 0.0022, 4)
-    return body.links[1].centre[0] + shift + np.asarray(sway)
 
 
 def _com_x(body: SimulatedBody, shank: float, thigh: float, trunk: float) -> float:
@@ -444,24 +445,6 @@ def _second_difference(values: FloatArray) -> FloatArray:
     """Return the second derivative along the first axis (time); beyond both ends, the values are constant."""
     padded = np.concatenate([values[:1], values, values[-1:]])
     return np.asarray((padded[2:] - 2 * values + padded[:-2]) / STEP**2)
-
-
-def _leg_moment(body: SimulatedBody, legs: FloatArray, push: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the moment (K,) of foot and legs about ``push``, N·m, and the positions (K, 2) of the hip, m.
-
-    ``legs`` (K, 2) are the angles of shank and thigh from the vertical, rad. The trunk has to balance the moment.
-    """
-    q = np.column_stack([legs[:, 0], legs[:, 1] - legs[:, 0], -legs[:, 1]])
-    _, origin = planar.segment_poses(q, body.centres)
-    coms = planar.marker_positions(q, body.centres, np.arange(3), body.coms[:3])
-    change = _second_difference(coms)
-    moment = np.zeros(len(push))
-    for i in range(3):
-        arm = coms[:, i, 0] - push
-        moment += body.masses[i] * (arm * (change[:, i, 1] + GRAVITY) - coms[:, i, 1] * change[:, i, 0])
-    for i in (1, 2):
-        moment += body.links[i].inertia * _second_difference(legs[:, i - 1])
-    return moment, origin[:, 3]
 
 
 def _solve_lean(body: SimulatedBody, moment: FloatArray, plan: Plan, hip: FloatArray) -> FloatArray:

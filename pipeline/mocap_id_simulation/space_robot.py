@@ -365,10 +365,8 @@ _CONVENTIONS = (
 def simulate_space_robot(folder: Path, options: SpaceRobotOptions) -> Path:
     """Simulate a robot in space, write it with its exact truth, and return the path of ``trial.yaml``.
 
-    The folder is created if necessary. It receives ``trial.c3d``, ``truth.json``, ``truth.npz`` and ``trial.yaml``, and
-    gives the trial its name.
-
-    StoreError is raised if the folder already contains a trial, or cannot be written.
+    The folder is created if necessary, and gives the trial its name. StoreError is raised if the folder already
+    contains a trial, or cannot be written.
     """
 
     def make(name: str) -> dict[str, bytes]:

@@ -25,7 +25,6 @@ from mocap_id_simulation.instruments import (
     MOMENT_NOISE,
     SIZE,
     SimulatedPlate,
-    joint_position,
     joint_sensor_csv,
     measure_board,
     measure_encoder,
@@ -39,15 +38,9 @@ from mocap_id_simulation.sit_to_stand import JointMotion
 def simulate(kind: Kind, folder: Path, options: Options, given: JointMotion | None = None) -> Path:
     """Simulate a trial, write it with its exact truth, and return the path of ``trial.yaml``.
 
-    Parameters
-    ----------
-    kind : {"sit-to-stand", "robot"}
-    folder : Path
-        Created if necessary; receives ``trial.c3d``, ``truth.json``, ``truth.npz``, ``trial.yaml`` and the logs of
-        further sensors, such as ``encoder.csv`` of a robot. The trial is named after the folder.
-    options : Options
-    given : JointMotion, optional
-        Motion of the body, instead of the usual one of this kind; the trial then has no chair.
+    The folder is created if necessary. It receives ``trial.c3d``, ``truth.json``, ``truth.npz``, ``trial.yaml`` and the
+    logs of further sensors, such as ``encoder.csv`` of a robot. The trial is named after it. A ``given`` motion
+    replaces the usual one of this kind; the trial then has no chair.
 
     Raises
     ------
@@ -192,7 +185,8 @@ protocol: robot-joint
 encoder: encoder.csv  # the robot's own record of its joint, on its own clock
 """
         if options.joint_sensor:
-            at = ", ".join(f"{value:.6f}" for value in joint_position(scene))
+            position = scene.plane.from_plane(np.array([*scene.body.links[1].centre, scene.offset]))
+            at = ", ".join(f"{value:.6f}" for value in position)
             rest += f"""\
 external:  # a wrench sensor in the joint, which carries the moving part
   - {{file: sensor.csv, name: joint, segment: 1, at: [{at}], measures: beyond}}
