@@ -1,4 +1,4 @@
-"""Simulated instruments besides the cameras: force plates, encoder, wrench sensor, balance board, inertial sensors.
+"""Simulated force plates, encoder, wrench sensor, balance board, inertial sensors and cameras, and their faults.
 
 The plate's own axes P are right-handed with z down. Its corners are listed in the order +x+y, -x+y, -x-y, +x-y of P.
 ORIGIN points from the transducer to the centre of the working surface: M_sensor = M_surface + ORIGIN × F.

@@ -1,8 +1,9 @@
-"""A person rising from a chair and sitting down: the timing, and the motion with a prescribed centre of pressure.
+"""Smooth motions and attitudes, and a person who rises from a chair and sits down.
 
-Shank and thigh follow the schedule. The trunk's lean is then computed for the whole trial at once, so that the moments
-of all forces balance about the combined point of application of ground and chair. That point is under the feet and
-moves towards the chair in proportion to the chair's load. The forward lean before the rise follows from this balance.
+The centre of pressure of a sit-to-stand is prescribed. Shank and thigh follow the schedule. The trunk's lean is then
+computed for the whole trial at once, so that the moments of all forces balance about the combined point of application
+of ground and chair. That point is under the feet and moves towards the chair in proportion to the chair's load. The
+forward lean before the rise follows from this balance.
 """
 
 from __future__ import annotations

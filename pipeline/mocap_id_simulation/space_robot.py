@@ -1,4 +1,7 @@
-"""A random robot in space on a force plate, whose joints move together: in memory, and on disk with its exact truth."""
+"""Robots: sets of trials of the thesis's robot in a plane, and a random robot in space on a force plate.
+
+All joints of the robot in space move together. Its trial is made in memory, and on disk with its exact truth.
+"""
 
 from __future__ import annotations
 
