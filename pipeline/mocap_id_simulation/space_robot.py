@@ -116,9 +116,9 @@ reference:  # table 5.2's: m, kg, kg·m, kg·m²; `base` is the joint's distance
 """
     reference: dict[str, Mapping[str, float]] = {}
     for joint in robot_set.joints:
-        known = REFERENCE[joint]
-        moving = {"mx1": 0.0, "mx2": 0.0, "my2": known.my, "Izz2": known.inertia}
-        reference[joint] = {"base": known.distance, "mass": TOTAL, **moving}
+        distance, _, moment, inertia = REFERENCE[joint]
+        moving = {"mx1": 0.0, "mx2": 0.0, "my2": moment, "Izz2": inertia}
+        reference[joint] = {"base": distance, "mass": TOTAL, **moving}
     rows = [
         {"file": f"{name}/trial.yaml", "joint": one.joint, "speed": one.speed, "orientation": f"{one.orientation:g}"}
         for name, one in trials
