@@ -33,8 +33,6 @@ LIMIT = 1.1
 
 @dataclass(frozen=True)
 class Result:
-    """Comparison of the runs of one trial."""
-
     jumped: FloatArray  # (3,) error of the worst joint with jumps, relative to the run without jumps
     missing: FloatArray  # (3,) the same where the samples that jump are missing
     moved: bool  # a marker is on another segment than without jumps
@@ -110,7 +108,6 @@ def run(context: Context, truth: FloatArray, labels: Sequence[str]) -> tuple[Flo
 
 
 def make_ratio_table(ratios: FloatArray) -> str:
-    """Return quantiles of the ratios (trials, 3) of the errors."""
     rows = []
     for name, own in zip(NAMES, ratios.T, strict=True):
         rows.append([name, *harness.format_quantiles(own, ".3f"), f"{np.sum(own <= LIMIT)} of {len(own)}"])
@@ -118,7 +115,6 @@ def make_ratio_table(ratios: FloatArray) -> str:
 
 
 def main() -> None:
-    """Measure all trials and publish the sections."""
     arguments = harness.make_parser(__doc__, parallel=True, trials=30, first=960_000).parse_args()
     every = harness.run_all(measure, range(arguments.first, arguments.first + arguments.trials), arguments.jobs)
     found: list[Result] = [each for each in every if each is not None]

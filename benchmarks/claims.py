@@ -63,8 +63,6 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Case:
-    """A trial without perturbation."""
-
     trial: RerunInputs
     _swept: dict[float | None, dict[tuple[float, str], SeriesChanges]] = field(default_factory=dict)
 
@@ -75,7 +73,6 @@ class Case:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of the base parameters."""
         return tuple(one.name for one in self.own.parameters.values() if one.verdict)
 
     @property
@@ -119,7 +116,6 @@ class Case:
 
 
 def find_worst(found: Iterable[Outcome]) -> Outcome:
-    """Return the outcome with the largest value."""
     return max(found, key=lambda outcome: outcome.value)
 
 
@@ -255,7 +251,6 @@ CLAIMS = (
 
 
 def open_case(configuration: Path) -> Case:
-    """Return a trial with its results."""
     return Case(read_rerun_inputs(locate_trial(configuration)))
 
 
@@ -275,7 +270,6 @@ def _format_outcome(letter: str, holds: bool, outcome: Outcome) -> str:
 
 
 def make_kind_table() -> str:
-    """Return a table of the kinds of perturbations."""
     worse = {"more": "", "less": "; fewer is worse", "either": ""}
     rows = []
     for kind in KINDS.values():
@@ -288,7 +282,6 @@ def make_kind_table() -> str:
 
 
 def main() -> None:
-    """Test every claim on every group of trials and publish the sections."""
     arguments = make_parser(__doc__, trials=6, first=970_000).parse_args()
     source = find_recordings() or ROOT.parent / "shared" / "recordings"
     seeds = range(arguments.first, arguments.first + arguments.trials)

@@ -59,8 +59,6 @@ _FOUND = 0.25  # s: an event this far from the true one belongs to another
 
 @dataclass(frozen=True)
 class Done:
-    """A trial that went through ``identify-dim``, and its truth."""
-
     name: str
     subject: str
     strategy: str
@@ -220,8 +218,6 @@ RELEASE, COP = 30.0, 5.0  # ms, mm: required medians
 
 @dataclass(frozen=True)
 class Outcome:
-    """Tables of the comparisons, and the names of the trials without a model."""
-
     models: pd.DataFrame
     skeletons: pd.DataFrame
     repetitions: pd.DataFrame
@@ -287,7 +283,6 @@ def format_wrench(frame: pd.DataFrame) -> list[str]:
 
 
 def list_models(found: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
-    """Yield every action and model with its rows."""
     for action, model in product(ACTIONS, MODELS):
         yield action, model, found[(found["action"] == action) & (found["model"] == model)]
 
@@ -314,7 +309,6 @@ def make_torque_table(found: pd.DataFrame) -> str:
 
 
 def format_spread(values: pd.Series[float], form: str = ".2f") -> str:
-    """Return mean ± standard deviation of values."""
     return f"{values.mean():{form}} ± {values.std():{form}}"
 
 
@@ -436,7 +430,6 @@ def make_variant_table(found: Mapping[str, pd.DataFrame]) -> str:
 
 
 def main() -> None:
-    """Measure the ordinary and the hard cohort and publish the sections."""
     arguments = make_parser(__doc__, parallel=True, subjects=12, repetitions=5, first=970_000).parse_args()
     found, varied = {}, {}
     with temporary_folder() as folder:

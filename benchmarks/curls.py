@@ -29,7 +29,6 @@ TIME_LIMIT, TORQUE_LIMIT = 60.0, 0.4  # ms, N·m
 
 
 def make_missing(*shape: int) -> FloatArray:
-    """Return an array of NaN."""
     return np.full(shape, np.nan)
 
 
@@ -52,7 +51,6 @@ class Curls:
 
 
 def compare(done: Run) -> Curls:
-    """Compare the results of a trial with its truth."""
     summary, curls = done.summary, done.truth["repetitions"]
     events, dynamics = done.read("events.parquet", "dynamics.parquet")
     complete, found = events["complete"].astype(bool), summary["curls"]
@@ -131,8 +129,6 @@ def compare_angles(done: Run, curls: Sequence[dict[str, float]]) -> tuple[FloatA
 
 
 def make_table(preset: str, own: Sequence[Curls], _first: int) -> str:
-    """Return the table of a preset."""
-
     def stack(name: str) -> Any:
         return np.concatenate([np.atleast_2d(getattr(each, name)) for each in own]).T
 
@@ -170,7 +166,6 @@ def make_first(seed: int) -> str:
 
 
 def main() -> None:
-    """Measure trials of both presets, or the presets in ``--only``, and publish the section."""
     given = harness.make_parser(__doc__, parallel=True, only=PRESETS, trials=24, first=420_000).parse_args()
     about = harness.describe_source(__file__, f"{given.trials} trials a preset, seeds from {given.first}")
     tables = harness.measure_rows("curls", PRESETS, given, measure, make_table)

@@ -36,8 +36,6 @@ DIFFICULTIES = ("ordinary", "hard")
 
 @dataclass(frozen=True)
 class Trial:
-    """The inputs of ``identify-dim`` in one trial, and the truth."""
-
     context: Context
     done: TrialWithTruth
 
@@ -47,7 +45,6 @@ class Trial:
         return replace(self, context=replace(self.context, inputs={**self.context.inputs, **inputs}))
 
     def with_settings(self, **changes: object) -> Trial:
-        """Replace settings of ``identify-dim``."""
         settings = self.context.settings.model_copy(update=changes)
         return replace(self, context=replace(self.context, settings=settings))
 
@@ -144,7 +141,6 @@ def measure(options: Options) -> FloatArray | None:
 
 
 def main() -> None:
-    """Measure ordinary and hard trials and publish the sections."""
     arguments = harness.make_parser(__doc__, parallel=True, trials=30, first=950_000).parse_args()
     trials, first = arguments.trials, arguments.first
     text = f"{trials} simulated sit-to-stands per table, seeds from {first}, with two repetitions each"

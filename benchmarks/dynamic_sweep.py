@@ -58,7 +58,6 @@ class TrialWithTruth:
 
     @property
     def base(self) -> Mapping[str, FloatArray]:
-        """Base parameters: ``value``, ``sd`` and ``regrouping``."""
         node: Any = self.dynamics.data["base"]
         return {key: np.asarray(node[key], dtype=np.float64) for key in ("value", "sd", "regrouping")}
 
@@ -113,7 +112,6 @@ def regroup_truth(truth: Mapping[str, Any], turn: float, side: int = 1) -> Float
 
 
 def compute_true_base(done: TrialWithTruth) -> FloatArray:
-    """Return (b,) true base parameters of a trial."""
     return regroup_truth(done.truth, find_last_frame_turn(done.truth, done.chain))
 
 
@@ -178,8 +176,6 @@ LONG = Options(rate=480, analog_rate=480, repetitions=5)  # has more than TIMED_
 
 @dataclass(frozen=True)
 class Result:
-    """Errors of one trial."""
-
     norms: FloatArray  # (8,) of NORMS, %
     rms: FloatArray  # (7,) of SERIES in UNITS
     offset: float  # of the clock, ms; NaN without a clock offset
@@ -201,14 +197,12 @@ def run_trial(place: Path, options: Options) -> TrialWithTruth | None:
 
 
 def measure(options: Options) -> Result | None:
-    """Simulate and run a trial, and return its errors."""
     with harness.temporary_folder() as place:
         done = run_trial(place / "trial", options)
     return None if done is None else compare(done)
 
 
 def compare(done: TrialWithTruth) -> Result:
-    """Return the errors of an identified trial."""
     base, true = done.base, compute_true_base(done)
     off = (stack_series(done.predicted) - stack_true_series(done.true))[done.off_seat]
     relative = off / stack_series(done.predicted, "sd_")[done.off_seat]
@@ -273,7 +267,6 @@ def make_limit_table(found: Mapping[str, Sequence[Result | None]]) -> str:
 
 
 def make_parameter_table(found: Mapping[str, Sequence[Result]]) -> str:
-    """Return the coverage of the base parameters' intervals."""
     head = ["parameter", *(f"{row}: {part}" for row in found for part in ("inside", "error / sd", "rms error", "sd"))]
     columns: list[list[str]] = []
     for results in found.values():
@@ -289,7 +282,6 @@ def make_parameter_table(found: Mapping[str, Sequence[Result]]) -> str:
 
 
 def make_sample_table(found: Mapping[str, Sequence[Result]]) -> str:
-    """Return the coverage of the intervals of wrench, CoP and torques."""
     head = ["", *(f"{row}: {part}" for row in found for part in ("inside", "error / sd"))]
     columns = []
     for results in found.values():
@@ -356,7 +348,6 @@ def measure_times(seed: int) -> dict[str, FloatArray]:
 
 
 def main() -> None:
-    """Measure all rows, the transfer and the times, and publish the sections."""
     given = harness.make_parser(__doc__, parallel=True, trials=100, repetitions=2, first=980_000).parse_args()
     trials, first, subjects = given.trials, given.first, max(1, given.trials // 3)
     times = [[name, *format_numbers(pair, ".3f")] for name, pair in measure_times(first).items()]

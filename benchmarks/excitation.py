@@ -33,8 +33,6 @@ CUT = 0.05  # rad between samples: a larger step separates the trial's own movem
 
 @dataclass(frozen=True)
 class Case:
-    """A kind of body and the seed of its first movement."""
-
     kind: str
     seed: int
     objective: str = "intervals"
@@ -42,8 +40,6 @@ class Case:
 
 @dataclass(frozen=True)
 class Recorded:
-    """Result of a recording and its truth."""
-
     value: FloatArray  # (b,) parameters
     sd: FloatArray  # (b,)
     true: FloatArray  # (b,)
@@ -55,8 +51,6 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Result:
-    """A body before and after the advice."""
-
     case: Case
     names: tuple[str, ...]
     size: FloatArray
@@ -173,7 +167,6 @@ def list_achieved(results: Sequence[Result]) -> Iterator[tuple[str, str, list[Ac
 
 
 def format_spread(values: FloatArray, form: str = "{:.2f}") -> str:
-    """Return the median and the range of values."""
     if not len(values):
         return "–"
     return f"{form} ({form} to {form})".format(np.median(values), values.min(), values.max())
@@ -231,7 +224,6 @@ def make_promise_table(results: Sequence[Result]) -> str:
 
 
 def main() -> None:
-    """Measure all bodies and publish the sections."""
     given = harness.make_parser(__doc__, parallel=True, bodies=5, first=960_000).parse_args()
     cases = [Case(kind, given.first + 10 * k) for kind in KINDS for k in range(given.bodies)]
     found = harness.run_all(measure, cases, given.jobs)

@@ -92,8 +92,6 @@ KINDS = ("right", "said", "invisible", "silent")
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of one trial."""
-
     wrong: tuple[str, ...]  # quantities beyond the limits
     codes: tuple[str, ...]  # of the verdict, or of the refusal or error; empty if the verdict is ``ok``
     invisible: str = ""  # start of the names of quantities that no check can show in every trial
@@ -186,7 +184,6 @@ def list_wrong_quantities(run: harness.Run) -> Iterator[str]:
 
 
 def make_table(found: Mapping[str, Sequence[Outcome]]) -> str:
-    """Return a table of the outcomes of every case."""
     rows = []
     for case, outcomes in found.items():
         kinds = Counter(outcome.kind for outcome in outcomes)
@@ -199,7 +196,6 @@ def make_table(found: Mapping[str, Sequence[Outcome]]) -> str:
 
 
 def main() -> None:
-    """Measure all cases, or the cases in ``--only``."""
     numbers = {"first": 995_000, "sets": 50, "trials": 10}
     given = harness.make_parser(__doc__, parallel=True, only=CASES, **numbers).parse_args()
     sections = {}

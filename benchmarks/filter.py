@@ -54,7 +54,6 @@ def make_recording(frames: int, per_segment: int) -> tuple[MarkerChain, FloatArr
 def make_problem(
     chain: MarkerChain, markers: FloatArray, rate: float = RATE, sd: float = NOISE, gate: float = 8.0
 ) -> FilterProblem:
-    """Return the problem for both engines."""
     variance = np.full(len(chain.segment), sd**2)
     return FilterProblem(
         observed=markers,
@@ -88,7 +87,6 @@ def run_filterpy(given: FilterProblem) -> tuple[float, Track]:
 
 
 def run_compiled(given: FilterProblem) -> tuple[float, Track]:
-    """Return time and result of the compiled engine."""
     start = perf_counter()
     track = filter_problem.smooth_backwards(given, filter_problem.filter_forwards(given))
     return perf_counter() - start, track
@@ -103,7 +101,6 @@ def time_whole(frames: int) -> float:
 
 
 def main() -> None:
-    """Measure both engines and publish the section."""
     parser = make_parser(__doc__)
     parser.add_argument("--frames", type=int, help="print the times for so many frames of 39 markers as JSON")
     given = parser.parse_args()

@@ -30,8 +30,6 @@ LIMIT = 5.0  # stated standard deviations
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial that went through the stages, and the gaps to make."""
-
     context: Context
     truth: FloatArray  # (F, n, 3)
     time: FloatArray  # (F,) s
@@ -41,8 +39,6 @@ class Trial:
 
 @dataclass(frozen=True)
 class Case:
-    """Errors of one run."""
-
     error: FloatArray  # (F, n, 3) in stated standard deviations; NaN without a value
     gap: BoolArray  # (F,)
     observed: BoolArray  # (F, n)
@@ -92,7 +88,6 @@ def prepare(place: Path, options: Options) -> Trial | None:
 
 
 def find_gap(trial: Trial, where: str, length: float) -> BoolArray:
-    """Return which frames (F,) are in a gap."""
     time, count = trial.time, round(length / float(np.median(np.diff(trial.time))))
     middle = int(np.argmin(np.abs(time - trial.places[where])))
     first = {"start": 0, "end": len(time) - count}.get(where, middle - count // 2)
@@ -103,7 +98,6 @@ def find_gap(trial: Trial, where: str, length: float) -> BoolArray:
 
 
 def run_case(trial: Trial, which: str, where: str, length: float) -> Case:
-    """Remove markers, run the smoother, and return the errors."""
     gap, gone = find_gap(trial, where, length), trial.markers[which]
     planar = harness.hide_samples(trial.context.long("planar.parquet"), gap[:, None] & gone[None])
     inputs = {**trial.context.inputs, "planar.parquet": planar}
@@ -116,7 +110,6 @@ def run_case(trial: Trial, which: str, where: str, length: float) -> Case:
 
 
 def list_cases(lengths: Sequence[float] = LENGTHS) -> Iterator[tuple[str, str, float]]:
-    """Yield every set, position and length."""
     yield from product(WHICH, WHERE, lengths)
 
 
@@ -140,7 +133,6 @@ def _format_cell(found: Sequence[Case]) -> str:
 
 
 def make_sections(found: Mapping[tuple[str, str, float], Sequence[Case]], failed: int) -> dict[str, str]:
-    """Return the tables and counts of all runs."""
     every = [case for each in found.values() for case in each]
     rows = [
         [which, f"{length:g} s", *(_format_cell(found[which, where, length]) for where in WHERE)]
@@ -167,7 +159,6 @@ def make_sections(found: Mapping[tuple[str, str, float], Sequence[Case]], failed
 
 
 def main() -> None:
-    """Run all cases and publish the sections."""
     arguments = harness.make_parser(__doc__, trials=4, first=930_000).parse_args()
     found: dict[tuple[str, str, float], list[Case]] = {key: [] for key in list_cases()}
     trials = failed = 0

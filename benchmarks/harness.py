@@ -70,13 +70,11 @@ class Run:
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """``summary.json``."""
         summary: dict[str, Any] = json.loads((self.trial.out / "summary.json").read_text("utf-8"))
         return summary
 
     @cached_property
     def truth(self) -> dict[str, Any]:
-        """``truth.json``."""
         return read_truth(self.configuration)
 
     @property
@@ -91,16 +89,13 @@ class Run:
 
     @property
     def true_base(self) -> FloatArray:
-        """True base parameters (b,)."""
         return np.array(self.truth["base_parameters"]["values"])
 
     @property
     def codes(self) -> tuple[str, ...]:
-        """Codes of cautions and refusals."""
         return tuple(each["code"] for each in self.summary["verdict"]["reasons"] if each.get("level") != "ok")
 
     def read(self, *names: str) -> list[Any]:
-        """Return several artefacts."""
         folder = Folder(self.trial.out)
         return [folder.read(name) for name in names]
 
@@ -167,18 +162,15 @@ def run_all(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int | No
 
 
 def report_progress(text: object) -> None:
-    """Write a line to standard error."""
     sys.stderr.write(f"{text}\n")
 
 
 def measure_all(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int | None) -> list[Any]:
-    """Return the results of all tasks that are not None."""
     return [result for result in run_all(function, tasks, jobs) if result is not None]
 
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """Yield a folder that is deleted at the end."""
     with tempfile.TemporaryDirectory() as folder:
         yield Path(folder)
 
@@ -205,14 +197,12 @@ def run_simulated(place: Path, options: Options, stages: Sequence[str] = KINEMAT
 
 
 def run_trial(configuration: Path) -> Run:
-    """Run all stages of a simulated trial and return it."""
     trial = load(configuration)
     run(trial)
     return Run(configuration, trial)
 
 
 def read_truth(configuration: Path) -> dict[str, Any]:
-    """Return ``truth.json`` of a simulated trial."""
     truth: dict[str, Any] = json.loads(configuration.with_name("truth.json").read_text("utf-8"))
     return truth
 
@@ -246,7 +236,6 @@ def stack_states(states: Table, prefix: str = "") -> FloatArray:
 
 
 def read_group(tree: Tree, name: str) -> dict[str, FloatArray]:
-    """Return the arrays of one group of an HDF5 artefact."""
     node: Any = tree.data[name]
     return {key: np.asarray(value) for key, value in node.items()}
 
@@ -270,7 +259,6 @@ def format_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, numbers_
 
 
 def format_numbers(values: Iterable[float], form: str = ".2f") -> list[str]:
-    """Return numbers as text."""
     return [f"{value:{form}}" for value in values]
 
 
@@ -344,7 +332,6 @@ def format_share_with_interval(good: int, trials: int) -> list[str]:
 
 
 def describe_source(file: str, trials: str) -> str:
-    """Return the sentence that names the benchmark and its trials."""
     return f"Measured by `benchmarks/{Path(file).name}` on {trials}."
 
 

@@ -95,12 +95,10 @@ def make_tracks(arc: float, markers: ComplexArray) -> ComplexArray:
 
 
 def add_noise(rng: np.random.Generator, tracks: ComplexArray, noise: float) -> ComplexArray:
-    """Return tracks with white noise in each coordinate."""
     return np.asarray(tracks + noise * (rng.standard_normal(tracks.shape) + 1j * rng.standard_normal(tracks.shape)))
 
 
 def fit_by_body(points: ComplexArray) -> complex:
-    """Return the joint between the base and the rigid body."""
     base, moving = np.flatnonzero(SEGMENT == 0), np.flatnonzero(SEGMENT == 1)
     return fit_joint(still_body(points, base), fit_body(points, moving)).in_parent
 
@@ -139,7 +137,6 @@ def make_table(head: Sequence[str], cells: Callable[[float, float], list[str]]) 
 
 
 def main() -> None:
-    """Measure all arcs and noises and publish the sections."""
     arguments = make_parser(__doc__, trials=400).parse_args()
     trials = arguments.trials
 

@@ -50,7 +50,6 @@ class Result:
 
 
 def measure(task: tuple[str, int]) -> Result:
-    """Return the errors of a trial of a row with this seed."""
     row, seed = task
     options, removed = draw_degraded(seed) if row == DEGRADED else (replace(ROWS[row], seed=seed), ())
     with harness.temporary_folder() as place:
@@ -83,7 +82,6 @@ def draw_degraded(seed: int) -> tuple[Options, tuple[bool, ...]]:
 
 
 def compare(done: harness.Run) -> Result:
-    """Return the errors of a trial that went through the stages."""
     segments, chain, states = done.read("segments.parquet", "chain.h5", "states.parquet")
     truth = done.truth
     named = segments.frame.dropna(subset="segment")
@@ -160,7 +158,6 @@ def make_first(first: int) -> str:
 
 
 def main() -> None:
-    """Measure all rows and publish the sections."""
     arguments = harness.make_parser(__doc__, parallel=True, trials=100, first=700_000).parse_args()
     trials, first, found = arguments.trials, arguments.first, {}
     for row in [*ROWS, DEGRADED]:

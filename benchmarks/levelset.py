@@ -29,7 +29,6 @@ WEIGHT, INERTIA, STIFFNESS, REST = 3.43 * 9.81 * 0.30, 0.43, 4.297, np.radians(2
 
 
 def main() -> None:
-    """Print both times."""
     nodes = int(sys.argv[1]) if len(sys.argv) > 1 else 101
     # the thesis's arm with a fifth of the required strength, and its spring
     limits = np.radians([-60, 180])

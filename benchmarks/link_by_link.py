@@ -79,7 +79,6 @@ def measure(options: Options) -> list[FloatArray]:
 
 
 def main() -> None:
-    """Measure all rows and publish the sections."""
     arguments = harness.make_parser(__doc__, parallel=True, trials=40, first=50_000).parse_args()
     trials, first, rows = arguments.trials, arguments.first, []
     for row, options in ROWS.items():

@@ -34,8 +34,6 @@ MOTIONS = (f"identify-dim: {{{harness.EXACT}}}\n", f"identify-dim: {{{harness.EX
 
 @dataclass(frozen=True)
 class Result:
-    """Errors of one trial with one motion."""
-
     rms: FloatArray  # (7,) of NAMES
     inside: FloatArray  # (7,) share of the samples inside the interval
     relative: FloatArray  # (7,) rms error in stated standard deviations
@@ -58,7 +56,6 @@ def measure(options: Options) -> tuple[Result, Result] | None:
 
 
 def compare(run: harness.Run, done: IdentifiedTrial) -> Result:
-    """Return the errors of an identified trial."""
     time, keys = done.dynamics["time"].to_numpy(), ("wrench", "tau", "body_pose", "joint_xy")
     true = dict(zip(keys, run.true(time, *keys), strict=True))
     off_seat = find_off_seat(time, run.truth)
@@ -124,7 +121,6 @@ def make_first(first: int) -> str:
 
 
 def main() -> None:
-    """Measure all rows and publish the sections."""
     given = harness.make_parser(__doc__, parallel=True, trials=20, first=991_000).parse_args()
     found: dict[str, list[tuple[Result, Result]]] = {}
     for row in ROWS:

@@ -55,8 +55,6 @@ ROWS: Mapping[str, Row] = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """Comparison of one trial with its truth; NaN if unknown."""
-
     codes: tuple[str, ...]
     level: str
     seconds: float  # of the processor
@@ -76,7 +74,7 @@ def measure(task: tuple[str, int, int]) -> Outcome:
     with harness.temporary_folder() as place:
         configuration = write_arm(place / "trial", options)
         if row.camera:
-            skeleton = film_skeleton(generate_arm(options), options).csv()
+            skeleton, _ = film_skeleton(generate_arm(options), options)
             configuration.with_name("skeleton.csv").write_bytes(skeleton)
             text = configuration.read_text("utf-8")
             text = text.replace("recording: trial.c3d", "recording: {skeleton: skeleton.csv}")
@@ -90,7 +88,6 @@ def measure(task: tuple[str, int, int]) -> Outcome:
 
 
 def compare(done: harness.Run, seconds: float) -> Outcome:
-    """Compare a trial with its truth."""
     truth, found, verdict = done.truth, done.summary["workspace"] or {}, done.summary["verdict"]
     low, high = found.get("interval_m3") or (nan, nan)
     elevation = (found.get("ranges") or {}).get("shoulder_elevation") or {"range_deg": nan, "interval_deg": (nan, nan)}
@@ -112,7 +109,6 @@ def compare(done: harness.Run, seconds: float) -> Outcome:
 
 
 def make_table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
-    """Return the table of a row: quantity, limit, share within it, median and 80 % quantile."""
     row = ROWS[name]
     errors = np.array([each.error for each in outcomes])
     known = np.isfinite(errors)
@@ -189,7 +185,6 @@ def measure_cohort(jobs: int) -> str:
 
 
 def main() -> None:
-    """Measure all rows and the cohort, or the parts in ``--only``, and publish the sections."""
     only, sections = [*ROWS, "cohort"], {}
     given = harness.make_parser(__doc__, parallel=True, only=only, trials=20, first=310_000).parse_args()
     if given.only != ["cohort"]:

@@ -30,8 +30,6 @@ Names = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of markers or forces."""
-
     words: tuple[str, ...]  # one of these words names the fault
     markers: Callable[[Names, FloatArray], tuple[Names, FloatArray]] | None = None  # changes labels and (F, M, 3)
     forces: tuple[float, float] = (1.0, 0.0)  # factor of all components, and delay of their clock, s
@@ -120,7 +118,6 @@ def _run(source: Path, folder: Path, name: str, fault: Fault) -> dict[str, Any] 
 
 
 def _write(source: Path, folder: Path, name: str, fault: Fault) -> None:
-    """Write the TRC and MOT files of a trial with a fault."""
     lines = (source / f"{name}.trc").read_text().splitlines()
     text = "\n".join(lines) + "\n"
     if fault.markers is not None:
@@ -145,7 +142,6 @@ def _write(source: Path, folder: Path, name: str, fault: Fault) -> None:
 
 
 def main() -> None:
-    """Measure all faults and publish the section."""
     given, source, rows = harness.make_parser(__doc__).parse_args(), harness.real_recordings(), []
     with harness.temporary_folder() as place:
         for name in TRIALS:

@@ -51,26 +51,21 @@ WINTER = "Winter"
 
 @dataclass(frozen=True)
 class Trial:
-    """An identified trial and its configuration."""
-
     done: IdentifiedTrial
     file: Path
 
     @property
     def context(self) -> Context:
-        """The inputs of `identify-dim`."""
         trial, folder = load(self.file), Folder(self.done.folder)
         return Context(trial.keys, trial.settings[STAGE.name], {name: folder.read(name) for name in STAGE.inputs})
 
     @property
     def base(self) -> Any:
-        """The base parameters in dynamics.h5."""
         tree: Any = Folder(self.done.folder).read("dynamics.h5")
         return tree.data["base"]
 
 
 def run(source: Path, folder: Path, recording: str, name: str, **keys: Any) -> Trial:
-    """Run all stages up to identify-dim."""
     yaml = write_real_trial(source / recording, folder / f"{name}.yaml", **{"subject": {"mass": 60.0}, **keys})
     return Trial(open_identified_trial(yaml), yaml)
 
@@ -156,7 +151,6 @@ def compare_steps(trial: Trial) -> dict[str, list[str]]:
 
 
 def compute_errors(model: FloatArray, measured: FloatArray, threshold: float) -> dict[str, float]:
-    """Return rms errors of a wrench (R, 3) and its centre of pressure."""
     both = (np.column_stack([wrench, centre_of_pressure(wrench, threshold)]) for wrench in (model, measured))
     off = np.subtract(*both)
     return dict(zip(SERIES, rms(off), strict=True))
@@ -232,7 +226,6 @@ def make_parameter_rows(one: Trial, other: Trial) -> list[list[str]]:
 
 
 def make_sections(source: Path, folder: Path) -> dict[str, str]:
-    """Run all trials and return the tables."""
     named = {"STS1": run(source, folder, "STS1", "sts"), "squats1": run(source, folder, "squats1", "squats")}
     by_chain = {name: run(source, folder, name, f"{name}-chain", **{STAGE.name: {"motion": "chain"}}) for name in named}
     four = run(source, folder, "STS1", "sts-4", segment={"count": 4})
@@ -269,7 +262,6 @@ def make_sections(source: Path, folder: Path) -> dict[str, str]:
 
 
 def main() -> None:
-    """Measure both trials and publish the sections."""
     given = make_parser(__doc__).parse_args()
     with temporary_folder() as folder:
         publish(make_sections(real_recordings(), folder), write=given.write)

@@ -85,7 +85,6 @@ def _find_frames(skeleton: SpatialSkeleton, truth: Mapping[str, Any]) -> list[Fl
 
 
 def make_table(preset: str, outcomes: Sequence[tuple[bool, harness.Comparison]], first: int) -> str:
-    """Return the table of a preset."""
     rows = []
     for name in ERRORS:
         values = [each.errors[name] for _, each in outcomes]
@@ -100,7 +99,6 @@ def make_table(preset: str, outcomes: Sequence[tuple[bool, harness.Comparison]],
 
 
 def main() -> None:
-    """Measure both presets, or the presets in ``--only``."""
     only = ("clean", "default")
     given = harness.make_parser(__doc__, parallel=True, only=only, trials=20, first=285_000).parse_args()
     sections = {"robots-in-space": harness.measure_rows("robots-in-space", only, given, measure, make_table)}

@@ -72,7 +72,6 @@ def make_sections(found: Mapping[str, Any]) -> dict[str, str]:
 
 
 def describe_machine(found: Mapping[str, Any]) -> str:
-    """Return a description of the machine and its load."""
     if not found:
         return "Nothing was measured."
     cpu = Path("/proc/cpuinfo")
@@ -95,7 +94,6 @@ def compute_floor(one: Part) -> float:
 
 
 def format_megabytes(value: float | None) -> str:
-    """Return MB as text; – if unknown."""
     return "–" if value is None else f"{value:.0f} MB"
 
 
@@ -108,7 +106,6 @@ class Grown(NamedTuple):
 
 
 def fit_time(part: Sequence[Mapping[str, Any]], key: str, name: str) -> Grown:
-    """Fit the time of a stage, or of a whole ``run``, against ``frames``, ``markers`` or ``joints``."""
     sizes = [float(one["wanted"][key]) for one in part]
     seconds = tuple(float((one["whole"] if name == "run" else one["stages"][name])["cpu"]) for one in part)
     half = len(sizes) // 2
@@ -131,7 +128,6 @@ def fit_exponent(size: Sequence[float], value: Sequence[float]) -> float | None:
 
 
 def describe_starts(part: Part) -> str:
-    """Return a table of whole processes, and the time of a run relative to other programs."""
     spent, floor, filters = part["spent"], part["floor"], part["filters"]
     bare, run = spent[next(iter(BARE))]["wall"], spent[RUN]["wall"]
     rows = []
@@ -161,7 +157,6 @@ def describe_starts(part: Part) -> str:
 
 
 def describe_dense(part: Sequence[Part]) -> str:
-    """Return a table of the stages of one recording."""
     one, base, whole = part[0], compute_floor(part[0]), part[0]["whole"]
     rows = []
     for name in STAGES:
@@ -183,7 +178,6 @@ def describe_dense(part: Sequence[Part]) -> str:
 
 
 def describe_frames(part: Sequence[Part]) -> str:
-    """Return a table of time and memory for each length."""
     rows = []
     for one in part:
         wanted, whole, base = one["wanted"], one["whole"], compute_floor(one)
@@ -208,7 +202,6 @@ def describe_frames(part: Sequence[Part]) -> str:
 
 
 def make_stage_table(part: Sequence[Part], key: str) -> str:
-    """Return a table of the processor time of every stage, with its exponent."""
     rows = []
     for name in (*STAGES, "run"):
         taken = fit_time(part, key, name)
@@ -219,7 +212,6 @@ def make_stage_table(part: Sequence[Part], key: str) -> str:
 
 
 def describe_sweep(part: Sequence[Part], key: str) -> str:
-    """Return a table of time and memory for each number of markers or joints."""
     wanted = part[0]["wanted"]
     rows = []
     for each in part:
@@ -237,7 +229,6 @@ def describe_sweep(part: Sequence[Part], key: str) -> str:
 
 
 def describe_batch(part: Part) -> str:
-    """Return a table of the ways to run a batch."""
     ways, one = part["ways"], part["ways"][ONE]["wall"]
     rows = []
     for name in (ONE, TWO, APART, DASK, AGAIN):
@@ -254,7 +245,6 @@ def describe_batch(part: Part) -> str:
 
 
 def make_task_table(part: Part) -> str:
-    """Return a table of the cost of trials that take no time."""
     rows = []
     for key, name in TASKS.items():
         for one in part.get(key, ()):
@@ -266,7 +256,6 @@ def make_task_table(part: Part) -> str:
 
 
 def describe_storage(part: Part) -> str:
-    """Return a table of the bytes of a run folder."""
     files: Mapping[str, int] = part["files"]
     groups: dict[str, list[int]] = {}
     for name, size in files.items():
@@ -375,8 +364,6 @@ DENSE = Wanted(14_400, rate=480.0, analog=2400.0)
 
 @dataclass(frozen=True)
 class Sizes:
-    """Sizes of all measurements."""
-
     minutes: tuple[float, ...] = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
     markers: tuple[int, ...] = (20, 40, 80, 160)
     joints: tuple[int, ...] = (1, 2, 3, 5, 8)
@@ -422,7 +409,6 @@ SMALL = Sizes(
 
 
 def main() -> None:
-    """Measure the parts without results, or the parts in ``--only``, and publish the sections."""
     parser = make_parser(__doc__, repeats=Sizes.repeats, trials=Sizes.trials, rounds=Sizes.rounds)
     parser.add_argument("--only", nargs="*", choices=list(PARTS), help="parts to measure anew")
     parser.add_argument("--work", type=Path, help="folder of the measured parts (default: one for this user)")

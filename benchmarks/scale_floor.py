@@ -39,7 +39,6 @@ def read_by_numpy(file: Path) -> Any:
 
 
 def read_by_c3d(file: Path) -> int:
-    """Read all frames by the c3d package and return their number."""
     import c3d  # noqa: PLC0415
 
     with file.open("rb") as stream:
@@ -59,14 +58,12 @@ def write_parquet(points: Any, place: Path) -> None:
 
 
 def write_hdf5(points: Any, file: Path) -> None:
-    """Write one array."""
     with h5py.File(file, "w") as stream:
         stream["points"] = points
     sync(file)
 
 
 def sync(path: Path) -> None:
-    """Wait until a file is on the disk."""
     with path.open("rb") as stream:
         os.fsync(stream.fileno())
 
@@ -82,7 +79,6 @@ def time_shortest(function: Callable[[], object], times: int = 3) -> float:
 
 
 def main() -> None:
-    """Print all times."""
     file = Path(sys.argv[1])
     points = read_by_numpy(file)
     times = {"numpy": time_shortest(lambda: read_by_numpy(file)), "ezc3d": time_shortest(lambda: ezc3d.c3d(str(file)))}

@@ -29,7 +29,6 @@ def split(words: list[str]) -> list[list[str]]:
 
 
 def main() -> None:
-    """Run the commands and print the results."""
     start = time.perf_counter()
     running = {}
     for number, command in enumerate(split(sys.argv[1:])):

@@ -46,7 +46,6 @@ class Wanted:
 
     @property
     def name(self) -> str:
-        """Name of its files."""
         body = "sts" if self.joints is None else f"chain-{self.joints}"
         return f"{body}-{self.rate:g}-hz-{self.markers}-markers-{self.frames}-frames"
 
@@ -203,7 +202,6 @@ def spend_together(commands: Sequence[Sequence[str]], place: Path) -> list[Spent
 
 
 def spend(command: Sequence[str], place: Path) -> Spent:
-    """Measure one command."""
     return spend_together([command], place)[0]
 
 

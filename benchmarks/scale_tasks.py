@@ -35,7 +35,6 @@ def do_nothing(trial: Trial) -> TrialRun:
 
 
 def make_trials(count: int) -> list[Trial]:
-    """Return ``count`` different trials."""
     one = load(SAMPLE / "trial.yaml")
     names = [f"s{k // 100:04}-trial-{k:06}" for k in range(count)]
     return [
@@ -115,7 +114,6 @@ TASKS: dict[str, Callable[[int], dict[str, float]]] = {
 
 
 def main() -> None:
-    """Print the results."""
     what, count = sys.argv[1], int(sys.argv[2])
     before = read_memory("VmRSS") or 0.0
     found: dict[str, Any] = TASKS[what](count)

@@ -52,7 +52,6 @@ class Stages:
 
 
 def main() -> None:
-    """Run the trial and print the results."""
     trial, warm = (load(Path(word)) for word in sys.argv[1:])
     runner.run(warm)
     shutil.rmtree(trial.out, ignore_errors=True)

@@ -78,7 +78,6 @@ class Held(Scene):
 
 
 def make_table(seeds: Sequence[int], jobs: int | None) -> str:
-    """Return the table of an arm that moves a handle."""
     rows = []
     for known in KNOWN:
         done = harness.run_all(measure, [(seed, known) for seed in seeds], jobs)
@@ -179,7 +178,6 @@ def _locate(scene: Scene, state: TrueState, label: str) -> FloatArray:
 def _make_files(  # noqa: PLR0917
     name: str, options: Options, known: str, scene: Held, trial: SimulatedTrial, rng: np.random.Generator
 ) -> Mapping[str, bytes]:
-    """Return the files of a trial with the sensors of a condition."""
     state = scene.at(np.arange(round(_SECONDS * _RATE)) / _RATE)
     sensors, logs = [], {}
     if known in KNOWN[2:]:

@@ -115,7 +115,6 @@ def interpolate_truth(configuration: Path, time: FloatArray, names: Sequence[str
 
 
 def _compute_errors(configuration: Path, states: Any, time: FloatArray) -> FloatArray:
-    """Return the errors (F, n, 3) of the states."""
     true = interpolate_truth(configuration, time, ["q", "qd", "qdd"])
     return harness.stack_states(states) - np.stack(list(true.values()), axis=2)
 
@@ -298,8 +297,6 @@ def _run_arm(configuration: Path) -> _Errors | None:
 
 @dataclass(frozen=True)
 class Row:
-    """A kind of trial."""
-
     name: str
     measure: Callable[..., Comparison]
     limits: Mapping[str, float]
@@ -462,13 +459,11 @@ TABLES: Mapping[str, Sequence[Row]] = {
 
 
 def measure_task(task: tuple[Row, int]) -> Comparison:
-    """Measure a trial of a row."""
     row, seed = task
     return row.measure(seed, *row.arguments)
 
 
 def make_table(row: Row, seeds: Sequence[int], jobs: int | None) -> str:
-    """Measure a row and return its table."""
     every = harness.run_all(measure_task, [(row, seed) for seed in seeds], jobs)
     done = [each for each in every if each.errors]
     codes = harness.count_codes(code for each in every for code in each.codes)
@@ -493,7 +488,6 @@ def make_first(first: int) -> str:
 
 
 def main() -> None:
-    """Measure all sections, or the sections in ``--only``, and publish them."""
     only = [*TABLES, *OTHERS]
     given = harness.make_parser(__doc__, parallel=True, only=only, trials=24, first=310_000).parse_args()
     about = harness.describe_source(__file__, f"{given.trials} trials a row, seeds from {given.first}")

@@ -58,8 +58,6 @@ REAL = ("STS1", "squats1")
 
 @dataclass(frozen=True)
 class Case:
-    """A problem of base parameters alone."""
-
     name: str
     problem: CompressedProblem
     regrouping: FloatArray  # (b, f) M
@@ -72,7 +70,6 @@ class Case:
 
 
 def draw_case(seed: int) -> Case:
-    """Draw a random chain, body and wrench."""
     rng = np.random.default_rng([FIRST, seed])
     joints = int(rng.integers(1, 5))
     centres = np.column_stack([rng.uniform(-0.1, 0.1, joints), rng.uniform(0.1, 0.5, joints)])
@@ -151,7 +148,6 @@ def solve_clarabel(case: Case) -> SolverAnswer:
 
 
 def check_answer(case: Case, solver: str, masses: FloatArray, status: str, iterations: int) -> SolverAnswer:
-    """Return an answer with its optimality check."""
     cost = case.problem.cost(case.moments @ masses)
     optimality = check_optimality(case.problem, GridBodies(case.moments), masses)
     return SolverAnswer(solver, masses, cost, optimality, status, iterations)
@@ -174,15 +170,12 @@ EXACT: Mapping[str, Callable[[Case], SolverAnswer]] = {
 
 @dataclass(frozen=True)
 class Result:
-    """Answer of one solver to one problem."""
-
     above: float  # relative excess over the lowest cost of the trusted solvers on the grid; for a cone the bound
     answer: SolverAnswer
     seconds: float
 
 
 def measure(case: Case, repeats: int) -> dict[str, Result]:
-    """Return the results of every solver on one problem, with median times."""
     answers, seconds = {}, {}
     for name, solve in {**ON_GRID, **EXACT}.items():
         times = []
@@ -205,7 +198,6 @@ def format_scientific(value: float) -> str:
 
 
 def main() -> None:
-    """Measure random problems and trials and publish the sections."""
     given = make_parser(__doc__, problems=200, trials=5).parse_args()
     random = [measure(draw_case(seed), 1) for seed in range(given.problems)]
     by_solver = []

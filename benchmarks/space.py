@@ -36,8 +36,6 @@ CHAIN_KINDS = {"S": "ball", "H": "hinge", "T": "two-axis"}
 
 @dataclass(frozen=True)
 class Row:
-    """A kind of trial, with the limits that 80 % of the trials must keep."""
-
     arm: Mapping[str, Any] | None = None
     chain: Mapping[str, Any] | None = None
     limits: Mapping[str, float] = field(default_factory=dict)
@@ -78,7 +76,6 @@ class Outcome(harness.Comparison):
 
 
 def measure(task: tuple[str, int, int]) -> Outcome:
-    """Simulate and run a trial of a row, and compare it with its truth."""
     name, first, k = task
     row = ROWS[name]
     with harness.temporary_folder() as place:
@@ -94,7 +91,6 @@ def measure(task: tuple[str, int, int]) -> Outcome:
 
 
 def compare(done: harness.Run) -> Outcome:
-    """Compare a trial with its truth."""
     summary, truth = done.summary, done.truth
     confidence = summary["segments"]["confidence"] or 0.0
     found = summary["segments"]["assignment"]
@@ -118,7 +114,6 @@ def compare(done: harness.Run) -> Outcome:
 
 
 def stack_columns(table: Table, segment: str, names: Iterable[str]) -> FloatArray:
-    """Return columns of a segment in poses.parquet."""
     return table.stack([f"{segment}_{name}" for name in names])
 
 
@@ -235,7 +230,6 @@ def make_first(first: int) -> str:
 
 
 def main() -> None:
-    """Measure all rows, or the rows in ``--only``, and publish the section."""
     given = harness.make_parser(__doc__, parallel=True, only=ROWS, trials=30, first=210_000).parse_args()
     sections = {"space": harness.measure_rows("space", ROWS, given, measure, make_table)}
     sections["space-first"] = make_first(given.first)

@@ -31,8 +31,6 @@ STRIDE = 0.05  # s: interval of the change at the edge of a drop-out
 
 
 class Result(NamedTuple):
-    """Coverage and steps of one trial."""
-
     inside: FloatArray  # (n, 3) shares of samples inside the intervals; NaN without intervals
     change: FloatArray  # (2, n, 2) mean square change of angle and velocity at the edges of drop-outs and elsewhere
 
@@ -61,7 +59,6 @@ def measure(options: Options) -> Result | None:
 
 
 def main() -> None:
-    """Measure all rows and publish the sections."""
     given = harness.make_parser(__doc__, parallel=True, trials=100, first=920_000).parse_args()
     first, others = given.first, max(1, round(0.4 * given.trials))
     coverage, steps = [], []

@@ -61,8 +61,6 @@ class Moving:
 
 @dataclass(frozen=True)
 class Scored:
-    """Errors of one method on one trial."""
-
     error: FloatArray  # (n, 4) angle, °, velocity, acceleration, and r² of the acceleration
     time: float  # µs per sample
 
@@ -95,7 +93,6 @@ def read_recording(folder: Path) -> Moving:
 
 
 def simulate_trial(options: Options) -> Moving:
-    """Simulate a sit-to-stand with its true chain."""
     made = generate("sit-to-stand", options)
     markers, state = made.scene.markers, made.state
     centres = np.array([link.centre for link in made.scene.body.links[1:]])
@@ -129,7 +126,6 @@ def compute_errors(moving: Moving, states: FloatArray, seconds: float) -> Scored
 
 
 def measure_method(moving: Moving, settings: FilterSettings) -> Scored:
-    """Return the errors of one of the program's methods."""
     start = perf_counter()
     states = smooth(moving.points, moving.rate, moving.chain, settings=settings)
     return compute_errors(moving, states.mean, perf_counter() - start)
@@ -163,7 +159,6 @@ def measure_filterpy(moving: Moving) -> Scored:
 
 
 def measure_methods(moving: Moving, *, filterpy: bool) -> dict[str, Scored]:
-    """Return the errors of every method on one trial."""
     found = {name: measure_method(moving, settings) for name, settings in METHODS.items()}
     return {**found, FILTERPY: measure_filterpy(moving)} if filterpy else found
 
@@ -181,7 +176,6 @@ def make_limit_table(found: Mapping[str, Sequence[Mapping[str, Scored]]]) -> str
 
 
 def format_figure(value: float, quantity: int) -> str:
-    """Return a number with the decimals of its quantity."""
     return f"{value:.{(3, 4, 4, 5)[quantity]}f}"
 
 
@@ -199,7 +193,6 @@ def make_quantile_table(found: Sequence[Mapping[str, Scored]]) -> str:
 
 
 def make_joint_table(found: Mapping[str, Sequence[Mapping[str, Scored]]]) -> str:
-    """Return medians of every method, joint and chain."""
     rows = []
     for chain, trials in found.items():
         for name in trials[0]:
@@ -210,7 +203,6 @@ def make_joint_table(found: Mapping[str, Sequence[Mapping[str, Scored]]]) -> str
 
 
 def main() -> None:
-    """Measure every method on the reference recording and on new trials, and publish the sections."""
     given = make_parser(__doc__, trials=30, first=910_000).parse_args()
     trials, first, folder = given.trials, given.first, find_recordings()
     if folder:

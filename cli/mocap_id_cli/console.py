@@ -139,13 +139,7 @@ def count_trials(count: int) -> str:
 
 
 def describe_verdict(row: Mapping[str, Any]) -> str:
-    """Return a text with verdict and codes of a trial, or with the exit code if the trial failed.
-
-    Parameters
-    ----------
-    row : mapping
-        ``verdict``, ``exit_code``, and ``codes`` as a text or a list.
-    """
+    """Return a text with verdict and codes (a text or a list) of a trial, or with the exit code if the trial failed."""
     codes = row["codes"] if isinstance(row["codes"], str) else ", ".join(row["codes"])
     about = f"exit code {row['exit_code']}" if row["verdict"] == "failed" else codes
     return f"{row['verdict']} ({about})" if about else str(row["verdict"])

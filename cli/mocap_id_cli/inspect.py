@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -50,7 +50,12 @@ def inspect(
         overview.add_row(name, value)
     console.print(overview)
     if found["plates"]:
-        console.print(_tabulate_plates(found["plates"]))
+        table = Table("plate", "type", "mean upward force", "as a mass", "problem")
+        for plate in found["plates"]:
+            force, mass = plate["mean_fz_N"], plate["mass_kg"]
+            newtons, kilograms = "–" if force is None else f"{force:.1f} N", "–" if mass is None else f"{mass:.1f} kg"
+            table.add_row(str(plate["index"]), str(plate["type"]), newtons, kilograms, plate["problem"] or "")
+        console.print(table)
     console.print("markers: " + ", ".join(found["markers"]), markup=False)
     for oddity in found["oddities"]:
         console.print(f"note: {oddity}", markup=False)
@@ -67,17 +72,3 @@ def _rows(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "analog", "none" if analog is None else f"{analog:g} Hz"
     mass = found["mass_kg"]
     yield "mass", "no plate" if mass is None else f"{mass:.1f} kg, mean load of the plates"
-
-
-def _tabulate_plates(plates: Sequence[Mapping[str, Any]]) -> Table:
-    table = Table("plate", "type", "mean upward force", "as a mass", "problem")
-    for plate in plates:
-        force, mass = plate["mean_fz_N"], plate["mass_kg"]
-        table.add_row(
-            str(plate["index"]),
-            str(plate["type"]),
-            "–" if force is None else f"{force:.1f} N",
-            "–" if mass is None else f"{mass:.1f} kg",
-            plate["problem"] or "",
-        )
-    return table

@@ -12,15 +12,7 @@ _displays: list[Progress] = []
 
 
 def show(text: str, total: int | None = None) -> None:
-    """Replace the display by a new one, with a progress bar if ``total`` is given.
-
-    Parameters
-    ----------
-    text : str
-        Name of the task that is running.
-    total : int, optional
-        Number of steps, which :func:`advance` counts.
-    """
+    """Replace the display by one of a task; with a ``total`` number of steps, :func:`advance` moves its bar."""
     stop()
     if not sys.stderr.isatty():
         return

@@ -11,6 +11,7 @@ from typer import Argument, Option
 
 from mocap_id.workflows.run_folder import write_result
 from mocap_id_assist import workspaces as workflow
+from mocap_id_assist.workspace import ReachableWorkspace
 from mocap_id_cli.console import Output, common_options
 
 
@@ -44,11 +45,13 @@ def workspace(
     paths = [trial] if compare is None else [trial, compare]
     subjects = [workflow.read_arm(path, tip, quantile, output.report_stage) for path in paths]
     reaches = [workflow.measure_workspace(subject, samples, seed) for subject in subjects]
-    change = workflow.compare_workspaces(*reaches) if compare is not None else None
-    later = reaches[1] if compare is not None else None
-    result, written = write_result(workflow.workspace_result(reaches[0], later, change), out, *paths)
-    lines = [line for reach in reaches for line in _lines(reach)]
-    if change is not None:
+    later = None
+    if compare is not None:
+        change = workflow.compare_workspaces(subjects[0], reaches[0], subjects[1], reaches[1])
+        later = subjects[1], reaches[1], change
+    result, written = write_result(workflow.workspace_result(subjects[0], reaches[0], later), out, *paths)
+    lines = [line for each in zip(subjects, reaches, strict=True) for line in _lines(*each)]
+    if compare is not None:
         unit = "m²" if change.points.shape[1] == 2 else "m³"
         lines.append(
             f"from the first to the second: gained {change.gained:.5f} {unit}, lost {change.lost:.5f}, kept "
@@ -58,8 +61,7 @@ def workspace(
     output.print_result(result.document, [*lines, *written])
 
 
-def _lines(reach: workflow.ArmWorkspace) -> Iterator[str]:
-    subject, found = reach.subject, reach.workspace
+def _lines(subject: workflow.SubjectArm, found: ReachableWorkspace) -> Iterator[str]:
     kind, unit = ("area", "m²") if subject.arm.dimension == 2 else ("volume", "m³")
     low, high = found.interval
     yield f"{subject.name}: {kind} {found.measure:.5f} {unit}, 95 % interval {low:.5f} to {high:.5f}; tip {subject.tip}"

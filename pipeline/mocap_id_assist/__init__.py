@@ -12,8 +12,7 @@ Commands:
 
 - ``workspaces``: ``mocap-id workspace``
 - ``pneumatic``: ``mocap-id pneumatic``
-- ``assisted_body``, ``prescriptions``, ``device_control``, ``prescription_output``, ``prescription_figures``:
-  ``mocap-id prescribe``
+- ``assisted_body``, ``prescriptions``, ``device_control``, ``prescription_output``: ``mocap-id prescribe``
 - ``files``: the YAML file of a prescription
 
 ``mocap_id`` does not import this package; the commands do.

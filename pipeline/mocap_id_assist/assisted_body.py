@@ -31,8 +31,8 @@ from mocap_id_assist.several_joints import (
     prescribe_several,
     sample_postures,
 )
-from mocap_id_assist.workspace import JointLimits, PlanarArm
-from mocap_id_assist.workspaces import ArmWorkspace, SubjectArm, read_folder
+from mocap_id_assist.workspace import JointLimits, PlanarArm, ReachableWorkspace
+from mocap_id_assist.workspaces import SubjectArm, read_folder
 
 _LAST = "identify-dim"
 
@@ -170,15 +170,6 @@ class DeviceSpring:
 
 
 @dataclass(frozen=True)
-class DeviceSprings:
-    """Devices that replace the prescribed springs."""
-
-    springs: tuple[DeviceSpring, ...]  # empty if no spring was prescribed for the joints of a device
-    range: tuple[float, float] | None = None  # for one joint: the widest interval that can be held, rad; else None
-    area: float = np.nan  # for several joints: the functional workspace, m²
-
-
-@dataclass(frozen=True)
 class Timed:
     """The angles that can be held with a spring, and that are reached within each of several times."""
 
@@ -203,11 +194,13 @@ class PrescriptionResult:
     one: Prescription | None = None  # only for one joint
     postures: Postures | None = None  # only for several joints
     several: Springs | None = None  # only for several joints
-    workspace: ArmWorkspace | None = None  # the workspace within the joint limits of a trial
+    workspace: ReachableWorkspace | None = None  # the workspace within the joint limits of a trial
     timed: Timed | None = None
     map: SpringMap | None = None
     graph: Graph | None = None
-    devices: DeviceSprings | None = None
+    devices: tuple[DeviceSpring, ...] | None = None  # empty if no spring was prescribed for the joints of a device
+    device_range: tuple[float, float] | None = None  # for one joint: the widest interval held with the device, rad
+    device_area: float = np.nan  # for several joints: the functional workspace with the devices, m²
     controlled: Controlled | None = None
 
     @property

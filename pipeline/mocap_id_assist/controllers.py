@@ -149,7 +149,7 @@ _TRACKING = 12.0  # rad/s: bandwidth of the person's corrections
 _BRAKING = 30.0  # 1/s: rate at which the person brakes, as far as the strength allows
 _STARTS = 4.0  # 1/s: largest acceleration of a tour divided by its largest speed
 _SETTLED = 5.0  # simulated time constants of a change
-_TOLERANCE = 1e-3  # fraction of the range of the person's torque
+TOLERANCE = 1e-3  # fraction of the range of the person's torque
 
 
 def compute_depths(held: BoolArray, angle: FloatArray) -> FloatArray:
@@ -329,7 +329,7 @@ def map_change(  # noqa: PLR0917
         angle, velocity, _torque = assisted.step(angle, velocity, needed, -_BRAKING * velocity)
         pressures = _settle(pressures, target, JOINT_STEP, assisted.actuator.fill, assisted.actuator.vent)
     worst = np.maximum(worst, assisted.excess(assisted.holding_torque(angle, pressures)))
-    tolerance = _TOLERANCE * (assisted.joint.torque_high - assisted.joint.torque_low)
+    tolerance = TOLERANCE * (assisted.joint.torque_high - assisted.joint.torque_low)
     switched = controller.may_change(before, after, grid[:, 0])
     return NodeChange(before, after, grid, worst, switched, worst > tolerance)
 

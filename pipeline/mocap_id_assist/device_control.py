@@ -13,6 +13,7 @@ from mocap_id.config.device import DeviceConfig
 from mocap_id.dynamics.priors import Setting
 from mocap_id_assist.assisted_body import PrescriptionResult, find_task_points
 from mocap_id_assist.controllers import (
+    TOLERANCE,
     Actuator,
     AssistedChain,
     AssistedJoint,
@@ -41,7 +42,6 @@ _GRID = 721
 _MEETINGS = 13  # number of angles or postures at which two sub-workspaces may be joined
 _CHATTER = 3.0  # number of time constants after which pressures have settled; faster changes of the node are chatter
 _AWAY = np.radians(2.0)  # rad, largest distance from the reference at the end of a hold of a task that is reached
-_TOLERANCE = 1e-3  # fraction of the range of the person's torque
 _FASTER = 1.5  # changes of a joint must be safe up to this factor times the speed of the tour
 _STARTS = 1024  # number of sampled postures from which the search for postures of a task starts
 _Part = TypeVar("_Part")
@@ -88,7 +88,7 @@ def control_joint(
     nodes, depths, made_for, reserve, problems = [], [], [], [], []
     for name, interval in zip(names, intervals, strict=True):
         found = find_task_setting(joint, cylinder, limits, [interval])
-        if found is None or found[1] < -_TOLERANCE * span:
+        if found is None or found[1] < -TOLERANCE * span:
             problems.append(f"no pressures hold the tasks of {name}")
             continue
         nodes.append(Node(name, found[0].pressures()[None]))
@@ -119,7 +119,7 @@ def control_joint(
     for task_name, begin, end, holds in reference.visits:
         missing = float(tour.excess[(tour.time >= begin) & (tour.time <= end)].max())
         away = float(np.abs(tour.q[:, 0] - reference.angle)[np.searchsorted(tour.time, holds) - 1].max())
-        visits.append(Visit(task_name, begin, None, bool(missing <= _TOLERANCE * span and away <= _AWAY), missing))
+        visits.append(Visit(task_name, begin, None, bool(missing <= TOLERANCE * span and away <= _AWAY), missing))
     problems += _describe_missed(visits)
     dwell, settling = _find_dwell(tour), _CHATTER * actuator.slowest
     problems += _describe_chatter(dwell, settling)
@@ -174,7 +174,7 @@ def control_chain(
     for each in result.graph.nodes:
         own = None if each.stiffness is None else _find_postures(result, each, [tasks[name] for name in each.tasks])
         pressures = None if own is None else find_pressures(chain, own[1])
-        if own is None or pressures is None or pressures[1] < -_TOLERANCE:
+        if own is None or pressures is None or pressures[1] < -TOLERANCE:
             problems.append(f"no pressures hold the tasks of {each.name}")
             continue
         names.append(each.name)
@@ -206,7 +206,7 @@ def control_chain(
 
     # the tour, and every change at rest in the sampled postures that both nodes hold
     tour, visited, no_path = simulate_chain_tour(chain, nodes, np.concatenate(groups), q, rules)
-    tolerance = _TOLERANCE * float(np.ptp(chain.strength, axis=1).min())
+    tolerance = TOLERANCE * float(np.ptp(chain.strength, axis=1).min())
     depth = compute_node_depths(chain, nodes, q)
     changes = []
     for before, after in itertools.permutations(range(len(nodes)), 2):

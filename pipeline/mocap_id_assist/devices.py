@@ -225,7 +225,7 @@ def find_task_setting(
     return Setting(*(share[:2] * limits.supply).tolist()), margin
 
 
-_GAS_CONSTANT = 287.05  # J/(kg K), dry air
+GAS_CONSTANT = 287.05  # J/(kg K), dry air
 _NORMAL_DENSITY = 1.2929  # kg/m³, air at 0 °C and 101,325 Pa
 
 
@@ -242,17 +242,12 @@ def gas_of_change(cylinder: Cylinder, before: Setting, after: Setting, temperatu
     ]
     change = np.array(sealed[1]) - np.array(sealed[0])
     volumes = cylinder.volumes(np.asarray(cylinder.full_flexion))
-    return float(np.maximum(change, 0.0) @ volumes / (_GAS_CONSTANT * temperature))
+    return float(np.maximum(change, 0.0) @ volumes / (GAS_CONSTANT * temperature))
 
 
 def normal_litres(gas: float) -> float:
     """Return the volume of a mass of air, kg, at 0 °C and 101,325 Pa, in litres."""
     return 1e3 * gas / _NORMAL_DENSITY
-
-
-def usable_gas(volume: float, pressure: float, supply: float, temperature: float = 293.15) -> float:
-    """Return the mass of gas, kg, that a reservoir (m³, Pa) gives until its pressure is down to ``supply``, Pa."""
-    return max(pressure - supply, 0.0) * volume / (_GAS_CONSTANT * temperature)
 
 
 # field: (prior standard deviation, whether it refers to the logarithm, lower and upper bound of the field)
@@ -293,18 +288,13 @@ class TorqueLog:
     lasting: FloatArray | None = None
 
 
-@dataclass(frozen=True)
-class IdentifiedCylinder:
-    """A cylinder identified from a log."""
+def identify_cylinder(
+    described: Cylinder, log: TorqueLog
+) -> tuple[Cylinder, dict[str, tuple[float, float]], dict[str, bool], float]:
+    """Return the cylinder that fits a log best, near the described cylinder, with intervals and residual.
 
-    cylinder: Cylinder  # the cylinder with the estimated parameters
-    interval: Mapping[str, tuple[float, float]]  # 95 % interval of each parameter
-    determined: Mapping[str, bool]  # whether the log determines the parameter; if not, the described value dominates
-    residual: float  # root mean square of the residual torque, N·m
-
-
-def identify_cylinder(described: Cylinder, log: TorqueLog) -> IdentifiedCylinder:
-    """Return the cylinder that fits a log best, near the described cylinder.
+    The 95 % interval of each parameter follows, then whether the log determines it (if not, the described value
+    dominates), and the root mean square of the residual torque, N·m.
 
     NumericalError is raised if the log does not fit any cylinder near the described one.
     """
@@ -368,7 +358,7 @@ def identify_cylinder(described: Cylinder, log: TorqueLog) -> IdentifiedCylinder
     values = np.where([_PRIORS[name][1] for name in names], np.exp(ends), ends)
     interval = {name: (float(low), float(high)) for name, low, high in zip(names, *values, strict=True)}
     determined = {name: bool(sd[k] < _DETERMINED * scale[k]) for k, name in enumerate(names)}
-    return IdentifiedCylinder(cylinder(code), interval, determined, rms)
+    return cylinder(code), interval, determined, rms
 
 
 def predict_torque(cylinder: Cylinder, log: TorqueLog) -> FloatArray:

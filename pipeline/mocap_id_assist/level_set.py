@@ -171,22 +171,18 @@ def find_reached_and_held(
 ) -> list[tuple[float, float]]:
     """Return the intervals of angles, rad, reached at rest until ``times[index]`` that can then be held (eq. 7.8)."""
     grid, joint = reached.grid, dynamics.joint
-    row = reached.values[index][:, len(grid.velocity) // 2]
-    return sorted(
-        (max(a, c), min(b, d))
-        for a, b in _find_negative(grid.angle, row)
-        for c, d in joint.held_intervals(dynamics.stiffness, dynamics.rest)
-        if max(a, c) < min(b, d)
-    )
-
-
-def _find_negative(x: FloatArray, y: FloatArray) -> list[tuple[float, float]]:
-    """Return the intervals in which the piecewise linear curve through the points is 0 or less."""
+    x, y = grid.angle, reached.values[index][:, len(grid.velocity) // 2]
 
     def crossing(inner: int, outer: int) -> float:
         if not 0 <= outer < len(x):
             return float(x[inner])
         return float(x[inner] + (x[outer] - x[inner]) * y[inner] / (y[inner] - y[outer]))
 
-    runs = find_runs(y <= 0)
-    return [(crossing(run.start, run.start - 1), crossing(run.stop - 1, run.stop)) for run in runs]
+    # the intervals in which the piecewise linear curve through the points is 0 or less
+    negative = [(crossing(run.start, run.start - 1), crossing(run.stop - 1, run.stop)) for run in find_runs(y <= 0)]
+    return sorted(
+        (max(a, c), min(b, d))
+        for a, b in negative
+        for c, d in joint.held_intervals(dynamics.stiffness, dynamics.rest)
+        if max(a, c) < min(b, d)
+    )

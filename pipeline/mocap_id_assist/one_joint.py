@@ -22,10 +22,10 @@ lower end.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, floor
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from scipy.optimize import Bounds, minimize
@@ -151,16 +151,6 @@ _COARSE, _FINE, _LEVELS, _REFINED_FROM = 512, 4096, 16, 3  # angles of the grids
 
 
 @dataclass(frozen=True)
-class SpringRequirements:
-    """Requirements for a spring."""
-
-    required: tuple[float, ...] = ()  # angles that must be within the range, rad (eq. 7.11)
-    rest: tuple[float, float] = REST  # smallest and largest rest angle, rad
-    stiffest: float | None = None  # largest stiffness, N·m/rad; 0: no spring; None: all stiffnesses that could help
-    penalty: float = PENALTY  # δ, penalty for a stiffness of mgl per radian, rad
-
-
-@dataclass(frozen=True)
 class Prescription:
     """A spring prescribed for one joint."""
 
@@ -172,46 +162,65 @@ class Prescription:
     helps: bool  # whether the spring gives a relevant gain
 
 
-_Spring: TypeAlias = tuple[float, float, float]  # stiffness, N·m/rad, rest angle and width of the range, rad
-
-
-def prescribe_spring(joint: OneJoint, requirements: SpringRequirements = SpringRequirements()) -> Prescription:
+def prescribe_spring(
+    joint: OneJoint,
+    required: tuple[float, ...] = (),
+    rest: tuple[float, float] = REST,
+    stiffest: float | None = None,
+    penalty: float = PENALTY,
+) -> Prescription:
     """Return the spring with which a person can hold the largest range of a joint.
+
+    The range must contain the ``required`` angles, rad (eq. 7.11). ``rest`` has the smallest and largest rest angle,
+    rad. ``stiffest`` is the largest stiffness, N·m/rad; 0 for no spring, None for all stiffnesses that could help.
+    ``penalty`` is δ, the penalty for a stiffness of mgl per radian, rad.
 
     ValueError is raised if a required angle is outside the joint's limits, or the person cannot hold all of them with
     any spring.
     """
-    for angle in requirements.required:
+    for angle in required:
         if not joint.lower <= angle <= joint.upper:
             raise ValueError(
                 f"the required angle {np.degrees(angle):.1f}° is outside the joint's limits, "
                 f"{np.degrees(joint.lower):.1f}° to {np.degrees(joint.upper):.1f}°"
             )
-    without = joint.widest_interval(0.0, 0.0, requirements.required)
+    without = joint.widest_interval(0.0, 0.0, required)
     none = -np.inf if without is None else without[1] - without[0]
-    best, bound = _search(joint, requirements, none) if requirements.stiffest != 0 else (None, none)
+    best, worth, bound = None, none, none
+    if stiffest != 0:
+        best, worth, bound = _search(joint, required, rest, stiffest, penalty, none)
     free = joint.widest_interval(0.0, 0.0)
-    if without is not None and (best is None or _objective(joint, requirements, best) <= none + _HELPS):
+    if without is not None and (best is None or worth <= none + _HELPS):
         return Prescription(0.0, np.nan, without, free, max(bound - none, 0.0), False)
     if best is None:
         raise ValueError("no spring lets the person hold all required angles and the angles between them")
-    stiffness, rest, _ = best
-    held = joint.widest_interval(stiffness, rest, requirements.required)
+    held = joint.widest_interval(*best, required)
     assert held is not None
-    return Prescription(stiffness, rest, held, free, max(bound - _objective(joint, requirements, best), 0.0), True)
+    return Prescription(*best, held, free, max(bound - worth, 0.0), True)
 
 
-def _search(joint: OneJoint, requirements: SpringRequirements, none: float) -> tuple[_Spring | None, float]:
-    """Return the best spring, and an upper bound of range minus penalty; ``none`` is the range without a spring."""
-    required, stiffest = requirements.required, requirements.stiffest
+def _search(  # noqa: PLR0917
+    joint: OneJoint,
+    required: tuple[float, ...],
+    rest: tuple[float, float],
+    given: float | None,
+    penalty: float,
+    none: float,
+) -> tuple[tuple[float, float] | None, float, float]:
+    """Return stiffness and rest angle of the best spring, its range minus penalty, and an upper bound of the latter.
+
+    ``none`` is the range without a spring, and ``given`` the largest stiffness or None.
+    """
+    stiffest, most_refined = given, np.inf if given is None else given
     if stiffest is None:
         # above this stiffness, no range exceeds five degrees and the range without a spring: over a range R, a spring
         # changes the torque by kR, and gravity compensates at most 2mgl of this
         least = max(none, np.ptp(required) if required else 0.0, np.radians(5.0))
         stiffest = float((joint.torque_high - joint.torque_low + 2 * joint.weight) / least)
     half = 0.5 * stiffest
-    centres, best, worth, bound = np.array([half]), None, none, np.inf
-    limits, rests = np.array([joint.torque_low, joint.torque_high]), np.array(requirements.rest)
+    centres, worth, bound = np.array([half]), none, np.inf
+    best: tuple[float, float] | None = None
+    limits, rests = np.array([joint.torque_low, joint.torque_high]), np.array(rest)
     pruned = none
     for level in range(_LEVELS):
         # the grid of angles, and the indices of the first and last required angle
@@ -223,18 +232,22 @@ def _search(joint: OneJoint, requirements: SpringRequirements, none: float) -> t
             first, last = int(inner[0]), int(inner[-1])
         step, gravity = float(grid[1] - grid[0]), joint.gravity(grid)
         here = find_widest_runs(gravity, grid, centres, 0.0, limits, rests, first, last)
-        promise = np.where(here[:, 0] < 0, -np.inf, here[:, 0] * step - requirements.penalty * centres / joint.weight)
+        promise = np.where(here[:, 0] < 0, -np.inf, here[:, 0] * step - penalty * centres / joint.weight)
         top = int(promise.argmax())
         if promise[top] > worth and level >= _REFINED_FROM:
             stiffness = float(centres[top])
             # the allowed rest angle that shifts the torques of this run nearest to the middle of the limits
             middle = 0.5 * ((here[top, 2] - joint.torque_high) + (here[top, 1] - joint.torque_low)) / stiffness
-            spring = _refine(joint, requirements, stiffness, float(np.clip(middle, *requirements.rest)))
-            if spring is not None and _objective(joint, requirements, spring) > worth:
-                best, worth = spring, _objective(joint, requirements, spring)
+            spring = stiffness, float(np.clip(middle, *rest))
+            start = joint.widest_interval(*spring, required)
+            if start is not None:
+                refined = refine_spring(joint, (*start, *spring), required, rest, most_refined, penalty)
+                for each, part in ((spring, start), (refined, joint.widest_interval(*refined, required))):
+                    if part is not None and part[1] - part[0] - penalty * each[0] / joint.weight > worth:
+                        best, worth = each, part[1] - part[0] - penalty * each[0] / joint.weight
         wide = find_widest_runs(gravity, grid, centres, half, limits, rests, first, last)
         most = np.where(wide[:, 0] < 0, -np.inf, np.minimum((wide[:, 0] + 2) * step, joint.upper - joint.lower))
-        most -= requirements.penalty * np.maximum(centres - half, 0.0) / joint.weight
+        most -= penalty * np.maximum(centres - half, 0.0) / joint.weight
         open_ = most > worth + _TOLERANCE
         pruned = max(pruned, float(most[~open_].max(initial=-np.inf)))
         bound = max(worth, pruned, float(most[open_].max(initial=-np.inf)))
@@ -242,28 +255,7 @@ def _search(joint: OneJoint, requirements: SpringRequirements, none: float) -> t
             break
         half *= 0.25
         centres = (centres[open_, None] + half * np.array([-3.0, -1.0, 1.0, 3.0])).ravel()
-    return best, bound
-
-
-def _refine(joint: OneJoint, requirements: SpringRequirements, stiffness: float, rest: float) -> _Spring | None:
-    """Return the better of a spring and its refinement; None if no angle can be held with the spring."""
-    start = joint.widest_interval(stiffness, rest, requirements.required)
-    if start is None:
-        return None
-    most = np.inf if requirements.stiffest is None else requirements.stiffest
-    other = refine_spring(
-        joint, (*start, stiffness, rest), requirements.required, requirements.rest, most, requirements.penalty
-    )
-    part = joint.widest_interval(*other, requirements.required)
-    springs = [(stiffness, rest, start[1] - start[0])]
-    if part is not None:
-        springs.append((*other, part[1] - part[0]))
-    return max(springs, key=lambda spring: _objective(joint, requirements, spring))
-
-
-def _objective(joint: OneJoint, requirements: SpringRequirements, spring: _Spring) -> float:
-    """Return the objective of the search: range minus penalty, rad."""
-    return spring[2] - requirements.penalty * spring[0] / joint.weight
+    return best, worth, bound
 
 
 _MARGIN = 1e-7  # fraction of the weight: larger than the solver's violation of its constraints
@@ -291,7 +283,22 @@ def refine_spring(  # noqa: PLR0917
         np.array([joint.lower, joint.lower, 0.0, -np.inf]),
         np.array([joint.upper, joint.upper, stiffest / weight, np.inf]),
     )
-    constraint: Any = {"type": "ineq", "fun": _constraint_margins(joint, start, required, rest)}
+    phase = float(np.arctan2(joint.cosine, joint.sine))
+    inside = joint.turning_points(stiffness)
+    inside = inside[(inside > low) & (inside < high)]
+    half = np.arccos(np.clip(-stiffness / weight, -1, 1))
+    sign = np.sign(np.sin(inside + phase))
+    base = inside + phase - sign * half  # multiples of a full rotation
+    least, most = joint.torque_low / weight + _MARGIN, joint.torque_high / weight - _MARGIN
+
+    def margins(x: FloatArray) -> FloatArray:
+        """Return the margins to all limits; x has both ends of the range, k / mgl and k θ₀ / mgl."""
+        turning = base - phase + sign * np.arccos(np.clip(-x[2], -1, 1))
+        angles = np.concatenate([x[:2], turning, required])
+        value = np.sin(angles + phase) + x[2] * angles - x[3]
+        return np.concatenate([value - least, most - value, [x[3] - x[2] * rest[0], x[2] * rest[1] - x[3]]])
+
+    constraint: Any = {"type": "ineq", "fun": margins}
     options: Any = {"ftol": 1e-12, "maxiter": 100}
 
     def cost(x: FloatArray) -> float:
@@ -301,28 +308,6 @@ def refine_spring(  # noqa: PLR0917
     if not np.isfinite(result.x).all() or result.x[2] <= 0:
         return stiffness, at
     return float(result.x[2] * weight), float(np.clip(result.x[3] / result.x[2], *rest))
-
-
-def _constraint_margins(
-    joint: OneJoint, start: tuple[float, float, float, float], required: Sequence[float], rest: tuple[float, float]
-) -> Callable[[FloatArray], FloatArray]:
-    """Return a function of both ends of the range, k / mgl and k θ₀ / mgl that returns the margins to all limits."""
-    low, high, stiffness, _ = start
-    weight, phase = joint.weight, float(np.arctan2(joint.cosine, joint.sine))
-    inside = joint.turning_points(stiffness)
-    inside = inside[(inside > low) & (inside < high)]
-    half = np.arccos(np.clip(-stiffness / weight, -1, 1))
-    sign = np.sign(np.sin(inside + phase))
-    base = inside + phase - sign * half  # multiples of a full rotation
-    least, most = joint.torque_low / weight + _MARGIN, joint.torque_high / weight - _MARGIN
-
-    def margins(x: FloatArray) -> FloatArray:
-        turning = base - phase + sign * np.arccos(np.clip(-x[2], -1, 1))
-        angles = np.concatenate([x[:2], turning, required])
-        value = np.sin(angles + phase) + x[2] * angles - x[3]
-        return np.concatenate([value - least, most - value, [x[3] - x[2] * rest[0], x[2] * rest[1] - x[3]]])
-
-    return margins
 
 
 _LEAST_GRID = 721

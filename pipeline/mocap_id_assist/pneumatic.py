@@ -25,13 +25,13 @@ from mocap_id.store import Table
 from mocap_id.workflows.run_folder import open_run
 from mocap_id_assist.devices import (
     ESTIMATED,
+    GAS_CONSTANT,
     NearestSpring,
     TorqueLog,
     find_nearest_setting,
     gas_of_change,
     identify_cylinder,
     normal_litres,
-    usable_gas,
 )
 
 _SPAN_GRID = 361  # number of angles at which two springs are compared
@@ -101,19 +101,7 @@ def draw_curve(
     limits: tuple[FloatArray, FloatArray],
     friction: float,
 ) -> Figure:
-    """Draw the torque of a device against the angle: 95 % band, friction, isothermal and adiabatic limits.
-
-    Parameters
-    ----------
-    angle : (N,) array
-        Joint angle, rad.
-    torque, deviation : (N,) arrays
-        Torque of the device and its standard deviation, N·m.
-    limits : pair of (N,) arrays
-        Isothermal and adiabatic torque, N·m.
-    friction : float
-        Coulomb friction, N·m.
-    """
+    """Draw the torque of a device against the angle: 95 % band, friction, isothermal and adiabatic ``limits``."""
     figure = paper_figures.make_figure(3.2)
     axes, degrees = figure.subplots(), np.degrees(angle)
     band: dict[str, Any] = {"color": style.BLUE, "alpha": 0.15, "lw": 0, "label": "95 % interval"}
@@ -134,15 +122,8 @@ def spring_pressures(
 ) -> dict[str, Any]:
     """Return the pressures with which a device best approximates a spring, and the spring that results.
 
-    ConfigError is raised if the stiffness is not above zero, or the range is empty or beyond the stroke.
-
-    Parameters
-    ----------
-    config : DeviceConfig
-    stiffness, rest : float
-        Stiffness, N·m/rad, and rest angle, rad, of the spring.
-    span : (low, high), optional
-        Range in which both torques should agree, rad; by default, they should agree near the rest angle.
+    The torques should agree in the range ``span``, rad, by default near the ``rest`` angle, rad. The ``stiffness`` is
+    in N·m/rad. ConfigError is raised if it is not above zero, or the range is empty or beyond the stroke.
     """
     if not 0 < stiffness < np.inf or not np.isfinite(rest):
         raise ConfigError(
@@ -189,9 +170,9 @@ def gas_budget(config: DeviceConfig) -> dict[str, Any]:
         where = config.source.where(("conditions",))
         raise ConfigError(f"{where}: a budget needs at least two worn conditions in `conditions:`; found {len(worn)}")
     cylinder, store = keys.cylinder(), keys.reservoir
-    usable = (
-        None if store is None else usable_gas(store.volume_m3, store.pressure_Pa, keys.supply_Pa, keys.temperature_K)
-    )
+    usable = None  # kg, until the pressure of the reservoir is down to that of the supply
+    if store is not None:
+        usable = max(store.pressure_Pa - keys.supply_Pa, 0.0) * store.volume_m3 / (GAS_CONSTANT * keys.temperature_K)
     changes = []
     for before, after in itertools.permutations(worn, 2):
         gas = gas_of_change(cylinder, worn[before], worn[after], keys.temperature_K)
@@ -233,16 +214,11 @@ _IN_SPACE = "elbow_flexion", "delbow_flexion", "elbow_torque"
 def identify_device(config: DeviceConfig, source: Path, joint: int = 1) -> dict[str, Any]:
     """Return the parameters of a device with their intervals; None for a parameter that the log does not determine.
 
-    Parameters
-    ----------
-    config : DeviceConfig
-    source : Path
-        A CSV file, or the run folder or YAML file of a trial with joint torques and a relaxed person. The CSV file has
-        the columns ``angle_rad`` and ``torque_Nm``. Optional columns are ``time_s`` or ``velocity_rad_s`` (for
-        friction), and the sealed pressures ``flexion_Pa`` and ``extension_Pa``, by default those of `sealed:`. A trial
-        in space needs `protocol: curl`; its condition determines the pressures.
-    joint : int
-        For a trial in the plane: the joint, from 1.
+    ``source`` is a CSV file, or the run folder or YAML file of a trial with joint torques and a relaxed person. The CSV
+    file has the columns ``angle_rad`` and ``torque_Nm``. Optional columns are ``time_s`` or ``velocity_rad_s`` (for
+    friction), and the sealed pressures ``flexion_Pa`` and ``extension_Pa``, by default those of `sealed:`. A trial in
+    space needs `protocol: curl`; its condition determines the pressures. For a trial in the plane, ``joint`` is the
+    number of the joint, from 1.
 
     Raises
     ------
@@ -254,13 +230,13 @@ def identify_device(config: DeviceConfig, source: Path, joint: int = 1) -> dict[
     described = config.keys.cylinder()
     is_csv = source.suffix.lower() == ".csv"
     log, left_out = _read_csv_log(config, source) if is_csv else _read_trial_log(config, source, joint)
-    identified = identify_cylinder(described, log)
+    cylinder, intervals, known, residual = identify_cylinder(described, log)
     parameters: list[dict[str, Any]] = []
     for name in ESTIMATED:
         unit = np.degrees(1.0) if name == "full_flexion" else 1.0
-        ends = identified.interval.get(name)
-        determined = identified.determined.get(name, False)
-        value = unit * getattr(identified.cylinder, name)
+        ends = intervals.get(name)
+        determined = known.get(name, False)
+        value = unit * getattr(cylinder, name)
         parameters.append(
             {
                 "name": _KEYS[name],
@@ -285,7 +261,7 @@ def identify_device(config: DeviceConfig, source: Path, joint: int = 1) -> dict[
         "device": config.keys.device,
         "samples": len(log.angle),
         "left_out": left_out,
-        "residual_Nm": identified.residual,
+        "residual_Nm": residual,
         "parameters": parameters,
         "cautions": [caution] if far else [],
     }

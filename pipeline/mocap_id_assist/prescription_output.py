@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -15,12 +16,12 @@ from mocap_id.reporting import paper_figures, style
 from mocap_id.reporting.paper_figures import render
 from mocap_id.reporting.results.columns import to_finite
 from mocap_id.reporting.results.result import CommandResult, make_text_file
-from mocap_id_assist.assisted_body import PrescriptionResult, SpringMap, Timed
-from mocap_id_assist.controllers import Controlled, NodeChange
+from mocap_id_assist.assisted_body import PrescriptionResult, SpringMap
+from mocap_id_assist.controllers import Controlled
 from mocap_id_assist.level_set import JointDynamics, ReachableStates
 from mocap_id_assist.one_joint import OneJoint, Prescription
 from mocap_id_assist.pneumatic import spring_document
-from mocap_id_assist.several_joints import Graph, find_held_postures
+from mocap_id_assist.several_joints import find_held_postures
 from mocap_id_assist.workspaces import workspace_result
 
 _EVERY = 10  # every tenth sample of a tour is drawn
@@ -64,14 +65,8 @@ def draw_ranges(joint: OneJoint, found: Prescription) -> Figure:
 def draw_holdable_postures(tips: FloatArray, without: BoolArray, held: BoolArray, joint: FloatArray) -> Figure:
     """Draw the tip positions that can be held without and with springs.
 
-    Parameters
-    ----------
-    tips : (N, 2) array
-        Tip position of each sampled posture, m.
-    without, held : (N,) bool arrays
-        Whether each posture can be held without springs, and with springs.
-    joint : (2,) array
-        Position of the first joint, m.
+    ``tips`` (N, 2) are those of sampled postures, m. ``without`` and ``held`` (N,) say which of these can be held
+    without and with springs. ``joint`` (2,) is the position of the first joint, m.
     """
     figure = paper_figures.make_figure(3.4)
     panels = figure.subplots(1, 2, sharey=True)  # both axes shared would not allow `datalim`
@@ -207,7 +202,7 @@ def prescription_output(found: PrescriptionResult) -> CommandResult:
 
     In the document, `springs` is null if no springs could be prescribed; `why` is then the reason.
     """
-    body, one, several = found.body, found.one, found.several
+    body, one, several, devices = found.body, found.one, found.several, found.devices
     content: dict[str, Any] = {
         "product": __version__,
         "prescription": found.config.wishes.prescription,
@@ -222,8 +217,8 @@ def prescription_output(found: PrescriptionResult) -> CommandResult:
         "why": found.refused,
         "springs": None,
     }
-    if found.workspace is not None:
-        content["workspace"] = workspace_result(found.workspace).document
+    if found.workspace is not None and body.subject is not None:
+        content["workspace"] = workspace_result(body.subject, found.workspace).document
     if one is not None and found.joint is not None:
         spring = {"joints": [1], "stiffness_Nm_per_rad": one.stiffness, "rest_deg": to_finite(np.degrees(one.rest))}
         content |= {
@@ -252,118 +247,98 @@ def prescription_output(found: PrescriptionResult) -> CommandResult:
             "gap_m2": several.gap,
             "boxes": several.boxes,
         }
-    if found.timed is not None:
-        content["level_set"] = _describe_level_set(found.timed)
-    if found.map is not None:
-        content["search"] = _describe_map(found.map)
-    if found.graph is not None:
-        content["sub_workspaces"] = _describe_graph(found.graph)
-    if found.devices is not None:
-        content["devices"] = _describe_devices(found)
+    if (timed := found.timed) is not None:
+        start = timed.dynamics.equilibrium()
+        content["level_set"] = {
+            "stiffness_Nm_per_rad": timed.dynamics.stiffness,
+            "rest_deg": to_finite(np.degrees(timed.dynamics.rest)),
+            "inertia_kgm2": timed.dynamics.inertia,
+            "equilibrium_deg": None if start is None else float(np.degrees(start)),
+            "static_deg": None if timed.static is None else _degrees(timed.static),
+            "unheld_deg": [_degrees(each) for each in timed.unheld],
+            "horizons": [
+                {
+                    "time_s": time,
+                    "reached_and_held_deg": None if bound is None else _degrees(bound),
+                    "grid_error_deg": None if error is None else to_finite(np.degrees(error)),
+                }
+                for time, bound, error in zip(timed.reached.times, timed.bounds, timed.grid_errors, strict=True)
+            ],
+        }
+    if (springs := found.map) is not None:
+        best = None
+        if springs.best is not None:
+            k, r = springs.best
+            best = {
+                "stiffness_Nm_per_rad": float(springs.stiffness[k]),
+                "rest_deg": float(np.degrees(springs.rest[r])),
+                "reached_and_held_deg": float(np.degrees(springs.width[k, r])),
+            }
+        content["search"] = {"horizon_s": springs.horizon, "springs": int(springs.width.size), "best": best}
+    if (graph := found.graph) is not None:
+        names = [node.name for node in graph.nodes]
+        ways = {(a, b): graph.find_path(a, b) for a, b in combinations(range(len(names)), 2)}
+        content["sub_workspaces"] = {
+            "nodes": [
+                {
+                    "name": node.name,
+                    "tasks": list(node.tasks),
+                    "springs": None
+                    if node.stiffness is None or node.rest is None
+                    else [
+                        {"stiffness_Nm_per_rad": float(k), "rest_deg": to_finite(np.degrees(rest))}
+                        for k, rest in zip(node.stiffness, node.rest, strict=True)
+                    ],
+                    "held_share": float(node.held.mean()),
+                }
+                for node in graph.nodes
+            ],
+            "switches": [
+                {
+                    "between": [names[k] for k in between],
+                    "overlap_share": share,
+                    "at_deg": np.degrees(graph.postures[posture]).tolist(),
+                }
+                for between, share, posture in graph.switches
+            ],
+            "ways": [
+                {"from": names[a], "to": names[b], "by": None if way is None else [names[k] for k in way]}
+                for (a, b), way in ways.items()
+            ],
+        }
+    if devices is not None:
+        replaced: dict[str, Any] = {
+            "springs": [
+                {
+                    "joints": [joint + 1 for joint in found.places[each.place].joints],
+                    "device": each.device.keys.device,
+                    "flexion_Pa": each.setting.flexion,
+                    "extension_Pa": each.setting.extension,
+                    "nearest_spring": spring_document(each.nearest),
+                }
+                for each in devices
+            ],
+            "why": "" if devices else "no spring was prescribed for the joints of a device",
+        }
+        if one is not None:
+            lost = _find_lost_range(found)
+            replaced["range_deg"] = None if found.device_range is None else np.degrees(found.device_range).tolist()
+            replaced["range_lost_deg"] = None if lost is None else float(np.degrees(lost))
+        elif several is not None:
+            replaced["functional_workspace_m2"] = found.device_area
+            replaced["functional_workspace_lost_m2"] = several.area - found.device_area
+        content["devices"] = replaced
     if found.controlled is not None:
         content["controller"] = _describe_controller(found.controlled)
     return CommandResult("prescription", "prescription.json", content, other_files=lambda: _make_files(found), end="")
 
 
-def _describe_level_set(timed: Timed) -> dict[str, Any]:
-    start = timed.dynamics.equilibrium()
-    return {
-        "stiffness_Nm_per_rad": timed.dynamics.stiffness,
-        "rest_deg": to_finite(np.degrees(timed.dynamics.rest)),
-        "inertia_kgm2": timed.dynamics.inertia,
-        "equilibrium_deg": None if start is None else float(np.degrees(start)),
-        "static_deg": None if timed.static is None else _degrees(timed.static),
-        "unheld_deg": [_degrees(each) for each in timed.unheld],
-        "horizons": [
-            {
-                "time_s": time,
-                "reached_and_held_deg": None if bound is None else _degrees(bound),
-                "grid_error_deg": None if error is None else to_finite(np.degrees(error)),
-            }
-            for time, bound, error in zip(timed.reached.times, timed.bounds, timed.grid_errors, strict=True)
-        ],
-    }
-
-
-def _describe_map(springs: SpringMap) -> dict[str, Any]:
-    best = None
-    if springs.best is not None:
-        k, r = springs.best
-        best = {
-            "stiffness_Nm_per_rad": float(springs.stiffness[k]),
-            "rest_deg": float(np.degrees(springs.rest[r])),
-            "reached_and_held_deg": float(np.degrees(springs.width[k, r])),
-        }
-    return {"horizon_s": springs.horizon, "springs": int(springs.width.size), "best": best}
-
-
-def _describe_graph(graph: Graph) -> dict[str, Any]:
-    names = [node.name for node in graph.nodes]
-    count = range(len(names))
-    ways = {(a, b): graph.find_path(a, b) for a in count for b in count if a < b}
-    return {
-        "nodes": [
-            {
-                "name": node.name,
-                "tasks": list(node.tasks),
-                "springs": None
-                if node.stiffness is None or node.rest is None
-                else [
-                    {"stiffness_Nm_per_rad": float(k), "rest_deg": to_finite(np.degrees(rest))}
-                    for k, rest in zip(node.stiffness, node.rest, strict=True)
-                ],
-                "held_share": float(node.held.mean()),
-            }
-            for node in graph.nodes
-        ],
-        "switches": [
-            {
-                "between": [names[k] for k in switch.between],
-                "overlap_share": switch.share,
-                "at_deg": np.degrees(graph.postures[switch.posture]).tolist(),
-            }
-            for switch in graph.switches
-        ],
-        "ways": [
-            {"from": names[a], "to": names[b], "by": None if way is None else [names[k] for k in way]}
-            for (a, b), way in ways.items()
-        ],
-    }
-
-
-def _describe_devices(found: PrescriptionResult) -> dict[str, Any]:
-    """Return the pressures of the devices, and the range or workspace lost relative to the prescribed springs."""
-    devices = found.devices
-    assert devices is not None
-    content: dict[str, Any] = {
-        "springs": [
-            {
-                "joints": [joint + 1 for joint in found.places[each.place].joints],
-                "device": each.device.keys.device,
-                "flexion_Pa": each.setting.flexion,
-                "extension_Pa": each.setting.extension,
-                "nearest_spring": spring_document(each.nearest),
-            }
-            for each in devices.springs
-        ],
-        "why": "" if devices.springs else "no spring was prescribed for the joints of a device",
-    }
-    if found.one is not None:
-        lost = _find_lost_range(found)
-        content["range_deg"] = None if devices.range is None else np.degrees(devices.range).tolist()
-        content["range_lost_deg"] = None if lost is None else float(np.degrees(lost))
-    elif found.several is not None:
-        content["functional_workspace_m2"] = devices.area
-        content["functional_workspace_lost_m2"] = found.several.area - devices.area
-    return content
-
-
 def _find_lost_range(found: PrescriptionResult) -> float | None:
     """Return how much smaller the held range is with the device than with the linear spring, rad; None if unknown."""
-    assert found.one is not None and found.devices is not None
-    if not found.devices.springs:
+    assert found.one is not None
+    if not found.devices:
         return None
-    held = found.devices.range
+    held = found.device_range
     return float(np.ptp(found.one.range)) - (0.0 if held is None else held[1] - held[0])
 
 
@@ -385,6 +360,23 @@ def _describe_controller(controlled: Controlled) -> dict[str, Any]:
             ]
             entry |= {"reserve_share": controlled.reserve[k], "held_share": float(controlled.held[k].mean())}
         nodes.append(entry)
+    changes = []
+    for one in controlled.changes:
+        entry = {"from": names[one.before], "to": names[one.after]}
+        shares = {
+            "unsafe_share": float(one.unsafe[one.switched].mean()) if one.switched.any() else None,
+            "unsafe_share_of_overlap": float(one.unsafe.mean()),
+        }
+        if is_joint:
+            speed = np.abs(one.states[:, 1])
+            still = speed == speed.min()
+            angle = one.states[still, 0]
+            entry["overlap_deg"] = np.degrees(angle[[0, -1]]).tolist()
+            entry["changes_deg"] = _list_intervals(angle, one.switched[still])
+            entry |= {**shares, "unsafe_at_rest_deg": _list_intervals(angle, one.unsafe[still])}
+        else:
+            entry |= {"postures": len(one.states), **shares}
+        changes.append(entry)
     visits = [
         {
             "task": visit.task,
@@ -404,7 +396,7 @@ def _describe_controller(controlled: Controlled) -> dict[str, Any]:
         )
     return {
         "nodes": nodes,
-        "changes": [_describe_change(one, names, is_joint) for one in controlled.changes],
+        "changes": changes,
         "tour": {
             "duration_s": float(tour.time[-1]),
             "tasks": visits,
@@ -415,26 +407,6 @@ def _describe_controller(controlled: Controlled) -> dict[str, Any]:
             "settling_s": controlled.settling,
         },
         "problems": list(controlled.problems),
-    }
-
-
-def _describe_change(one: NodeChange, names: list[str], is_joint: bool) -> dict[str, Any]:
-    entry: dict[str, Any] = {"from": names[one.before], "to": names[one.after]}
-    shares = {
-        "unsafe_share": float(one.unsafe[one.switched].mean()) if one.switched.any() else None,
-        "unsafe_share_of_overlap": float(one.unsafe.mean()),
-    }
-    if not is_joint:
-        return {**entry, "postures": len(one.states), **shares}
-    speed = np.abs(one.states[:, 1])
-    still = speed == speed.min()
-    angle = one.states[still, 0]
-    return {
-        **entry,
-        "overlap_deg": np.degrees(angle[[0, -1]]).tolist(),
-        "changes_deg": _list_intervals(angle, one.switched[still]),
-        **shares,
-        "unsafe_at_rest_deg": _list_intervals(angle, one.unsafe[still]),
     }
 
 
@@ -464,11 +436,21 @@ def _make_files(found: PrescriptionResult) -> dict[str, bytes]:
     if timed is not None:
         title = f"reachable set over time: {name}"
         files |= render("level_set", title, lambda: draw_level_sets(timed.reached, timed.bounds, timed.dynamics))
-        files["horizons.csv"] = make_text_file(_horizon_rows(timed))
+        lines = ["time_s,lower_deg,upper_deg"]
+        for time, bound in zip(timed.reached.times, timed.bounds, strict=True):
+            ends = ("" if bound is None else f"{np.degrees(end):.3f}" for end in bound or (0, 0))
+            lines.append(",".join([f"{time:g}", *ends]))
+        files["horizons.csv"] = make_text_file(lines)
     if springs is not None:
         title = f"springs by their reachable sets: {name}"
         files |= render("search", title, lambda: draw_spring_map(springs))
-        files["search.csv"] = make_text_file(_spring_rows(springs))
+        lines = ["stiffness_Nm_per_rad,rest_deg,reached_and_held_deg,held_deg"]
+        for k, stiffness in enumerate(springs.stiffness):
+            for r, rest in enumerate(np.degrees(springs.rest)):
+                width, static = np.degrees([springs.width[k, r], springs.static[k, r]])
+                reached = "" if np.isnan(width) else f"{width:.3f}"
+                lines.append(f"{stiffness:.6g},{rest:.6g},{reached},{static:.3f}")
+        files["search.csv"] = make_text_file(lines)
     if controlled is not None:
         limits = None if joint is None else (joint.torque_low, joint.torque_high)
         files |= render(
@@ -476,44 +458,25 @@ def _make_files(found: PrescriptionResult) -> dict[str, bytes]:
             f"controller over sub-workspaces: {name}",
             lambda: draw_chain_tour(controlled) if limits is None else draw_switching(controlled, limits),
         )
-        states = "unsafe_postures.csv" if limits is None else "unsafe_states.csv"
-        files[states] = make_text_file(_unsafe_rows(controlled))
+        # the states in which a change is unsafe: angle and velocity of one joint, or postures of a chain
+        names, joints = [node.name for node in controlled.nodes], controlled.grid.shape[1]
+        axes = ["angle_deg", "velocity_deg_s"] if controlled.made_for else [f"angle_{j + 1}_deg" for j in range(joints)]
+        lines = [",".join(["from", "to", *axes, "missing_Nm", "controller_changes_here"])]
+        for change in controlled.changes:
+            for at in np.flatnonzero(change.unsafe):
+                state = ",".join(f"{value:.2f}" for value in np.degrees(change.states[at]))
+                between = f"{names[change.before]},{names[change.after]}"
+                lines.append(f"{between},{state},{change.missing[at]:.4f},{str(bool(change.switched[at])).lower()}")
+        files["unsafe_postures.csv" if limits is None else "unsafe_states.csv"] = make_text_file(lines)
     return files
-
-
-def _horizon_rows(timed: Timed) -> Iterator[str]:
-    yield "time_s,lower_deg,upper_deg"
-    for time, bound in zip(timed.reached.times, timed.bounds, strict=True):
-        yield ",".join([f"{time:g}", *("" if bound is None else f"{np.degrees(end):.3f}" for end in bound or (0, 0))])
-
-
-def _spring_rows(springs: SpringMap) -> Iterator[str]:
-    yield "stiffness_Nm_per_rad,rest_deg,reached_and_held_deg,held_deg"
-    for k, stiffness in enumerate(springs.stiffness):
-        for r, rest in enumerate(np.degrees(springs.rest)):
-            width, static = np.degrees([springs.width[k, r], springs.static[k, r]])
-            reached = "" if np.isnan(width) else f"{width:.3f}"
-            yield f"{stiffness:.6g},{rest:.6g},{reached},{static:.3f}"
-
-
-def _unsafe_rows(controlled: Controlled) -> Iterator[str]:
-    """Yield the states in which a change is unsafe: angle and velocity of one joint, or postures of a chain."""
-    names, joints = [node.name for node in controlled.nodes], controlled.grid.shape[1]
-    axes = ["angle_deg", "velocity_deg_s"] if controlled.made_for else [f"angle_{j + 1}_deg" for j in range(joints)]
-    yield ",".join(["from", "to", *axes, "missing_Nm", "controller_changes_here"])
-    for one in controlled.changes:
-        for k in np.flatnonzero(one.unsafe):
-            state = ",".join(f"{value:.2f}" for value in np.degrees(one.states[k]))
-            change = f"{names[one.before]},{names[one.after]}"
-            yield f"{change},{state},{one.missing[k]:.4f},{str(bool(one.switched[k])).lower()}"
 
 
 def prescription_lines(found: PrescriptionResult) -> Iterator[str]:
     """Yield sentences about all computed parts."""
     name, one, joint, several = found.config.wishes.prescription, found.one, found.joint, found.several
     if found.workspace is not None:
-        low, high = found.workspace.workspace.interval
-        area = found.workspace.workspace.measure
+        low, high = found.workspace.interval
+        area = found.workspace.measure
         yield f"{name}: joint limits alone allow {area:.5f} m² (95 % interval {low:.5f} to {high:.5f})"
     if found.refused is not None:
         yield f"{name}: nothing can be prescribed: {found.refused}. Only the kinematic workspace is known"
@@ -545,69 +508,50 @@ def prescription_lines(found: PrescriptionResult) -> Iterator[str]:
         yield (
             f"no other springs hold over {several.gap:.4f} m² more of these samples ({several.boxes} boxes searched)"
         )
-    if found.timed is not None:
-        yield from _timed_lines(found.timed)
-    if found.map is not None:
-        yield _map_line(found.map)
-    if found.graph is not None:
-        yield from _graph_lines(found.graph)
-    yield from _device_lines(found)
-    if found.controlled is not None:
-        yield from _controller_lines(found.controlled)
-
-
-def _timed_lines(timed: Timed) -> Iterator[str]:
-    for time, bound, error in zip(timed.reached.times, timed.bounds, timed.grid_errors, strict=True):
-        reached = "nothing" if bound is None else _range(bound)
-        of_grid = "" if error is None else f"; half as many grid nodes change this by {math.degrees(error):.1f}°"
-        yield f"within {time:g} s: {reached} reached and held{of_grid}"
-    yield f"ever: {'nothing' if timed.static is None else _range(timed.static)} held"
-    for gap in timed.unheld:
-        yield f"{_range(gap)} can be passed, but not held: the person is too weak for this spring there"
-
-
-def _map_line(springs: SpringMap) -> str:
-    if springs.best is None:
-        return "search: the joint does not rest within its limits with any of these springs"
-    k, r = springs.best
-    return (
-        f"search: widest within {springs.horizon:g} s is {math.degrees(springs.width[k, r]):.1f}°, with "
-        f"{springs.stiffness[k]:.4g} N·m/rad and rest angle {math.degrees(springs.rest[r]):.0f}°"
-    )
-
-
-def _graph_lines(graph: Graph) -> Iterator[str]:
-    for node in graph.nodes:
-        text = "no suitable spring was found"
-        if node.stiffness is not None and node.rest is not None:
-            pairs = zip(node.stiffness, node.rest, strict=True)
-            springs = [f"{k:.4g} N·m/rad at {math.degrees(rest):.1f}°" for k, rest in pairs if k > 0]
-            text = ", ".join(springs) or "no spring is needed"
-        yield f"sub-workspace {node.name} ({', '.join(node.tasks)}): {text}"
-    for switch in graph.switches:
-        one, other = (graph.nodes[k].name for k in switch.between)
-        at = ", ".join(f"{angle:.0f}°" for angle in np.degrees(graph.postures[switch.posture]))
-        yield f"switch between {one} and {other} at {at}; overlap {100 * switch.share:.0f} % of the postures"
-
-
-def _device_lines(found: PrescriptionResult) -> Iterator[str]:
-    devices = found.devices
-    if devices is None:
-        return
-    for each in devices.springs:
+    if (timed := found.timed) is not None:
+        for time, bound, error in zip(timed.reached.times, timed.bounds, timed.grid_errors, strict=True):
+            reached = "nothing" if bound is None else _range(bound)
+            of_grid = "" if error is None else f"; half as many grid nodes change this by {math.degrees(error):.1f}°"
+            yield f"within {time:g} s: {reached} reached and held{of_grid}"
+        yield f"ever: {'nothing' if timed.static is None else _range(timed.static)} held"
+        for gap in timed.unheld:
+            yield f"{_range(gap)} can be passed, but not held: the person is too weak for this spring there"
+    if (springs := found.map) is not None:
+        if springs.best is None:
+            yield "search: the joint does not rest within its limits with any of these springs"
+        else:
+            k, r = springs.best
+            yield (
+                f"search: widest within {springs.horizon:g} s is {math.degrees(springs.width[k, r]):.1f}°, with "
+                f"{springs.stiffness[k]:.4g} N·m/rad and rest angle {math.degrees(springs.rest[r]):.0f}°"
+            )
+    if (graph := found.graph) is not None:
+        for node in graph.nodes:
+            text = "no suitable spring was found"
+            if node.stiffness is not None and node.rest is not None:
+                pairs = zip(node.stiffness, node.rest, strict=True)
+                used = [f"{k:.4g} N·m/rad at {math.degrees(rest):.1f}°" for k, rest in pairs if k > 0]
+                text = ", ".join(used) or "no spring is needed"
+            yield f"sub-workspace {node.name} ({', '.join(node.tasks)}): {text}"
+        for between, share, posture in graph.switches:
+            first, other = (graph.nodes[k].name for k in between)
+            at = ", ".join(f"{angle:.0f}°" for angle in np.degrees(graph.postures[posture]))
+            yield f"switch between {first} and {other} at {at}; overlap {100 * share:.0f} % of the postures"
+    for each in found.devices or ():
         joints = " and ".join(found.body.joints[joint] for joint in found.places[each.place].joints)
         flexion, extension = (f"{1e-5 * pressure:.2f} bar" for pressure in each.setting.pressures())
-        name = each.device.keys.device
-        yield f"device {name} on {joints}: flexion {flexion}, extension {extension} (absolute)"
-    if not devices.springs:
+        yield f"device {each.device.keys.device} on {joints}: flexion {flexion}, extension {extension} (absolute)"
+    if found.devices == ():
         yield "device: no spring was prescribed for the joints of the device"
-    elif found.several is not None:
-        lost = found.several.area - devices.area
-        yield f"with the devices, {devices.area:.4f} m² can be held: {lost:.4f} m² less than with linear springs"
-    else:
+    elif found.devices and several is not None:
+        area, lost = found.device_area, several.area - found.device_area
+        yield f"with the devices, {area:.4f} m² can be held: {lost:.4f} m² less than with linear springs"
+    elif found.devices:
         lost = np.degrees(_find_lost_range(found) or 0.0)
-        held = "nothing" if devices.range is None else "{:.1f}° to {:.1f}°".format(*np.degrees(devices.range))
+        held = "nothing" if found.device_range is None else "{:.1f}° to {:.1f}°".format(*np.degrees(found.device_range))
         yield f"with the device, {held} can be held: {lost:.1f}° less than with the linear spring"
+    if found.controlled is not None:
+        yield from _controller_lines(found.controlled)
 
 
 def _controller_lines(controlled: Controlled) -> Iterator[str]:

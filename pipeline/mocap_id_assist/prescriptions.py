@@ -19,7 +19,6 @@ from mocap_id.store.atomic import write_files
 from mocap_id_assist.assisted_body import (
     AssistedBody,
     DeviceSpring,
-    DeviceSprings,
     PrescriptionResult,
     SpringMap,
     Timed,
@@ -30,7 +29,7 @@ from mocap_id_assist.device_control import control_chain, control_joint
 from mocap_id_assist.devices import find_held_range, find_nearest_setting, find_widest_setting
 from mocap_id_assist.files import LevelSet, PrescriptionConfig, SearchGrid, SpringWish
 from mocap_id_assist.level_set import JointDynamics, Scheme, compute_reachable_states, find_reached_and_held
-from mocap_id_assist.one_joint import REST, OneJoint, Prescription, SpringRequirements, prescribe_spring
+from mocap_id_assist.one_joint import REST, OneJoint, Prescription, prescribe_spring
 from mocap_id_assist.several_joints import (
     SpringPlace,
     find_held_postures,
@@ -50,15 +49,9 @@ def prescribe_from(
 ) -> PrescriptionResult:
     """Return all results that a configuration requests.
 
-    Parameters
-    ----------
-    config : PrescriptionConfig
-    folder : Path, optional
-        Folder in which the map of springs is saved row by row, so that an interrupted computation can resume.
-    progress : callable, optional
-        Called with each step of the run, if the body comes from a trial's YAML file.
-    report : callable, optional
-        Called with a line about the progress of the map.
+    In ``folder``, the map of springs is saved row by row, so that an interrupted computation can resume. ``progress``
+    is called with each step of the run, if the body comes from a trial's YAML file, and ``report`` with a line about
+    the progress of the map.
 
     Raises
     ------
@@ -106,13 +99,13 @@ def _prescribe_joint(result: PrescriptionResult, folder: Path | None, report: Re
     joint = result.body.one_joint()
     if wishes.springs is not None and len(wishes.springs) > 1:
         raise ValueError(f"one joint takes one spring, but `springs:` has {len(wishes.springs)}")
-    requirements = SpringRequirements(
+    spring = prescribe_spring(
+        joint,
         required=tuple(np.radians(wishes.required_deg).tolist()),
         rest=result.places[0].rest if result.places else REST,
         stiffest=0.0 if wishes.springs == () else wishes.springs[0].stiffest if wishes.springs else None,
         penalty=wishes.penalty,
     )
-    spring = prescribe_spring(joint, requirements)
     timed = None if wishes.level_set is None else _compute_ranges(joint, result.body, spring, wishes.level_set)
     springs = None
     if wishes.search is not None:
@@ -178,38 +171,39 @@ def _add_devices(result: PrescriptionResult) -> PrescriptionResult:
     if not any(devices):
         return result
     if result.several is not None:
-        result = replace(result, devices=_fit_chain_devices(result, devices))
+        result = _fit_chain_devices(result, devices)
         controlled = None if wishes.controller is None else control_chain(result, devices, wishes.controller)
         return replace(result, controlled=controlled)
     joint, device = result.joint, devices[0]
     assert joint is not None and device is not None
-    result = replace(result, devices=_fit_joint_device(result, device))
+    result = _fit_joint_device(result, device)
     if wishes.controller is None:
         return result
     controlled = control_joint(joint, _require_inertia(result.body), device, wishes.tasks, wishes.controller)
     return replace(result, controlled=controlled)
 
 
-def _fit_joint_device(result: PrescriptionResult, device: DeviceConfig) -> DeviceSprings:
-    """Return the pressures with which the person holds the widest interval with all required angles of one joint.
+def _fit_joint_device(result: PrescriptionResult, device: DeviceConfig) -> PrescriptionResult:
+    """Add the pressures with which the person holds the widest interval with all required angles of one joint.
 
     ValueError is raised if the stroke contains no angle of the prescribed range.
     """
     joint, prescribed = result.joint, result.one
     assert joint is not None and prescribed is not None
     if not prescribed.helps:
-        return DeviceSprings(())
+        return replace(result, devices=())
     required = np.radians(result.config.wishes.required_deg).tolist()
     cylinder, limits = device.keys.cylinder(), device.keys.limits()
     angles = np.linspace(*prescribed.range, 361)
     nearest = find_nearest_setting(cylinder, prescribed.stiffness, prescribed.rest, limits, angles)
     setting = find_widest_setting(joint, cylinder, limits, nearest.setting, required)
     spring = DeviceSpring(0, device, setting, nearest)
-    return DeviceSprings((spring,), find_held_range(joint, cylinder, setting, required))
+    held = find_held_range(joint, cylinder, setting, required)
+    return replace(result, devices=(spring,), device_range=held)
 
 
-def _fit_chain_devices(result: PrescriptionResult, devices: Sequence[DeviceConfig | None]) -> DeviceSprings:
-    """Return the pressures that best approximate the prescribed springs, and the workspace with these pressures.
+def _fit_chain_devices(result: PrescriptionResult, devices: Sequence[DeviceConfig | None]) -> PrescriptionResult:
+    """Add the pressures that best approximate the prescribed springs, and the workspace with these pressures.
 
     The torques are compared in the postures that the prescribed springs hold. ValueError is raised if the stroke of a
     device contains none of these postures.
@@ -237,7 +231,7 @@ def _fit_chain_devices(result: PrescriptionResult, devices: Sequence[DeviceConfi
             needed[:, list(place.joints)] += (linear[s] * (postures.stretch[:, s] - prescribed.rest[s]))[:, None]
     kept: BoolArray = np.all((needed >= strength[:, 0]) & (needed <= strength[:, 1]), axis=1)
     cells = np.unique(postures.cell[kept & (postures.cell < postures.cells)])
-    return DeviceSprings(tuple(springs), area=postures.size * len(cells))
+    return replace(result, devices=tuple(springs), device_area=postures.size * len(cells))
 
 
 ROWS_FILE = "search.json"

@@ -337,20 +337,12 @@ class SubWorkspace:
 
 
 @dataclass(frozen=True)
-class Switch:
-    """An overlap of two sub-workspaces, in which the setting can be changed."""
-
-    between: tuple[int, int]  # indices of the nodes
-    share: float  # fraction of the sampled postures that are in both
-    posture: int  # index of the posture in the middle of the overlap
-
-
-@dataclass(frozen=True)
 class Graph:
-    """Graph of sub-workspaces, with the switches between them as edges."""
+    """Graph of sub-workspaces. Its edges are their overlaps, in which the setting can be changed."""
 
     nodes: tuple[SubWorkspace, ...]
-    switches: tuple[Switch, ...]
+    # both nodes, fraction of the sampled postures that are in both, and index of the posture in the middle of these
+    switches: tuple[tuple[tuple[int, int], float, int], ...]
     postures: FloatArray  # (N, n) sampled postures, rad
 
     def find_path(self, start: int, end: int) -> tuple[int, ...] | None:
@@ -364,9 +356,9 @@ class Graph:
                 while path[-1] != start:
                     path.append(previous[path[-1]])
                 return tuple(reversed(path))
-            for switch in self.switches:
-                if here in switch.between:
-                    other = switch.between[1] if switch.between[0] == here else switch.between[0]
+            for between, _, _ in self.switches:
+                if here in between:
+                    other = between[1] if between[0] == here else between[0]
                     if other not in previous:
                         previous[other] = here
                         queue.append(other)
@@ -384,5 +376,5 @@ def build_graph(nodes: Sequence[SubWorkspace], postures: FloatArray) -> Graph:
             if len(both):
                 middle = np.median(postures[both], axis=0)
                 nearest = both[np.abs(postures[both] - middle).sum(axis=1).argmin()]
-                switches.append(Switch((a, b), len(both) / len(postures), int(nearest)))
+                switches.append(((a, b), len(both) / len(postures), int(nearest)))
     return Graph(tuple(nodes), tuple(switches), postures)

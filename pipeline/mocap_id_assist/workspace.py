@@ -2,7 +2,7 @@
 
 W = {g(θ) : θ ∈ Q} (eq. 7.1) for the box Q of the joint limits. It is the alpha shape of the points to which
 low-discrepancy samples of Q are mapped: the simplices of scipy's Delaunay triangulation whose circumscribed ball has at
-most a given radius. The radius follows from the samples (:func:`covering_radius`). A circumscribed ball contains no
+most a given radius. The radius follows from the samples. A circumscribed ball contains no
 sample; if its centre is in the sampled set, it is therefore at most as large as the largest ball in that set without a
 sample.
 """
@@ -150,30 +150,16 @@ class JointLimits:
         """Number of joints n."""
         return len(self.lower)
 
-    def contains(self, q: FloatArray) -> BoolArray:
-        """Return whether each of the postures (..., n) is within the box."""
-        return np.asarray(np.all((q >= self.lower) & (q <= self.upper), axis=-1))
-
 
 def find_limits(q: FloatArray, sd: FloatArray, measured: BoolArray, quantile: float = 0.0) -> JointLimits:
     """Return the extremes of an observed motion as limits.
 
+    Of the angles ``q`` (T, n) with standard deviations ``sd`` (T, n), rad, those that markers determine (``measured``)
+    are used. ``quantile``, below 0.5, is the fraction of each joint's samples that is left out at either end. The
+    standard deviation of a limit is that of the angle at the extreme sample, or with a quantile the root mean square
+    over the samples between 0.5 and 1.5 times the quantile.
+
     ValueError is raised if a joint was never measured, or did not move.
-
-    Parameters
-    ----------
-    q, sd : (T, n) arrays
-        Joint angles and their standard deviations, rad.
-    measured : (T, n) bool array
-        Whether markers determine the angle in this frame; other samples are not used.
-    quantile : float
-        Fraction of each joint's samples, below 0.5, that is left out at either end; 0 for the extremes.
-
-    Returns
-    -------
-    JointLimits
-        The standard deviation of a limit is the standard deviation of the angle at the extreme sample. With a quantile,
-        it is the root mean square over the samples between 0.5 and 1.5 times the quantile.
     """
     if not 0.0 <= quantile < 0.5:
         raise ValueError(f"the quantile is {quantile}; expected at least 0 and below 0.5")
@@ -249,10 +235,6 @@ class AlphaShape:
         """Area, m², or volume, m³."""
         return float(np.abs(_signed_measure(self.points[self.triangulation.simplices[self.kept]])).sum())
 
-    def with_radius(self, radius: float) -> AlphaShape:
-        """Return the alpha shape of the same points for another radius, m."""
-        return AlphaShape(self.points, self.triangulation, _is_kept(self.points, self.triangulation, radius), radius)
-
     def boundary(self) -> IntArray:
         """Return the facets of the shape's boundary, (F, d) indices.
 
@@ -287,11 +269,6 @@ def compute_alpha_shape(points: FloatArray, radius: float) -> AlphaShape:
         raise ValueError(f"the {len(points)} points have no {'area' if d == 2 else 'volume'}")
     triangulation = Delaunay(points)
     return AlphaShape(points, triangulation, _is_kept(points, triangulation, radius), radius)
-
-
-def covering_radius(points: FloatArray, others: FloatArray) -> float:
-    """Return the largest distance of any of ``others`` (M, d) from the nearest of ``points`` (N, d), m."""
-    return float(np.max(cKDTree(points).query(others)[0]))
 
 
 def compute_measure(corners: FloatArray) -> FloatArray:
@@ -343,6 +320,7 @@ class ReachableWorkspace:
     sd: float  # standard deviation of the measure, from the uncertain limits and dimensions
     discretisation: float  # bound of the error from the number of samples (`_bound_discretisation`)
     convergence: tuple[tuple[int, float, float], ...]  # samples, radius and measure of each fraction
+    seed: int  # of the samples
 
 
 def compute_reachable_workspace(
@@ -355,17 +333,8 @@ def compute_reachable_workspace(
     deviations, widened on both sides by the discretisation. The standard deviation follows from displacing each limit
     and dimension in turn by its standard deviation; the topology of the edge stays the same.
 
-    ValueError is raised if there are too few samples, the number of limits differs from the number of joints, or the
-    points of the tip have no area (or volume).
-
-    Parameters
-    ----------
-    arm : Arm
-    limits : JointLimits
-    samples : int
-        Number of postures, at least 512.
-    seed : int
-        Seed of the samples.
+    ValueError is raised if there are fewer than 512 samples, the number of limits differs from the number of joints, or
+    the points of the tip have no area (or volume).
     """
     if samples < _LEAST * max(_PARTS):
         raise ValueError(
@@ -379,7 +348,7 @@ def compute_reachable_workspace(
     shapes = []
     for part in _PARTS:
         some, checked = points[: samples // part], others[: samples // part]
-        shapes.append(compute_alpha_shape(some, RADIUS_FACTOR * covering_radius(some, checked)))
+        shapes.append(compute_alpha_shape(some, RADIUS_FACTOR * float(np.max(cKDTree(some).query(checked)[0]))))
     measures = [shape.measure for shape in shapes]
     discretisation = _bound_discretisation(shapes)
     sd = _measure_sd(arm, limits, postures, shapes[-1])
@@ -394,6 +363,7 @@ def compute_reachable_workspace(
         convergence=tuple(
             (len(shape.points), shape.radius, size) for shape, size in zip(shapes, measures, strict=True)
         ),
+        seed=seed,
     )
 
 
@@ -406,7 +376,8 @@ def _bound_discretisation(shapes: list[AlphaShape]) -> float:
     not enough: around a cavity both effects can cancel. They count if they are larger.
     """
     half, whole = shapes[-2:]
-    with_radius_of_half = whole.with_radius(half.radius).measure
+    kept = _is_kept(whole.points, whole.triangulation, half.radius)
+    with_radius_of_half = replace(whole, kept=kept, radius=half.radius).measure
     cut_off, filled = abs(with_radius_of_half - half.measure), abs(with_radius_of_half - whole.measure)
     return max(2 * cut_off + filled, *(abs(whole.measure - fewer.measure) for fewer in shapes[:-1]))
 

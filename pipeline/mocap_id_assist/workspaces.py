@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -79,16 +78,9 @@ def read_arm(
 ) -> SubjectArm:
     """Return the arm from a trial's YAML file or run folder, or from a chain's YAML file.
 
-    Parameters
-    ----------
-    path : Path
-        A trial's YAML file is run up to the joint states, which needs no forces.
-    tip : str, optional
-        A marker of the last segment, or a point ``x,y`` in its frame, m; by default the marker farthest from the joint.
-    quantile : float
-        Fraction of the samples that is left out at each end of the range of an observed angle.
-    progress : callable, optional
-        Called with each step of the run if ``path`` is a trial's YAML file.
+    A trial's YAML file is run up to the joint states, which needs no forces; ``progress`` is called with each step.
+    ``tip`` is a marker of the last segment, or a point ``x,y`` in its frame, m; by default the marker farthest from the
+    joint. ``quantile`` is the fraction of the samples that is left out at each end of the range of an observed angle.
 
     Raises
     ------
@@ -99,7 +91,8 @@ def read_arm(
     Refused, NumericalError, StoreError
         As for :func:`mocap_id.runner.run`.
     """
-    if not path.is_dir() and is_chain(path):
+    data = None if path.is_dir() else read_source(path.absolute()).data
+    if isinstance(data, dict) and "chain" in data and "recording" not in data:  # a chain, not a trial
         if tip is not None or quantile:
             raise ConfigError(
                 f"{path}: a chain's YAML file contains `tip:` and limits; leave out `--tip` and `--quantile`"
@@ -144,12 +137,6 @@ def read_folder(folder: Folder, name: str, source: Path, tip: str | None, quanti
     arm = PlanarArm(centres, local, covariance, covariance[-1] + error**2 * np.eye(2))
     complete = q[np.all(seen & np.isfinite(q), axis=1)]
     return SubjectArm(name, skeleton.joints, arm, limits, tip_name, complete, tuple(notes))
-
-
-def is_chain(file: Path) -> bool:
-    """Return whether a YAML file describes a chain, not a trial; ConfigError if it is missing or not YAML."""
-    data = read_source(file.absolute()).data
-    return isinstance(data, dict) and "chain" in data and "recording" not in data
 
 
 def load_chain(file: Path) -> SubjectArm:
@@ -211,39 +198,31 @@ def _find_tip(skeleton: Skeleton, residual: FloatArray, tip: str | None, source:
     return labels[k], local[k], float(np.nan_to_num(residual[k]))
 
 
-@dataclass(frozen=True)
-class ArmWorkspace:
-    """A subject's arm with its workspace."""
-
-    subject: SubjectArm
-    workspace: ReachableWorkspace
-    seed: int
-
-
-def measure_workspace(subject: SubjectArm, samples: int = POSTURES, seed: int = 0) -> ArmWorkspace:
+def measure_workspace(subject: SubjectArm, samples: int = POSTURES, seed: int = 0) -> ReachableWorkspace:
     """Compute the workspace of a subject.
 
     ConfigError is raised if there are too few samples, or if the tip covers no area or volume because it is on the axis
     of the last joint.
     """
     try:
-        return ArmWorkspace(subject, compute_reachable_workspace(subject.arm, subject.limits, samples, seed), seed)
+        return compute_reachable_workspace(subject.arm, subject.limits, samples, seed)
     except ValueError as error:
         raise ConfigError(f"{subject.name}: {error}") from error
 
 
-def compare_workspaces(before: ArmWorkspace, after: ArmWorkspace) -> Overlay:
+def compare_workspaces(
+    before: SubjectArm, workspace: ReachableWorkspace, after: SubjectArm, later: ReachableWorkspace
+) -> Overlay:
     """Return the gain and loss of workspace from ``before`` to ``after``, with the first joints at the same position.
 
     ConfigError is raised if one workspace is an area and the other a volume.
     """
-    if before.subject.arm.dimension != after.subject.arm.dimension:
+    if before.arm.dimension != after.arm.dimension:
         raise ConfigError(
-            f"the workspace of {before.subject.name} has {before.subject.arm.dimension} dimensions, but the workspace "
-            f"of {after.subject.name} has {after.subject.arm.dimension}: only equal dimensions can be compared"
+            f"the workspace of {before.name} has {before.arm.dimension} dimensions, but the workspace of {after.name} "
+            f"has {after.arm.dimension}: only equal dimensions can be compared"
         )
-    shift = before.subject.arm.base - after.subject.arm.base
-    return overlay_workspaces(before.workspace.shape, after.workspace.shape, shift, before.seed)
+    return overlay_workspaces(workspace.shape, later.shape, before.arm.base - after.arm.base, workspace.seed)
 
 
 _LENGTH_LIMIT = 0.03  # m, chosen: above the usual error of a joint centre, and not measured on sessions of one person
@@ -284,46 +263,50 @@ def _measure_lengths(arm: PlanarArm) -> tuple[FloatArray, FloatArray]:
 
 
 def workspace_result(
-    reach: ArmWorkspace, later: ArmWorkspace | None = None, change: Overlay | None = None
+    subject: SubjectArm,
+    workspace: ReachableWorkspace,
+    later: tuple[SubjectArm, ReachableWorkspace, Overlay] | None = None,
 ) -> CommandResult:
     """Return ``workspace.json``, the edge as CSV, and figures: of one workspace, or of two and their difference."""
-    content: dict[str, Any] = {"product": __version__, **_document(reach)}
-    if later is not None and change is not None:
-        content["compared_with"] = _document(later)
+    content: dict[str, Any] = {"product": __version__, **_document(subject, workspace)}
+    if later is not None:
+        change = later[2]
+        content["compared_with"] = _document(*later[:2])
         content["change"] = {
             "gained": change.gained,
             "lost": change.lost,
             "kept": change.kept,
             "counting_sd": change.sd,
             "aligned_at": "first joint",
-            "notes": list(find_other_lengths(reach.subject, later.subject)),
+            "notes": list(find_other_lengths(subject, later[0])),
         }
-    return CommandResult(
-        "workspace", "workspace.json", content, other_files=lambda: _make_files(reach, later, change), end=""
-    )
 
-
-def _make_files(reach: ArmWorkspace, later: ArmWorkspace | None, change: Overlay | None) -> dict[str, bytes]:
-    """Return the edges and the figures, by name."""
-
-    def make(name: str, one: ArmWorkspace) -> dict[str, bytes]:
-        arm, title = one.subject.arm, f"reachable workspace of {one.subject.name}"
-        files = {f"{name}.csv": make_text_file(_edge_rows(one))}
+    def make(name: str, one: SubjectArm, reach: ReachableWorkspace) -> dict[str, bytes]:
+        arm, title, shape = one.arm, f"reachable workspace of {one.name}", reach.shape
+        # the edge: two points for each facet in the plane, three points in space
+        lines = [",".join(["facet", "corner", *(f"{axis}_m" for axis in "xyz"[: shape.points.shape[1]])])]
+        for k, facet in enumerate(shape.boundary().tolist()):
+            for corner, index in enumerate(facet):
+                lines.append(",".join([str(k), str(corner), *(f"{value:.6f}" for value in shape.points[index])]))
+        files = {f"{name}.csv": make_text_file(lines)}
         if arm.dimension == 2:
-            seen = arm.tips(one.subject.observed)
-            return files | render(name, title, lambda: draw_area(one.workspace, seen, arm.base))
-        return files | render(name, title, lambda: draw_volume(one.workspace, arm.base))
+            seen = arm.tips(one.observed)
+            return files | render(name, title, lambda: draw_area(reach, seen, arm.base))
+        return files | render(name, title, lambda: draw_volume(reach, arm.base))
 
-    files = make("workspace", reach)
-    if later is not None and change is not None:
-        files |= make("compared_with", later)
-        names = reach.subject.name, later.subject.name
-        files |= render("change", "workspaces over each other", lambda: draw_change(change, names))
-    return files
+    def make_files() -> dict[str, bytes]:
+        files = make("workspace", subject, workspace)
+        if later is not None:
+            other, reach, change = later
+            files |= make("compared_with", other, reach)
+            names = subject.name, other.name
+            files |= render("change", "workspaces over each other", lambda: draw_change(change, names))
+        return files
+
+    return CommandResult("workspace", "workspace.json", content, other_files=make_files, end="")
 
 
-def _document(reach: ArmWorkspace) -> dict[str, Any]:
-    subject, workspace = reach.subject, reach.workspace
+def _document(subject: SubjectArm, workspace: ReachableWorkspace) -> dict[str, Any]:
     limits = subject.limits
     return {
         "name": subject.name,
@@ -349,21 +332,12 @@ def _document(reach: ArmWorkspace) -> dict[str, Any]:
             "discretisation": workspace.discretisation,
         },
         "samples": len(workspace.postures),
-        "seed": reach.seed,
+        "seed": workspace.seed,
         "convergence": [
             {"samples": count, "radius_m": radius, "value": value} for count, radius, value in workspace.convergence
         ],
         "notes": list(subject.notes),
     }
-
-
-def _edge_rows(reach: ArmWorkspace) -> Iterator[str]:
-    """Yield the lines of a CSV file with the edge: two points for each facet in the plane, three points in space."""
-    shape = reach.workspace.shape
-    yield ",".join(["facet", "corner", *(f"{axis}_m" for axis in "xyz"[: shape.points.shape[1]])])
-    for k, facet in enumerate(shape.boundary().tolist()):
-        for corner, index in enumerate(facet):
-            yield ",".join([str(k), str(corner), *(f"{value:.6f}" for value in shape.points[index])])
 
 
 _TIPS, _CHANGES = 1500, 6000  # maximum number of points that are drawn
@@ -373,14 +347,7 @@ _VIEWS = (("front", 2, 1), ("side", 0, 1), ("top", 2, 0))
 def draw_area(workspace: ReachableWorkspace, recorded: FloatArray, joint: FloatArray) -> Figure:
     """Return the figure of a planar workspace: recorded tips, sampled postures, area, and convergence (figure 7.1).
 
-    Parameters
-    ----------
-    workspace : ReachableWorkspace
-        Set of tip positions that can be reached.
-    recorded : (T, 2) array
-        Tip positions in the recording, m; empty if the chain is not from a recording but defined in YAML.
-    joint : (2,) array
-        Position of the first joint, m.
+    ``recorded`` (T, 2) are tips in the recording, m; empty for a chain in YAML. ``joint`` (2,) is the first joint, m.
     """
     figure = paper_figures.make_figure(2.6)
     track, cloud, area, converged = figure.subplots(1, 4)
@@ -407,12 +374,7 @@ def draw_area(workspace: ReachableWorkspace, recorded: FloatArray, joint: FloatA
 def draw_volume(workspace: ReachableWorkspace, joint: FloatArray) -> Figure:
     """Return the figure of a spatial workspace: surface, convergence, and three projections (figures 7.3 and 7.4).
 
-    Parameters
-    ----------
-    workspace : ReachableWorkspace
-        Set of tip positions that can be reached.
-    joint : (3,) array
-        Position of the first joint, m.
+    ``joint`` (3,) is the position of the first joint, m.
     """
     figure = paper_figures.make_figure(5.0)
     grid = figure.add_gridspec(2, 3)
@@ -435,12 +397,7 @@ def draw_volume(workspace: ReachableWorkspace, joint: FloatArray) -> Figure:
 def draw_change(change: Overlay, names: tuple[str, str]) -> Figure:
     """Return the figure of two sessions' workspaces: parts in both, gained and lost; three views in space.
 
-    Parameters
-    ----------
-    change : Overlay
-        The two workspaces on a common set of points.
-    names : tuple of str
-        Names of the earlier and the later session.
+    ``names`` are those of the earlier and the later session.
     """
     views = (("in the plane", 0, 1),) if change.points.shape[1] == 2 else _VIEWS
     figure = paper_figures.make_figure(3.4)

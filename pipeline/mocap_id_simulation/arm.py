@@ -7,9 +7,9 @@ pronation, wrist flexion and wrist deviation, rad.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -201,21 +201,20 @@ _EXTENDED, _CURL, _ATTEMPT = 21.0, 107.0, 33.0
 _COMPENSATION = np.array([0.10, 0.08, 0.15])  # rad: plane, elevation, axial, in the last curl
 
 
-@dataclass
-class _Course:
-    """Coordinates over time, composed of smooth moves from one pose to the next."""
+def _compose(
+    pose: FloatArray, moves: Iterable[tuple[FloatArray, float, float]], end: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return times (T,) from -1 s to 1 s after ``end``, s, and coordinates (T, 7) of smooth moves between poses.
 
-    time: FloatArray  # (T,) s
-    pose: FloatArray  # (7,) last pose
-    values: FloatArray = field(init=False)  # (T, 7)
-
-    def __post_init__(self) -> None:
-        self.values = np.tile(self.pose, (len(self.time), 1))
-
-    def move(self, pose: FloatArray, start: float, end: float) -> None:
-        step = smoothstep((self.time - start) / (end - start), ROUGHNESS)
-        self.values += step[:, None] * (pose - self.pose)
-        self.pose = pose
+    Each of the ``moves`` has the next pose (7,), and its start and end, s.
+    """
+    time = np.arange(-1.0, end + 1.0, STEP)
+    values = np.tile(pose, (len(time), 1))
+    for after, start, stop in moves:
+        step = smoothstep((time - start) / (stop - start), ROUGHNESS)
+        values += step[:, None] * (after - pose)
+        pose = after
+    return time, values
 
 
 def _draw_movement(
@@ -227,21 +226,18 @@ def _draw_movement(
     laboratory.
     """
     reach = options.movement == "reach"
-    course, protocol, end = (_draw_reaches if reach else _draw_curls)(rng, options)
-    time = course.time
+    (time, values), protocol, end = (_draw_reaches if reach else _draw_curls)(rng, options)
     rough = np.array([1, 1, 1, 1, 1, 0, 0]) * 0.5 * tremor_size
     if not reach:
         rough[:3] /= 2
     hand = np.radians((0, 0, 0, 0, 1.5, 3.5, 2.2)) * (1.0 if reach else (0, 0, 0, 0, 1.0, 0.4, 0.4))
     size = np.array([*np.radians((2.0, 2.0, 1.0)), 0.005, 0.004, 0.004]) * (1.0 if reach else 0.25)
-    course.values += ramp_up(time, STILL) * (draw_tremor(rng, time, rough) + draw_sway(rng, time, hand))
+    values += ramp_up(time, STILL) * (draw_tremor(rng, time, rough) + draw_sway(rng, time, hand))
     trunk = ramp_up(time, STILL) * draw_sway(rng, time, size)
-    return motion_through(time, np.hstack([course.values, trunk]), end), protocol
+    return motion_through(time, np.hstack([values, trunk]), end), protocol
 
 
-def _start_course(pose: tuple[float, ...], end: float) -> _Course:
-    """Return a course that stays in a pose (5,), degrees, from -1 s to 1 s after ``end``, s."""
-    return _Course(np.arange(-1.0, end + 1.0, STEP), np.radians((*pose, 0.0, 0.0)))
+_Course: TypeAlias = tuple[FloatArray, FloatArray]  # times (T,), s, and coordinates (T, 7)
 
 
 def _draw_reaches(rng: np.random.Generator, options: ArmOptions) -> tuple[_Course, dict[str, Any], float]:
@@ -261,9 +257,8 @@ def _draw_reaches(rng: np.random.Generator, options: ArmOptions) -> tuple[_Cours
         tasks.append({"name": name, "start": now, "reach": end, "pose_rad": np.radians(pose).tolist()})
         now = end + rng.uniform(0.15, 0.5)
     now += 0.5
-    course = _start_course(_REST, now)
-    for task in tasks:
-        course.move(np.array([*task["pose_rad"], 0.0, 0.0]), task["start"], task["reach"])
+    moves = [(np.array([*task["pose_rad"], 0.0, 0.0]), task["start"], task["reach"]) for task in tasks]
+    course = _compose(np.radians((*_REST, 0.0, 0.0)), moves, now)
     limits = {"names": list(COORDINATES[:5]), "lo": np.radians(low).tolist(), "hi": np.radians(high).tolist()}
     return course, {"severity": options.severity, "limits_used_rad": limits, "tasks": tasks}, now
 
@@ -273,10 +268,10 @@ def _draw_curls(rng: np.random.Generator, options: ArmOptions) -> tuple[_Course,
     base = np.array(_BENCH) + rng.normal(0, (2, 1.5, 2.5, 1, 0))
     first = STILL + 1.2
     length = first + 2.6 * (options.repetitions + options.failed + 1) + 3
-    course = _start_course(tuple(base), length)
-    extended = course.pose.copy()
+    bench = np.radians((*base, 0.0, 0.0))
+    extended = bench.copy()
     extended[3] = np.radians(_EXTENDED)
-    course.move(extended, STILL, first - 0.2)
+    moves = [(extended, STILL, first - 0.2)]
     now, repetitions, partials = first, [], []
     plane, elevation, axial = _COMPENSATION * options.compensation * rng.choice([-1, 1], 3)
     tired = np.array([plane, abs(elevation), plane + axial, 0, 0, 0, 0])
@@ -286,8 +281,7 @@ def _draw_curls(rng: np.random.Generator, options: ArmOptions) -> tuple[_Course,
         top = extended + tired * (0.1 + 0.9 * fatigue)
         top[3] += amplitude
         times = now + np.cumsum([0.0, rng.uniform(0.91, 1.08), rng.uniform(0.04, 0.09), rng.uniform(0.85, 1.0)])
-        course.move(top, times[0], times[1])
-        course.move(extended, times[2], times[3])
+        moves += [(top, times[0], times[1]), (extended, times[2], times[3])]
         moments = dict(zip(("start", "top", "top_end", "end"), times.tolist(), strict=True))
         repetitions.append({"index": index, **moments, "amplitude_rad": float(amplitude), "fatigue": fatigue})
         now = times[3] + rng.uniform(0.04, 0.08)
@@ -295,8 +289,7 @@ def _draw_curls(rng: np.random.Generator, options: ArmOptions) -> tuple[_Course,
         now += 0.55
         top = extended.copy()
         top[3] += np.radians(_ATTEMPT * rng.uniform(0.8, 1.2))
-        course.move(top, now, now + 1)
-        course.move(extended, now + 1, now + 2)
+        moves += [(top, now, now + 1), (extended, now + 1, now + 2)]
         partials.append({"start": now, "end": now + 2, "amplitude_rad": float(top[3] - extended[3])})
         now += 2.0
     protocol = {
@@ -305,7 +298,7 @@ def _draw_curls(rng: np.random.Generator, options: ArmOptions) -> tuple[_Course,
         "partials": partials,
         "compensation": options.compensation,
     }
-    return course, protocol, now + 1.0
+    return _compose(bench, moves, length), protocol, now + 1.0
 
 
 # --- torques about the elbow in curls
@@ -453,16 +446,16 @@ def generate_arm(options: ArmOptions) -> SimulatedSpaceTrial:
     frames = len(time)
 
     def about(axis: FloatArray, column: int, sign: float = 1.0) -> AxisRotation:
-        return AxisRotation(axis, sign * q[:, column], sign * dq[:, column], sign * ddq[:, column])
+        return axis, sign * q[:, column], sign * dq[:, column], sign * ddq[:, column]
 
     # attitudes of thorax, upper arm, forearm and hand; the thorax starts upright within a few degrees, in any direction
     yaw = of_sway.uniform(-np.pi, np.pi)
     forward = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     upright = np.stack([forward, Z, np.cross(forward, Z)], axis=1)
     start = upright @ so3.exp(np.radians(of_sway.normal(0, 1.5, 3)))
-    axial = AxisRotation(Y, *(each[:, 2] - each[:, 0] for each in (q, dq, ddq)))
+    axial = Y, q[:, 2] - q[:, 0], dq[:, 2] - dq[:, 0], ddq[:, 2] - ddq[:, 0]
     none = np.zeros(frames)
-    carrying = AxisRotation(X, np.full(frames, body.carrying), none, none)
+    carrying = X, np.full(frames, body.carrying), none, none
     joints = (
         (about(Y, 0), about(X, 1, -1.0), axial),
         (about(body.elbow_axis, 3), carrying, about(body.pronation_axis, 4)),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, sobol
 from mocap_id.geometry import so3
+from mocap_id.recording.sensor_logs import ImuLog, format_imu_csv
 from mocap_id_simulation.arm import (
     FOREARM,
     HAND,
@@ -27,7 +28,7 @@ from mocap_id_simulation.arm import (
 )
 from mocap_id_simulation.bodies import GRAVITY
 from mocap_id_simulation.chains import SimulatedSpaceTrial, generate_chain
-from mocap_id_simulation.instruments import IMU_SEED, SimulatedSensor, imu_csv, measure_motion
+from mocap_id_simulation.instruments import IMU_SEED, measure_motion
 from mocap_id_simulation.options import PRESETS, ArmOptions, ChainOptions
 from mocap_id_simulation.sit_to_stand import X, Y
 from mocap_id_simulation.trial_files import flow_mapping, points_bytes, trial_contents, write_trial, yaml_head
@@ -62,12 +63,11 @@ def write_arm(folder: Path, options: ArmOptions) -> Path:
             text += "curl:\n" + "".join(f"  {key}: {json.dumps(value)}\n" for key, value in keys.items())
         if options.imus:
             sensors = simulate_sensors(trial, options)
-            truth["imu"] = {segment: dict(sensor.truth) for segment, sensor in sensors.items()}
-            logs |= {f"imu_{segment}.csv": imu_csv(sensor) for segment, sensor in sensors.items()}
+            truth["imu"] = {segment: each for segment, (_, each) in sensors.items()}
+            logs |= {f"imu_{segment}.csv": format_imu_csv(each) for segment, (each, _) in sensors.items()}
             text += f"imus: {flow_mapping({segment: f'imu_{segment}.csv' for segment in sensors})}\n"
         if options.skeleton:
-            skeleton = film_skeleton(trial, options)
-            truth["kinect"], logs["kinect.csv"] = skeleton.document(), skeleton.csv()
+            logs["kinect.csv"], truth["kinect"] = film_skeleton(trial, options)
             text += "# from the depth camera alone: recording: {skeleton: kinect.csv}\n"
         recording = points_bytes(trial.labels, trial.positions, trial.rate)
         return trial_contents(recording, truth, spatial_arrays(trial), text) | logs
@@ -248,17 +248,11 @@ _HINGES = 500
 def reach_volume(body: ArmBody, box: FloatArray, pronation: float) -> tuple[float, float]:
     """Return the volume that the wrist reaches within a box of joint angles (thesis 7.2), and its standard error, m³.
 
-    The volume is in the thorax frame. For each of many evenly spread points, the angles that reach it are computed: the
-    distance from the shoulder gives the hinge angle. At a given elevation, the height gives the axial rotation, and the
-    direction gives the plane. A point is reached if these angles are within the box for at least one elevation of many.
-
-    Parameters
-    ----------
-    body : ArmBody
-    box : (4, 2) array
-        Lowest and highest plane, elevation, axial rotation and hinge angle, rad.
-    pronation : float
-        Constant pronation, rad.
+    The volume is in the thorax frame, for a constant ``pronation``, rad. The ``box`` (4, 2) has the lowest and highest
+    plane, elevation, axial rotation and hinge angle, rad. For each of many evenly spread points, the angles that reach
+    it are computed: the distance from the shoulder gives the hinge angle. At a given elevation, the height gives the
+    axial rotation, and the direction gives the plane. A point is reached if these angles are within the box for at
+    least one elevation of many.
     """
     hinge = np.linspace(box[3, 0], box[3, 1], _HINGES)
     forearm = so3.exp(X * body.carrying) @ so3.exp(body.pronation_axis * pronation)
@@ -321,51 +315,16 @@ _DEPTH_NOISE = 1.35  # noise along the line of sight, relative to that across it
 _WHITE, _MEMORY = 0.12, 0.22  # fraction of the noise's variance that is white; correlation time of the rest, s
 _INFERRED_SD, _JUMP_SD = 0.025, 0.06  # m
 _HARD = 1.5  # factor on all errors
-_LOST, _DROPPED, _ROW_JITTER = (
-    0.01,
-    0.025,
-    0.0012,
-)  # fractions of the frames of a hand and of the rows; jitter of times, s
+_LOST, _DROPPED = 0.01, 0.025  # fractions of the frames of a hand, and of the rows
+_ROW_JITTER = 0.0012  # s, of the times
 
 
-@dataclass(frozen=True)
-class FilmedSkeleton:
-    """Recording of the camera, with K rows of J joints, on the camera's clock."""
+def film_skeleton(trial: SimulatedSpaceTrial, options: ArmOptions) -> tuple[bytes, dict[str, Any]]:
+    """Return the skeleton that a depth camera sees of a person who was simulated with these options, and its truth.
 
-    joints: tuple[str, ...]
-    time: FloatArray  # (K,) s; a row was recorded at ``offset + time`` of the trial
-    positions: FloatArray  # (K, J, 3) in camera axes (x to the camera's left, y up, z away from it), m; NaN if missing
-    state: IntArray  # (K, J) 2 tracked, 1 inferred, 0 missing
-    offset: float  # s
-    rotation: FloatArray  # (3, 3) from the camera to the laboratory
-    position: FloatArray  # (3,) position of the camera in the laboratory, m
-
-    def document(self) -> dict[str, Any]:
-        """Return JSON values for ``truth.json``."""
-        return {
-            "offset_s": self.offset,
-            "camera_R_to_lab": self.rotation.tolist(),
-            "camera_p_lab_m": self.position.tolist(),
-            "joints": list(self.joints),
-        }
-
-    def csv(self) -> bytes:
-        """Return the log as CSV."""
-        names = [f"{joint}_{part}" for joint in self.joints for part in ("x", "y", "z", "state")]
-        lines = [",".join(["time_s", *names])]
-        for t, row, state in zip(self.time.tolist(), self.positions, self.state.tolist(), strict=True):
-            cells = [f"{t:.4f}"]
-            for point, s in zip(row.tolist(), state, strict=True):
-                cells += ["", "", ""] if s == 0 else [f"{value:.5f}" for value in point]
-                cells.append(str(s))
-            lines.append(",".join(cells))
-        return ("\n".join(lines) + "\n").encode()
-
-
-def film_skeleton(trial: SimulatedSpaceTrial, options: ArmOptions) -> FilmedSkeleton:
-    """Return the skeleton of a depth camera in front of a person who was simulated with these options.
-
-    With the preset ``clean``, the offset of the clock is the only error.
+    The skeleton is a CSV log with positions in the camera's axes (x to its left, y up, z away from it), m, on its own
+    clock: a row was recorded at ``offset_s`` of the truth + its time. States are 2 tracked, 1 inferred, 0 missing. With
+    the preset ``clean``, the offset of the clock is the only error.
     """
     rng = np.random.default_rng([options.seed, 30])
     size = {"clean": 0.0, "default": 1.0, "hard": _HARD}[options.preset]
@@ -373,44 +332,28 @@ def film_skeleton(trial: SimulatedSpaceTrial, options: ArmOptions) -> FilmedSkel
     count = int((trial.time[-1] - 0.2) * SKELETON_RATE)
     ticks = 0.1 + np.arange(count) / SKELETON_RATE + rng.uniform(-1, 1, count) * _ROW_JITTER
     at = ticks[rng.random(count) > _DROPPED]
-    joints, lab = _true_joints(trial, at, options.side == "left")
-    rotation, position = _draw_camera(rng, trial)
-    seen = (lab - position) @ rotation
-    state = np.full(seen.shape[:2], 2, dtype=np.int64)
-    if size:
-        kinds = [joint.removesuffix("Right").removesuffix("Left") for joint in joints]
-        bias = rng.normal(0, _BIAS_SD, (len(joints), 3)) * np.array([_BIAS.get(kind, 1.0) for kind in kinds])[:, None]
-        bias[:, 2] += _SURFACE
-        seen = seen + size * (bias + _draw_camera_noise(rng, len(at), len(joints)))
-        for k, kind in enumerate(kinds):
-            _infer(rng, seen[:, k], state[:, k], size * _INFERRED.get(kind, 0.0), is_hand=kind == "Hand")
-    seen[state == 0] = np.nan
-    return FilmedSkeleton(joints, at - offset, seen, state, offset, rotation, position)
-
-
-def _true_joints(trial: SimulatedSpaceTrial, time: FloatArray, left: bool) -> tuple[tuple[str, ...], FloatArray]:
-    """Return names and true positions (K, J, 3) of the joints in the laboratory at times (K,)."""
+    # names and true positions (K, J, 3) of the joints in the laboratory
     body: ArmBody = trial.document["body"]
+    mirrored = options.side == "left"
     height = body.subject.height
-    arm, other = ("Left", "Right") if left else ("Right", "Left")
+    arm, other = ("Left", "Right") if mirrored else ("Right", "Left")
     local = {name: (THORAX, height * np.array(share)) for name, share in _TRUNK.items()}
     local[f"Shoulder{other}"] = (THORAX, body.shoulder * [1, 1, -1])
     local |= {f"{name}{arm}": (HAND, height * np.array(share)) for name, share in _HAND_JOINTS.items()}
-    points = {name: trial.origins[:, s] + trial.rotations[:, s] @ np.asarray(at) for name, (s, at) in local.items()}
+    points = {
+        name: trial.origins[:, s] + trial.rotations[:, s] @ np.asarray(where) for name, (s, where) in local.items()
+    }
     points |= {
         f"{name}{arm}": trial.origins[:, s]
         for name, s in (("Shoulder", UPPER_ARM), ("Elbow", FOREARM), ("Wrist", HAND))
     }
-    if left:  # the recording contains the mirror image
+    if mirrored:  # the recording contains the mirror image
         points = {name: point * [1, -1, 1] for name, point in points.items()}
         swapped = {"HipLeft": "HipRight", "HipRight": "HipLeft"}
         points = {swapped.get(name, name): point for name, point in points.items()}
-    sampled = [np.column_stack([np.interp(time, trial.time, c) for c in point.T]) for point in points.values()]
-    return tuple(points), np.stack(sampled, axis=1)
-
-
-def _draw_camera(rng: np.random.Generator, trial: SimulatedSpaceTrial) -> tuple[FloatArray, FloatArray]:
-    """Return rotation and position of the camera, which looks at the person from the front, tilted by some degrees."""
+    sampled = [np.column_stack([np.interp(at, trial.time, c) for c in point.T]) for point in points.values()]
+    joints, lab = tuple(points), np.stack(sampled, axis=1)
+    # the camera looks at the person from the front, tilted by some degrees
     forward = trial.rotations[0, THORAX, :, 0] * np.array([1.0, 1.0, 0.0])
     away = -forward / np.linalg.norm(forward)
     away = so3.exp(np.array([0.0, 0.0, rng.uniform(-0.3, 0.3)])) @ away
@@ -418,19 +361,38 @@ def _draw_camera(rng: np.random.Generator, trial: SimulatedSpaceTrial) -> tuple[
     left = np.cross(up, away)
     rotation = np.stack([left, up, away], axis=1) @ so3.exp(np.array([rng.uniform(-0.02, 0.12), 0.0, 0.0]))
     position = trial.origins[0, THORAX] - rng.uniform(2.0, 2.5) * away - [0.0, 0.0, rng.uniform(0.0, 0.3)]
-    return rotation, position
-
-
-def _draw_camera_noise(rng: np.random.Generator, count: int, joints: int) -> FloatArray:
-    """Return autocorrelated noise (K, J, 3)."""
-    fades = float(np.exp(-1 / (SKELETON_RATE * _MEMORY)))
-    steps = rng.normal(0, 1, (count, joints, 3))
-    slow = np.empty_like(steps)
-    slow[0] = steps[0]
-    for k in range(1, count):
-        slow[k] = fades * slow[k - 1] + np.sqrt(1 - fades**2) * steps[k]
-    total = np.sqrt(1 - _WHITE) * slow + np.sqrt(_WHITE) * rng.normal(0, 1, steps.shape)
-    return np.asarray(_NOISE_SD * total * [1.0, 1.0, _DEPTH_NOISE])
+    seen = (lab - position) @ rotation
+    states = np.full(seen.shape[:2], 2, dtype=np.int64)
+    if size:
+        kinds = [joint.removesuffix("Right").removesuffix("Left") for joint in joints]
+        bias = rng.normal(0, _BIAS_SD, (len(joints), 3)) * np.array([_BIAS.get(kind, 1.0) for kind in kinds])[:, None]
+        bias[:, 2] += _SURFACE
+        # autocorrelated noise
+        fades = float(np.exp(-1 / (SKELETON_RATE * _MEMORY)))
+        steps = rng.normal(0, 1, seen.shape)
+        slow = np.empty_like(steps)
+        slow[0] = steps[0]
+        for k in range(1, len(at)):
+            slow[k] = fades * slow[k - 1] + np.sqrt(1 - fades**2) * steps[k]
+        total = np.sqrt(1 - _WHITE) * slow + np.sqrt(_WHITE) * rng.normal(0, 1, steps.shape)
+        seen = seen + size * (bias + _NOISE_SD * total * [1.0, 1.0, _DEPTH_NOISE])
+        for k, kind in enumerate(kinds):
+            _infer(rng, seen[:, k], states[:, k], size * _INFERRED.get(kind, 0.0), is_hand=kind == "Hand")
+    names = [f"{joint}_{part}" for joint in joints for part in ("x", "y", "z", "state")]
+    lines = [",".join(["time_s", *names])]
+    for t, row, state in zip((at - offset).tolist(), seen, states.tolist(), strict=True):
+        cells = [f"{t:.4f}"]
+        for point, s in zip(row.tolist(), state, strict=True):
+            cells += ["", "", ""] if s == 0 else [f"{value:.5f}" for value in point]
+            cells.append(str(s))
+        lines.append(",".join(cells))
+    truth = {
+        "offset_s": offset,
+        "camera_R_to_lab": rotation.tolist(),
+        "camera_p_lab_m": position.tolist(),
+        "joints": list(joints),
+    }
+    return ("\n".join(lines) + "\n").encode(), truth
 
 
 def _infer(rng: np.random.Generator, points: FloatArray, state: IntArray, share: float, *, is_hand: bool) -> None:
@@ -454,8 +416,8 @@ _ON_HAND = (-0.03, -0.06, 0.0)
 _LOSS = {"upper_arm": 0.25, "forearm": 0.12}  # fraction of the axial rotation that the skin does not follow
 
 
-def simulate_sensors(trial: SimulatedSpaceTrial, options: ArmOptions) -> dict[str, SimulatedSensor]:
-    """Return one sensor for each segment of a simulated arm that was generated with these options, by segment name.
+def simulate_sensors(trial: SimulatedSpaceTrial, options: ArmOptions) -> dict[str, tuple[ImuLog, dict[str, Any]]]:
+    """Return log and truth of a sensor on each segment of an arm that was generated with these options, by its name.
 
     The preset scales the errors of the sensors. The preset and the factor of soft tissue scale the rotation of the skin
     under the sensors.
@@ -484,4 +446,7 @@ def simulate_sensors(trial: SimulatedSpaceTrial, options: ArmOptions) -> dict[st
     if options.side == "right":
         return sensors
     turn, pull = np.array([-1.0, -1.0, 1.0]), np.array([1.0, 1.0, -1.0])  # the mirrored sensor on a left arm
-    return {name: replace(each, gyro=each.gyro * turn, acc=each.acc * pull) for name, each in sensors.items()}
+    return {
+        name: (replace(each, gyro=each.gyro * turn, acc=each.acc * pull), truth)
+        for name, (each, truth) in sensors.items()
+    }

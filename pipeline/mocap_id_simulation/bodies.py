@@ -184,21 +184,13 @@ FREQUENCY: Mapping[Speed, float] = {"slow": 0.25, "fast": 0.5}  # Hz
 LEAD = 1.0  # s of rest before and after the motion
 
 
-@dataclass(frozen=True)
-class Reference:
-    """Moving part of the robot, distal to a joint."""
-
-    distance: float  # distance of the joint from the plate's centre, m
-    mass: float  # kg
-    my: float  # first moment about the joint, kg·m
-    inertia: float  # moment of inertia about the joint, kg·m²
-
-
-REFERENCE: Mapping[JointName, Reference] = {
-    "shoulder": Reference(0.101, 13.2939, 5.540, 3.760),
-    "elbow": Reference(0.526, 4.9009, 1.760, 0.700),
-    "wrist": Reference(0.918, 2.6259, 0.110, 0.010),
+REFERENCE: Mapping[JointName, tuple[float, float, float, float]] = {
+    "shoulder": (0.101, 13.2939, 5.540, 3.760),
+    "elbow": (0.526, 4.9009, 1.760, 0.700),
+    "wrist": (0.918, 2.6259, 0.110, 0.010),
 }
+"""Distance of each joint from the plate's centre, m, and of the part distal to it the mass, kg, the first moment, kg·m,
+and the moment of inertia, kg·m², both about the joint."""
 
 _UR5_SITES = (
     ("BAS1", 0.060, 0.045, 0.065),
@@ -225,17 +217,17 @@ _UR5_SITES = (
 
 def ur5_body(joint: JointName, speed: Speed) -> SimulatedBody:
     """Return the thesis's robot with all joints locked except one."""
-    known = REFERENCE[joint]
-    com = known.my / known.mass
-    base = Link("base", None, (0, 0), known.distance, TOTAL - known.mass, (0.0, known.distance / 2), 0.1)
+    distance, mass, moment, inertia = REFERENCE[joint]
+    com = moment / mass
+    base = Link("base", None, (0, 0), distance, TOTAL - mass, (0.0, distance / 2), 0.1)
     arm = Link(
         "link",
         joint,
-        (0.0, known.distance),
-        _UR5_SITES[-1][2] - known.distance,
-        known.mass,
+        (0.0, distance),
+        _UR5_SITES[-1][2] - distance,
+        mass,
         (0.0, com),
-        known.inertia - known.my * com,
+        inertia - moment * com,
     )
     description = {
         "joint": joint,
@@ -244,11 +236,11 @@ def ur5_body(joint: JointName, speed: Speed) -> SimulatedBody:
             "m1_plus_m2": TOTAL,
             "mx1_Txm2": 0.0,
             "mx2": 0.0,
-            "my2": known.my,
-            "Izz2": known.inertia,
+            "my2": moment,
+            "Izz2": inertia,
         },
     }
-    return SimulatedBody((base, arm), (-0.2, 0.2), {"l1": known.distance}, description)
+    return SimulatedBody((base, arm), (-0.2, 0.2), {"l1": distance}, description)
 
 
 # --- markers
@@ -370,7 +362,7 @@ def place_body_markers(
     (``LKNE``), or all of one side (``R*``).
     """
     if joint is not None:
-        distance, count = REFERENCE[joint].distance, len(_UR5_SITES)
+        distance, count = REFERENCE[joint][0], len(_UR5_SITES)
         link = np.array([height > distance for _, _, height, _ in _UR5_SITES]).astype(np.int64)
         local = np.array([(x, height - distance * (height > distance), z) for _, x, height, z in _UR5_SITES])
         labels = tuple(label for label, *_ in _UR5_SITES)
@@ -397,14 +389,6 @@ def place_body_markers(
         at_joint=tuple(site.at_joint for site in sites),
         plate=PLATE if name == "clusters" else (),
     )
-
-
-def fix_knee_to_shank(markers: MarkerSet, body: SimulatedBody) -> MarkerSet:
-    """Return the markers after fixing the knee markers to the shank."""
-    at_knee = np.array([joint == "knee" for joint in markers.at_joint])
-    local = markers.local.copy()
-    local[at_knee, :2] += body.links[2].centre
-    return replace(markers, link=markers.link - at_knee, local=local)
 
 
 def add_plate_markers(

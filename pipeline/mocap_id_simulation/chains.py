@@ -16,8 +16,6 @@ from mocap_id_simulation.instruments import MarkerEpisode, draw_occlusions, find
 from mocap_id_simulation.options import PRESETS, ChainOptions, Difficulty, Preset
 from mocap_id_simulation.sit_to_stand import (
     STEP,
-    Attitude,
-    AxisRotation,
     constant_attitude,
     draw_sway,
     motion_through,
@@ -100,9 +98,41 @@ def generate_chain(options: ChainOptions) -> SimulatedSpaceTrial:
     centres = of_body.normal(0, 0.01, (len(lengths), 3))
     centres[1:, 2] = -lengths[:-1]
     centres[0] = (*of_body.uniform(-0.05, 0.05, 2), of_body.uniform(0.85, 1.0))
-    labels, segment, local = _draw_markers(of_body, lengths, options.markers)
+    # markers on every body: labels, segments and local positions (M, 3), m
+    names: list[str] = []
+    places: list[FloatArray] = []
+    number = options.markers
+    for k, length in enumerate((None, *lengths)):
+        around = of_body.uniform(0, 2 * np.pi, number)
+        if length is None:
+            radius, height = of_body.uniform(0.06, 0.2, number), of_body.uniform(0.2, 0.9, number)
+        else:
+            radius, height = of_body.uniform(0.03, 0.09, number), -length * of_body.uniform(0.2, 0.9, number)
+        places.append(np.stack([radius * np.cos(around), radius * np.sin(around), height], axis=1))
+        names += [f"BAS{i + 1}" if length is None else f"L{k}M{i + 1}" for i in range(number)]
+    labels, local = tuple(names), np.concatenate(places)
+    segment = np.repeat(np.arange(len(lengths) + 1), number)
     time = np.arange(round(options.duration * options.rate)) / options.rate
-    q, shift, attitudes = _draw_motion(of_motion, options, axes, time)
+    # the motion: first coordinate of every joint (F, n), translation of the base (F, 3), m, and all attitudes
+    fine = np.arange(-1.0, options.duration + 1.0, STEP)
+    count = sum(each.shape[1] for each in axes)
+    # irregular waves whose largest value is the arc
+    frequency = of_motion.uniform(*_FREQUENCIES, (3, count))
+    weight = np.array([1.0, 0.5, 0.25])[:, None]
+    phase = of_motion.uniform(0, 2 * np.pi, (3, count))
+    waves = (weight * np.sin(2 * np.pi * frequency * fine[:, None, None] + phase)).sum(axis=1)
+    waves = waves / np.abs(waves).max(axis=0) * np.radians(options.arc_deg)
+    size = options.sway_mm / 1e3
+    base = draw_sway(of_motion, fine, np.repeat([size * _TILT, size], 3))
+    motion = motion_through(fine, ramp_up(fine, _REST) * np.hstack([waves, base]), options.duration)
+    q, dq, ddq, _ = motion.at(time)
+    all_axes = np.concatenate([*axes, np.eye(3)], 1).T
+    turns = [(axis, q[:, i], dq[:, i], ddq[:, i]) for i, axis in enumerate(all_axes)]
+    attitudes = [constant_attitude(np.eye(3), len(time)).rotate(turns[count:])]
+    first = np.cumsum([0, *(each.shape[1] for each in axes)])
+    for start, end in pairwise(first):
+        attitudes.append(attitudes[-1].rotate(turns[start:end]))
+    q, shift = q[:, first[:-1]], q[:, count + 3 :]
     origins = [shift]
     for attitude, centre in zip(attitudes, centres, strict=False):
         origins.append(origins[-1] + attitude.rotation @ centre)
@@ -153,44 +183,3 @@ def _draw_axes(rng: np.random.Generator, kind: str) -> FloatArray:
         angle = rng.uniform(_LEAST_BETWEEN, np.pi / 2)
         return np.stack([frame[:, 0], np.cos(angle) * frame[:, 0] + np.sin(angle) * frame[:, 1]], axis=1)
     return frame[:, : _AXES[kind]]
-
-
-def _draw_markers(
-    rng: np.random.Generator, lengths: FloatArray, each: int
-) -> tuple[tuple[str, ...], IntArray, FloatArray]:
-    """Return labels, segments and local positions (M, 3), m, of ``each`` markers on every body."""
-    labels, local = [], []
-    for k, length in enumerate((None, *lengths)):
-        around = rng.uniform(0, 2 * np.pi, each)
-        if length is None:
-            radius, height = rng.uniform(0.06, 0.2, each), rng.uniform(0.2, 0.9, each)
-        else:
-            radius, height = rng.uniform(0.03, 0.09, each), -length * rng.uniform(0.2, 0.9, each)
-        local.append(np.stack([radius * np.cos(around), radius * np.sin(around), height], axis=1))
-        labels += [f"BAS{i + 1}" if length is None else f"L{k}M{i + 1}" for i in range(each)]
-    return tuple(labels), np.repeat(np.arange(len(lengths) + 1), each), np.concatenate(local)
-
-
-def _draw_motion(
-    rng: np.random.Generator, options: ChainOptions, axes: list[FloatArray], time: FloatArray
-) -> tuple[FloatArray, FloatArray, list[Attitude]]:
-    """Return the first coordinate of every joint (F, n), the translation of the base (F, 3), m, and all attitudes."""
-    fine = np.arange(-1.0, options.duration + 1.0, STEP)
-    count = sum(each.shape[1] for each in axes)
-    # irregular waves whose largest value is the arc
-    frequency = rng.uniform(*_FREQUENCIES, (3, count))
-    weight = np.array([1.0, 0.5, 0.25])[:, None]
-    phase = rng.uniform(0, 2 * np.pi, (3, count))
-    waves = (weight * np.sin(2 * np.pi * frequency * fine[:, None, None] + phase)).sum(axis=1)
-    waves = waves / np.abs(waves).max(axis=0) * np.radians(options.arc_deg)
-    size = options.sway_mm / 1e3
-    base = draw_sway(rng, fine, np.repeat([size * _TILT, size], 3))
-    motion = motion_through(fine, ramp_up(fine, _REST) * np.hstack([waves, base]), options.duration)
-    q, dq, ddq, _ = motion.at(time)
-    all_axes = np.concatenate([*axes, np.eye(3)], 1).T
-    rotations = [AxisRotation(axis, q[:, i], dq[:, i], ddq[:, i]) for i, axis in enumerate(all_axes)]
-    attitudes = [constant_attitude(np.eye(3), len(time)).rotate(rotations[count:])]
-    first = np.cumsum([0, *(each.shape[1] for each in axes)])
-    for start, end in pairwise(first):
-        attitudes.append(attitudes[-1].rotate(rotations[start:end]))
-    return q[:, first[:-1]], q[:, count + 3 :], attitudes

@@ -7,7 +7,7 @@ bodies equal the pinned chain of four rigid segments exactly.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,7 +21,6 @@ from mocap_id_simulation.sit_to_stand import (
     Chair,
     JointMotion,
     Plan,
-    Rail,
     Schedule,
     balance_lean,
     motion_through,
@@ -74,51 +73,34 @@ class TrueState:
         return np.asarray(self.wrench[:, 2] / self.wrench[:, 1])
 
 
-def compute_state(
-    body: SimulatedBody, motion: JointMotion, chair: Chair | None, time: FloatArray, rail: Rail | None = None
-) -> TrueState:
+def compute_state(body: SimulatedBody, motion: JointMotion, chair: Chair | None, time: FloatArray) -> TrueState:
     """Return state and forces of the pinned chain at times (T,), s."""
     q, qd, qdd, qddd = motion.at(time)
     centres = body.centres
     angle, origin = planar.segment_poses(q, centres)
     loads = inverse_dynamics(planar.spatial_chain(centres), body.inertias, q, qd, qdd, base_acceleration=UP)
     total, tau = loads.base_wrench[:, [0, 1, 5]], loads.effort
-    force, point, ground, tau = _share_load(
-        (angle, origin), (origin[:, 1:], np.arange(1, len(centres) + 1)), total, tau, time, chair=chair, rail=rail
-    )
     coms = planar.marker_positions(q, centres, np.arange(len(body.links)), body.coms)
-    return TrueState(
-        time=time,
-        q=q,
-        qd=qd,
-        qdd=qdd,
-        qddd=qddd,
-        seg_angle=angle[:, 1:],
-        joint_xy=origin[:, 1:],
-        com=np.einsum("l,tlx->tx", body.masses / body.mass, coms),
-        wrench_total=total,
-        chair_force=force,
-        chair_point=point,
-        wrench=ground,
-        tau=tau,
-    )
+    com = np.einsum("l,tlx->tx", body.masses / body.mass, coms)
+    joints = origin[:, 1:], np.arange(1, len(centres) + 1)
+    return _share_load(time, (q, qd, qdd, qddd), (angle, origin), joints, com, total, tau, chair)
 
 
-def _share_load(
+def _share_load(  # noqa: PLR0917
+    time: FloatArray,
+    coordinates: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
     segments: tuple[FloatArray, FloatArray],
     joints: tuple[FloatArray, IntArray],
+    com: FloatArray,
     total: FloatArray,
     tau: FloatArray,
-    time: FloatArray,
-    *,
     chair: Chair | None,
-    rail: Rail | None,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Divide the wrench ``total`` (T, 3) between ground, chair and rail, and correct the torques ``tau`` (T, J).
+) -> TrueState:
+    """Return the state after dividing the wrench ``total`` (T, 3) between ground, chair and rail.
 
-    ``segments`` are angles (T, n + 1) and origins (T, n + 1, 2) of the chain's segments, base first; ``joints`` are the
-    centres (T, J, 2) and, for each joint, the first segment distal to it (J,). Return the force of the chair (T, 2),
-    its point of application (T, 2), the wrench of the ground (T, 3) and the corrected torques.
+    ``coordinates`` are the angles (T, n) and their derivatives. ``segments`` are angles (T, n + 1) and origins (T, n +
+    1, 2) of the chain's segments, base first; ``joints`` are the centres (T, J, 2) and, for each joint, the first
+    segment distal to it (J,). The torques ``tau`` (T, J) are corrected.
     """
     (angle, origin), (centres, distal) = segments, joints
     force, point = np.zeros((len(time), 2)), np.full((len(time), 2), np.nan)
@@ -130,12 +112,23 @@ def _share_load(
         # the plate and the joints below the point of contact do not carry the chair's part of the load
         tau = tau - np.where(distal <= THIGH, _moment(point[:, None] - centres, force), 0)
         ground = total - np.column_stack([force, _moment(point[:, None], force)])
-    if rail is not None:
-        hand = origin[:, TRUNK] + planar.rotate(angle[:, TRUNK], np.array(HAND))
-        on_rail = np.column_stack([np.zeros(len(time)), rail.load(time) * total[:, 1]])
-        tau = tau - np.where(distal <= TRUNK, _moment(hand[:, None] - centres, on_rail), 0)
-        ground = ground - np.column_stack([on_rail, _moment(hand[:, None], on_rail)])
-    return force, point, ground, tau
+        if chair.rail > 0:
+            hand = origin[:, TRUNK] + planar.rotate(angle[:, TRUNK], np.array(HAND))
+            on_rail = np.column_stack([np.zeros(len(time)), chair.rail_load(time) * total[:, 1]])
+            tau = tau - np.where(distal <= TRUNK, _moment(hand[:, None] - centres, on_rail), 0)
+            ground = ground - np.column_stack([on_rail, _moment(hand[:, None], on_rail)])
+    return TrueState(
+        time,
+        *coordinates,
+        seg_angle=angle[:, 1:],
+        joint_xy=centres[:, : angle.shape[1] - 1],
+        com=com,
+        wrench_total=total,
+        chair_force=force,
+        chair_point=point,
+        wrench=ground,
+        tau=tau,
+    )
 
 
 def _moment(arm: FloatArray, force: FloatArray) -> FloatArray:
@@ -320,100 +313,63 @@ PERIODS = (0.8, 6.0)  # s, periods of the drift's sine waves
 WAVES = 5
 
 
-@dataclass(frozen=True)
-class AdditionalMotion:
-    """Motion of a person with R repetitions in addition to the chain's angles: gap, bending spine, arms, heels.
-
-    The motion that depends on the posture belongs to the person: it is the same at the same angles in all trials.
-    Variations between repetitions, and drifts of W sine waves each, belong to the trial.
-    """
-
-    people: PersonOptions
-    schedule: Schedule
-    foot: float  # length from toe to heel, m
-    sink: float  # unevenness of the torso's sinking during the rise, -0.3 … 0.3
-    ripple: FloatArray  # (2,) number of periods over the rise of the gap's oscillation in x and y
-    ripple_phase: FloatArray  # (2,) initial phase of this oscillation, rad
-    forward: float  # amplitude of the gap along the thigh's x, as a fraction of the gap's range
-    slump: float  # fraction of the spine's bend that depends on the knee; the rest depends on the lean
-    swing: FloatArray  # (R, 3) size of the arms' swing while rising, while sitting down, and while standing
-    late: FloatArray  # (R, 2) delay of the first two swings, s
-    heel: FloatArray  # (R,) size of the heel's lift
-    frequency: FloatArray  # (4, W) frequency of the sine waves of the DRIFTS, Hz
-    phase: FloatArray  # (4, W) phase of these waves, rad
-
-    def drift(self, name: str, time: FloatArray) -> FloatArray:
-        """Return the drift (T,) of one of the :data:`DRIFTS`, with unit variance."""
-        i = DRIFTS.index(name)
-        waves = np.sin(2 * np.pi * self.frequency[i] * time[:, None] + self.phase[i])
-        return np.asarray(waves.sum(axis=1) * np.sqrt(2 / WAVES))
-
-    def motion(self, time: FloatArray, angles: FloatArray, duration: float) -> JointMotion:
-        """Return the divided body's motion for ankle, knee and hip angles (T, 3) at evenly spaced times (T,)."""
-        foot, gap, bend = self._foot(time), self._gap(time, angles), self._bend(time, angles)
-        columns = [foot, angles[:, 0] - foot, angles[:, 1], gap[:, 0], gap[:, 1], angles[:, 2] - bend, bend]
-        return motion_through(time, np.column_stack([*columns, self._arms(time)]), duration)
-
-    def _gap(self, time: FloatArray, angles: FloatArray) -> FloatArray:
-        """Return the hip gap along the thigh's axes, (T, 2) m: the torso sinks and oscillates during the rise."""
-        size = 1e-3 * self.people.hip_gap_mm
-        risen, bent = 1 - angles[:, 1] / SEATED_KNEE, angles[:, 2] / SEATED_HIP
-        (periods_x, periods_y), (phase_x, phase_y) = self.ripple, self.ripple_phase
-        sinking = risen + self.sink * risen * (1 - risen)
-        y = -0.7 * sinking + 0.1 * np.sin(2 * np.pi * periods_y * risen + phase_y)
-        x = self.forward * np.sin(np.pi * periods_x * bent + phase_x)
-        drift = [0.05 * self.drift(name, time) for name in ("gap x", "gap y")]
-        return size * (np.column_stack([x, y]) + np.column_stack(drift))
-
-    def _bend(self, time: FloatArray, angles: FloatArray) -> FloatArray:
-        """Return the trunk's rotation relative to the pelvis, forwards positive, (T,) rad."""
-        seated, lean = angles[:, 1] / SEATED_KNEE, angles.sum(axis=1) / LEANING
-        slump = self.slump
-        shape = slump * seated + (1 - slump) * np.tanh(lean) / np.tanh(1.0)
-        return np.asarray(np.radians(self.people.lumbar_deg) * (0.9 * shape + 0.04 * self.drift("lumbar", time)))
-
-    def _arms(self, time: FloatArray) -> FloatArray:
-        """Return the arms' swing (T,), rad: forwards (negative) on rising and sitting down, backwards in between."""
-        level = 0.02 * self.drift("arms", time)
-        for each, (up, down, rest), (late_up, late_down) in zip(
-            self.schedule.repetitions, self.swing, self.late, strict=True
-        ):
-            rise, sit = each.rise_end - each.legs_start, each.legs_end - each.sit_start
-            level -= 0.6 * up * _bump(time, (each.legs_start + each.rise_end) / 2 + late_up, 1.6 * rise)
-            level -= 0.35 * down * _bump(time, (each.sit_start + each.legs_end) / 2 + late_down, 1.6 * sit)
-            standing = smoothstep((time - each.seat_off) / rise) - smoothstep((time - each.sit_start) / sit)
-            level += 0.25 * rest * standing
-        return np.asarray(np.radians(self.people.arm_swing_deg) * level)
-
-    def _foot(self, time: FloatArray) -> FloatArray:
-        """Return the foot's rotation about the toe, (T,) rad, largest between seat-off and standing."""
-        level = np.zeros_like(time)
-        for each, size in zip(self.schedule.repetitions, self.heel, strict=True):
-            length = each.rise_end - each.seat_off
-            level += size * _bump(time, each.seat_off + length / 2, 1.3 * length)
-        return np.asarray(np.arcsin(1e-3 * self.people.heel_lift_mm / self.foot * level))
-
-
 def draw_additional_motion(
     person: np.random.Generator, trial: np.random.Generator, people: PersonOptions, schedule: Schedule, foot: float
-) -> AdditionalMotion:
-    """Draw the additional motion; the generators are those of the person's habits and of the trial's variations."""
+) -> Callable[[FloatArray, FloatArray], JointMotion]:
+    """Draw a person's motion in addition to the chain's angles: hip gap, bending spine, swinging arms, lifted heels.
+
+    Return a function from evenly spaced times (T,), s, and angles (T, 3) of ankle, knee and hip, rad, to the motion of
+    the divided body. The generator ``person`` draws the motion that depends on the posture, which is the same at the
+    same angles in all trials; ``trial`` draws variations between repetitions, and drifts. ``foot`` is the length from
+    toe to heel, m.
+    """
     repetitions, shape = len(schedule.repetitions), (len(DRIFTS), WAVES)
-    return AdditionalMotion(
-        people=people,
-        schedule=schedule,
-        foot=foot,
-        sink=float(person.uniform(-0.3, 0.3)),
-        ripple=person.uniform(1.0, 1.8, 2),
-        ripple_phase=person.uniform(0, 2 * np.pi, 2),
-        forward=float(person.uniform(0.3, 0.5)),
-        slump=float(person.uniform(0.4, 0.6)),
-        swing=trial.uniform(0.75, 1.25, (repetitions, 3)),
-        late=trial.uniform(-0.12, 0.12, (repetitions, 2)),
-        heel=trial.uniform(0.8, 1.2, repetitions),
-        frequency=1 / np.exp(trial.uniform(np.log(PERIODS[0]), np.log(PERIODS[1]), shape)),
-        phase=trial.uniform(0, 2 * np.pi, shape),
-    )
+    sink = float(person.uniform(-0.3, 0.3))  # unevenness of the torso's sinking during the rise
+    periods_x, periods_y = person.uniform(1.0, 1.8, 2)  # over the rise, of the gap's oscillation
+    phase_x, phase_y = person.uniform(0, 2 * np.pi, 2)
+    forward = float(person.uniform(0.3, 0.5))  # amplitude of the gap along the thigh's x, as a fraction of its range
+    slump = float(person.uniform(0.4, 0.6))  # fraction of the bend that depends on the knee; the rest on the lean
+    swing = trial.uniform(0.75, 1.25, (repetitions, 3))  # size while rising, while sitting down, and while standing
+    late = trial.uniform(-0.12, 0.12, (repetitions, 2))  # delay of the first two swings, s
+    heel = trial.uniform(0.8, 1.2, repetitions)  # size of the heel's lift
+    frequency = 1 / np.exp(trial.uniform(np.log(PERIODS[0]), np.log(PERIODS[1]), shape))  # Hz
+    phase = trial.uniform(0, 2 * np.pi, shape)
+
+    def move(time: FloatArray, angles: FloatArray) -> JointMotion:
+        drift = {
+            name: np.sin(2 * np.pi * frequency[i] * time[:, None] + phase[i]).sum(axis=1) * np.sqrt(2 / WAVES)
+            for i, name in enumerate(DRIFTS)
+        }  # with unit variance
+        # the gap along the thigh's axes, (T, 2) m: the torso sinks and oscillates during the rise
+        risen, bent = 1 - angles[:, 1] / SEATED_KNEE, angles[:, 2] / SEATED_HIP
+        sinking = risen + sink * risen * (1 - risen)
+        y = -0.7 * sinking + 0.1 * np.sin(2 * np.pi * periods_y * risen + phase_y)
+        x = forward * np.sin(np.pi * periods_x * bent + phase_x)
+        drifted = np.column_stack([0.05 * drift[name] for name in ("gap x", "gap y")])
+        gap = 1e-3 * people.hip_gap_mm * (np.column_stack([x, y]) + drifted)
+        # the trunk's rotation relative to the pelvis, forwards positive
+        seated, lean = angles[:, 1] / SEATED_KNEE, angles.sum(axis=1) / LEANING
+        bending = slump * seated + (1 - slump) * np.tanh(lean) / np.tanh(1.0)
+        bend = np.radians(people.lumbar_deg) * (0.9 * bending + 0.04 * drift["lumbar"])
+        # the arms swing forwards (negative) on rising and sitting down, and backwards in between; the foot rotates
+        # about the toe, most between seat-off and standing
+        arms, lift = 0.02 * drift["arms"], np.zeros_like(time)
+        for each, (up, down, rest), (late_up, late_down), size in zip(
+            schedule.repetitions, swing, late, heel, strict=True
+        ):
+            rise, sit = each.rise_end - each.legs_start, each.legs_end - each.sit_start
+            arms -= 0.6 * up * _bump(time, (each.legs_start + each.rise_end) / 2 + late_up, 1.6 * rise)
+            arms -= 0.35 * down * _bump(time, (each.sit_start + each.legs_end) / 2 + late_down, 1.6 * sit)
+            standing = smoothstep((time - each.seat_off) / rise) - smoothstep((time - each.sit_start) / sit)
+            arms += 0.25 * rest * standing
+            length = each.rise_end - each.seat_off
+            lift += size * _bump(time, each.seat_off + length / 2, 1.3 * length)
+        turned = np.arcsin(1e-3 * people.heel_lift_mm / foot * lift)
+        columns = [turned, angles[:, 0] - turned, angles[:, 1], gap[:, 0], gap[:, 1], angles[:, 2] - bend, bend]
+        columns.append(np.radians(people.arm_swing_deg) * arms)
+        return motion_through(time, np.column_stack(columns), schedule.duration)
+
+    return move
 
 
 def _bump(time: FloatArray, middle: float, width: float) -> FloatArray:
@@ -428,18 +384,10 @@ ROUNDS = 30
 SETTLED = 1e-7  # rad
 
 
-@dataclass(frozen=True)
-class DividedPerson:
-    """A person of several bodies, and the motion of their chain's coordinates."""
-
-    body: DividedBody
-    motion: JointMotion
-
-
 def balance_divided(
-    body: SimulatedBody, divided: DividedBody, plan: Plan, additional: AdditionalMotion
-) -> tuple[JointMotion, tuple[float, ...], DividedPerson]:
-    """Return motion and seated angles of the chain, and the person whose bodies balance about the plan's ``push``.
+    body: SimulatedBody, divided: DividedBody, plan: Plan, additional: Callable[[FloatArray, FloatArray], JointMotion]
+) -> tuple[JointMotion, tuple[float, ...], JointMotion]:
+    """Return motion and seated angles of the chain, and the bodies' motion, which balances about the plan's ``push``.
 
     The difference between the moments of the bodies and of the chain depends slightly on the lean. The difference and
     the lean are therefore computed in turn until the angles settle.
@@ -447,27 +395,22 @@ def balance_divided(
     NumericalError is raised if no lean of the trunk balances the body.
     """
     motion, seated = balance_lean(body, plan)
-    duration = plan.chair.schedule.duration
     angles = motion.at(plan.time)[0]
     for _ in range(ROUNDS):
-        person = DividedPerson(divided, additional.motion(plan.time, angles, duration))
         difference = (
-            compute_divided_state(person, None, plan.time).wrench_total
+            compute_divided_state(divided, additional(plan.time, angles), None, plan.time).wrench_total
             - compute_state(body, motion, None, plan.time).wrench_total
         )
         motion, seated = balance_lean(body, plan, difference[:, 2] - plan.push * difference[:, 1])
         before, angles = angles, motion.at(plan.time)[0]
         if np.abs(angles - before).max() < SETTLED:
             break
-    return motion, seated, DividedPerson(divided, additional.motion(plan.time, angles, duration))
+    return motion, seated, additional(plan.time, angles)
 
 
-def compute_divided_state(
-    person: DividedPerson, chair: Chair | None, time: FloatArray, rail: Rail | None = None
-) -> TrueState:
+def compute_divided_state(body: DividedBody, motion: JointMotion, chair: Chair | None, time: FloatArray) -> TrueState:
     """Return state and forces of a person of several bodies at times (T,), s."""
-    body = person.body
-    coordinates = person.motion.at(time)
+    coordinates = motion.at(time)
     loads = inverse_dynamics(body.chain, body.inertias, *coordinates[:3], base_acceleration=UP)
     total, effort, gap = loads.base_wrench[:, [0, 1, 5]], loads.effort, coordinates[0][:, 3:5]
     fx, fy, about_pelvis = loads.joint_wrench[:, SLIDE - 1, [0, 1, 5]].T
@@ -481,27 +424,11 @@ def compute_divided_state(
     joints = pose[:, :5, :2] + planar.rotate(pose[:, :5, 2], np.array([part.centre for part in body.parts[1:6]]))
     angles = np.column_stack([np.zeros(len(time)), angle])
     origins = np.concatenate([np.zeros((len(time), 1, 2)), joints[:, :3]], axis=1)
-    force, point, ground, tau = _share_load(
-        (angles, origins), (joints, _DISTAL), total, torques, time, chair=chair, rail=rail
-    )
     masses = np.array([part.mass for part in body.parts])
     coms = pose[..., :2] + planar.rotate(pose[..., 2], np.array([part.com for part in body.parts]))
-    return TrueState(
-        time=time,
-        q=q,
-        qd=qd,
-        qdd=qdd,
-        qddd=qddd,
-        seg_angle=angle,
-        joint_xy=joints[:, :3],
-        com=np.einsum("b,tbx->tx", masses / masses.sum(), coms),
-        wrench_total=total,
-        chair_force=force,
-        chair_point=point,
-        wrench=ground,
-        tau=tau[:, :3],
-        bodies=BodiesState(pose, velocity, acceleration, gap, tau),
-    )
+    com = np.einsum("b,tbx->tx", masses / masses.sum(), coms)
+    state = _share_load(time, (q, qd, qdd, qddd), (angles, origins), (joints, _DISTAL), com, total, torques, chair)
+    return replace(state, tau=state.tau[:, :3], bodies=BodiesState(pose, velocity, acceleration, gap, state.tau))
 
 
 def _body_motion(

@@ -1,4 +1,4 @@
-"""Simulated instruments besides the cameras: force plates, encoder, wrench sensor, balance board, inertial sensors.
+"""Simulated force plates, encoder, wrench sensor, balance board, inertial sensors and cameras, and their faults.
 
 The plate's own axes P are right-handed with z down. Its corners are listed in the order +x+y, -x+y, -x-y, +x-y of P.
 ORIGIN points from the transducer to the centre of the working surface: M_sensor = M_surface + ORIGIN × F.
@@ -7,7 +7,7 @@ ORIGIN points from the transducer to the centre of the working surface: M_sensor
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,7 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.geometry import so3
 from mocap_id.recording.lab_plates import PlateSignals
-from mocap_id.recording.sensor_logs import ImuLog, format_imu_csv
+from mocap_id.recording.sensor_logs import ImuLog
 from mocap_id_simulation.bodies import GRAVITY, MIDDLE, MarkerSet
 from mocap_id_simulation.options import FaultOptions, Sense
 from mocap_id_simulation.sit_to_stand import Schedule, draw_direction, smoothstep
@@ -130,11 +130,6 @@ def measure_encoder(rng: np.random.Generator, scene: Scene) -> tuple[str, dict[s
     return text, {"rate_hz": _ENCODER_RATE, **errors, "note": note}
 
 
-def joint_position(scene: Scene) -> FloatArray:
-    """Return the joint's position (3,) in the laboratory, m."""
-    return scene.plane.from_plane(np.array([*scene.body.links[1].centre, scene.offset]))
-
-
 def joint_sensor_csv(rng: np.random.Generator, scene: Scene) -> str:
     """Return CSV text with the measured wrench of the base on the moving part, about the joint in laboratory axes."""
     time = np.arange(round(scene.motion.duration * _SENSOR_RATE)) / _SENSOR_RATE
@@ -208,20 +203,10 @@ _SWITCHED_ON = 0.3  # fraction of a bias that changes from one recording to the 
 _FORWARDS, _ALONG, _ACROSS = 0.06, 0.6, 0.05  # m, fraction of the length, m: mean position from the segment's origin
 
 
-@dataclass(frozen=True)
-class SimulatedSensor:
-    """Log and truth of one sensor, with K samples."""
-
-    time: FloatArray  # (K,) time stamps on the sensor's clock, s
-    gyro: FloatArray  # (K, 3) angular velocity in the sensor's axes, rad/s
-    acc: FloatArray  # (K, 3) specific force in the sensor's axes, m/s²
-    truth: Mapping[str, Any]  # clock, mounting, position and errors, for truth.json
-
-
 def simulate_plane_sensors(
     seed: int, scene: Scene, state: TrueState, softness: float, person: int | None = None
-) -> dict[str, SimulatedSensor]:
-    """Return one sensor for each moving segment, by segment name; the person must not have separate bodies.
+) -> dict[str, tuple[ImuLog, dict[str, Any]]]:
+    """Return log and truth of a sensor on each moving segment, by its name; the person must not have separate bodies.
 
     ``state`` is the true state at the frames. ``softness`` is a factor on the rotation of the skin, which follows the
     joints at both ends of the segment. With the seed ``person``, position and mounting are the same in all trials.
@@ -257,24 +242,12 @@ def measure_motion(
     error_factor: float,
     truth: Mapping[str, Any],
     kept: np.random.Generator | None = None,
-) -> SimulatedSensor:
-    """Return the measurement of a motion by a sensor with its own clock, mounting and errors.
+) -> tuple[ImuLog, dict[str, Any]]:
+    """Return the log of a sensor with its own clock, mounting and errors, and their truth, to which ``truth`` is added.
 
-    Parameters
-    ----------
-    rng : Generator
-    time : (F,) array
-        Times of the frames, s.
-    rotations : (F, 3, 3) array
-        Rotations from the skin under the sensor to the laboratory, z up.
-    positions : (F, 3) array
-        Positions of the sensor in the laboratory, m.
-    error_factor : float
-        Factor on all errors.
-    truth : mapping
-        Further entries of the truth.
-    kept : Generator, optional
-        Generator of the properties that are the same in all trials: mounting, scale and the larger part of the biases.
+    ``rotations`` (F, 3, 3) from the skin under the sensor to the laboratory, z up, and ``positions`` (F, 3) of the
+    sensor, m, are at the times (F,) of the frames, s. ``error_factor`` is a factor on all errors. The generator
+    ``kept``, if given, draws what is the same in all trials: mounting, scale and the larger part of the biases.
     """
     own = kept or rng
     mount = so3.exp(own.uniform(0, np.pi) * draw_direction(own))
@@ -289,9 +262,8 @@ def measure_motion(
     force = make_interp_spline(time, positions, k=5)(at, 2) + np.array([0.0, 0.0, GRAVITY])
     signals: list[FloatArray] = []
     errors: dict[str, Any] = {}
-    for k, (name, pure) in enumerate(
-        (("gyro", omega / 2 @ mount), ("acc", np.einsum("fji,fj->fi", turn, force) @ mount))
-    ):
+    pures = {"gyro": omega / 2 @ mount, "acc": np.einsum("fji,fj->fi", turn, force) @ mount}
+    for k, (name, pure) in enumerate(pures.items()):
         scale = 1 + error_factor * _SCALE * own.standard_normal(3)
         walk = np.cumsum(rng.standard_normal((len(at), 3)), axis=0) * error_factor * _DRIFTS[k] / np.sqrt(_IMU_RATE)
         bias = error_factor * _BIASES[k] * own.standard_normal(3) + walk
@@ -303,12 +275,7 @@ def measure_motion(
         errors |= {f"{name}_bias_start": bias[0].tolist(), f"{name}_bias_end": bias[-1].tolist()}
         errors |= {f"{name}_scale": scale.tolist(), f"{name}_nd": density}
     clock = {"offset_s": offset, "ppm": ppm, "mount_R_sensor_to_segment": mount.tolist(), "n": len(at)}
-    return SimulatedSensor(stamps, signals[0], signals[1], clock | dict(truth) | errors)
-
-
-def imu_csv(sensor: SimulatedSensor) -> bytes:
-    """Return the log as a CSV file."""
-    return format_imu_csv(ImuLog(sensor.time, sensor.gyro, sensor.acc))
+    return ImuLog(stamps, signals[0], signals[1]), clock | dict(truth) | errors
 
 
 BURST = (5, 200)  # frames
@@ -340,19 +307,6 @@ def draw_occlusions(
         count = min(int(np.exp(rng.uniform(*np.log(BURST)))), frames // 2)
         bursts.append(MarkerEpisode(str(rng.choice(labels)), int(rng.integers(frames - count)), count))
     return tuple(bursts)
-
-
-def draw_jumps(
-    rng: np.random.Generator, labels: Sequence[str], frames: int, number: int
-) -> tuple[tuple[MarkerEpisode, FloatArray], ...]:
-    """Draw ``number`` jumps of random markers at random times, with their shift (3,) in a random direction, m."""
-    jumps = []
-    for _ in range(number):
-        count = int(rng.integers(JUMP_LENGTH[0], min(JUMP_LENGTH[1], frames // 2) + 1))
-        direction = rng.normal(0, 1, 3)
-        shift = rng.uniform(*JUMP) * direction / np.linalg.norm(direction)
-        jumps.append((MarkerEpisode(str(rng.choice(labels)), int(rng.integers(frames - count)), count), shift))
-    return tuple(jumps)
 
 
 def find_visible(labels: Sequence[str], occlusions: Sequence[MarkerEpisode], frames: int) -> BoolArray:
@@ -519,14 +473,6 @@ def add_camera_faults(
         skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
         points = points @ (np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew).T
     return labels, points, truth
-
-
-def add_plate_faults(faults: FaultOptions, signals: PlateSignals, along: FloatArray) -> PlateSignals:
-    """Return the plate's signals with wrong gains and offset, and with corners displaced in the direction ``along``."""
-    gains = (1 + faults.gain) * np.array([1, 1, 1 + faults.gain_fz, *[1 + faults.gain_moments] * 3])
-    offset = np.array([0, 0, faults.offset_fz_N, 0, 0, 0])
-    corners = signals.corners + faults.corners_mm / 1e3 * along
-    return replace(signals, channels=signals.channels * gains + offset, corners=corners)
 
 
 def _draw_moving_marker(rng: np.random.Generator, markers: MarkerSet) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -23,12 +23,11 @@ from mocap_id_simulation.bodies import (
     draw_person,
     draw_robot,
     draw_subject_skin_motion,
-    fix_knee_to_shank,
     place_body_markers,
     ur5_body,
 )
 from mocap_id_simulation.forces import (
-    DividedPerson,
+    DividedBody,
     TrueState,
     balance_divided,
     compute_divided_state,
@@ -37,13 +36,13 @@ from mocap_id_simulation.forces import (
     draw_additional_motion,
 )
 from mocap_id_simulation.instruments import (
+    JUMP,
+    JUMP_LENGTH,
     Displacement,
     MarkerEpisode,
     SimulatedPlate,
     add_camera_faults,
-    add_plate_faults,
     draw_displacement,
-    draw_jumps,
     draw_occlusions,
     draw_plate,
     draw_skin_faults,
@@ -52,7 +51,7 @@ from mocap_id_simulation.instruments import (
     measure_positions,
 )
 from mocap_id_simulation.options import Kind, Options, SimulatedSubject
-from mocap_id_simulation.sit_to_stand import Chair, JointMotion, Rail, Schedule, Swing, balance_lean, draw_plan
+from mocap_id_simulation.sit_to_stand import Chair, JointMotion, Swing, balance_lean, draw_plan
 
 _STREAMS = (
     *("body", "motion", "place", "markers", "skin", "occlusion", "cameras", "plate", "channels", "encoder", "jumps"),
@@ -92,15 +91,14 @@ class Scene:
     protocol: Mapping[str, Any]  # entries of the truth for this kind of trial, as JSON values
     seat_plate: SimulatedPlate | None = None  # the plate under the chair
     chair_weight: float = 0.0  # weight of the chair on that plate, N
-    rail: Rail | None = None
-    # A person of several bodies with their motion; `body` and `motion` then describe the equivalent chain.
-    divided: DividedPerson | None = None
+    # A person of several bodies, and their motion; `body` and `motion` then describe the equivalent chain.
+    divided: tuple[DividedBody, JointMotion] | None = None
 
     def at(self, time: FloatArray) -> TrueState:
         """Return state and forces at times (T,), s."""
         if self.divided is not None:
-            return compute_divided_state(self.divided, self.chair, time, self.rail)
-        return compute_state(self.body, self.motion, self.chair, time, self.rail)
+            return compute_divided_state(*self.divided, self.chair, time)
+        return compute_state(self.body, self.motion, self.chair, time)
 
     def marker_positions(
         self, state: TrueState, skin: FloatArray, displacement: Displacement | None = None
@@ -114,7 +112,7 @@ class Scene:
             link, local = self.markers.link, self.markers.local
             angle, origin = planar.segment_poses(state.q, self.body.centres)
         else:
-            pose, body = state.bodies.pose, self.divided.body
+            pose, body = state.bodies.pose, self.divided[0]
             pose = np.concatenate([np.zeros_like(pose[:, :1]), pose], axis=1)  # the plate first
             link, local = body.part_of(self.markers) + 1, body.local(self.markers)
             angle, origin = pose[..., 2], pose[..., :2]
@@ -181,12 +179,18 @@ def draw_scene(kind: Kind, options: Options, rng: Streams, given: JointMotion | 
         body = draw_person(rng["body"], options.subject, rng["feet"])
     # its motion, the chair, and entries of truth.json
     chair: Chair | None = None
-    divided: DividedPerson | None = None
-    protocol: Mapping[str, Any] = {"reps": []}
+    divided: tuple[DividedBody, JointMotion] | None = None
+    protocol: dict[str, Any] = {"reps": []}
     if given is not None:
         motion = given
     elif kind == "robot":
-        swing = _draw_swing(options, rng["motion"])
+        if options.joint is not None:
+            swing = Swing(FREQUENCY[options.speed], AMPLITUDE, 0.0, options.repetitions, LEAD)
+        else:
+            frequency, amplitude, centre = (
+                float(rng["motion"].uniform(*limits)) for limits in ((0.4, 0.5), (0.75, 1.0), (-0.4, 0.4))
+            )
+            swing = Swing(frequency, amplitude, centre, options.repetitions, lead=1.0)
         motion = swing.motion()
         protocol = {"freq_hz": swing.frequency, "amplitude_rad": swing.amplitude, "reps": swing.repetitions()}
     else:
@@ -197,15 +201,32 @@ def draw_scene(kind: Kind, options: Options, rng: Streams, given: JointMotion | 
         if people:
             foot = body.support[1] - body.support[0]
             additional = draw_additional_motion(rng["people"], rng["people here"], options.people, chair.schedule, foot)
-            motion, seated_deg, divided = balance_divided(body, parts, plan, additional)
+            motion, seated_deg, apart = balance_divided(body, parts, plan, additional)
+            divided = parts, apart
         else:
             motion, seated_deg = balance_lean(body, plan)
-        protocol = _describe_protocol(options, chair.schedule, seated_deg)
+        repetitions = [vars(each) for each in chair.schedule.repetitions]
+        protocol = {
+            "strategy": options.strategy,
+            "reps": repetitions,
+            "seat_off_s": [each["seat_off"] for each in repetitions],
+            "seat_on_s": [each["seat_on"] for each in repetitions],
+            "motion_shapes": {"seated_deg": list(seated_deg)},
+        }
+        if chair.schedule.attempts:
+            protocol["attempts"] = [vars(each) for each in chair.schedule.attempts]
+        if chair.schedule.hold > 0:
+            protocol["hold"] = {"repetition": len(repetitions) - 1, "length": chair.schedule.hold}
+        if options.rail > 0:
+            protocol["rail_share"] = options.rail
     # the laboratory
     plate = _draw_plate(options, rng["plate"])
     markers = place_body_markers(rng["markers"], body, options.marker_set, options.without, ur5_joint)
     if options.knee_on_shank:
-        markers = fix_knee_to_shank(markers, body)
+        at_knee = np.array([joint == "knee" for joint in markers.at_joint])
+        local = markers.local.copy()
+        local[at_knee, :2] += body.links[2].centre
+        markers = replace(markers, link=markers.link - at_knee, local=local)
     yaw = float(rng["place"].uniform(-np.pi, np.pi))
     scene = Scene(
         body=body,
@@ -216,7 +237,6 @@ def draw_scene(kind: Kind, options: Options, rng: Streams, given: JointMotion | 
         plane=PlaneFrame(yaw if ur5_joint is None else np.radians(options.orientation), plate.centre),
         offset=float(rng["place"].normal(0, 0.01)),
         protocol=protocol,
-        rail=Rail(options.rail, chair.schedule) if options.rail > 0 and chair is not None else None,
         divided=divided,
     )
     if not options.seat_plate or chair is None:
@@ -230,18 +250,6 @@ def draw_scene(kind: Kind, options: Options, rng: Streams, given: JointMotion | 
     return replace(scene, seat_plate=seat_plate, chair_weight=options.chair_mass * GRAVITY)
 
 
-def _draw_swing(options: Options, rng: np.random.Generator) -> Swing:
-    if options.joint is not None:
-        return Swing(FREQUENCY[options.speed], AMPLITUDE, 0.0, options.repetitions, LEAD)
-    return Swing(
-        frequency=float(rng.uniform(0.4, 0.5)),
-        amplitude=float(rng.uniform(0.75, 1.0)),
-        centre=float(rng.uniform(-0.4, 0.4)),
-        periods=options.repetitions,
-        lead=1.0,
-    )
-
-
 def _draw_plate(options: Options, rng: np.random.Generator) -> SimulatedPlate:
     return draw_plate(
         rng,
@@ -251,25 +259,6 @@ def _draw_plate(options: Options, rng: np.random.Generator) -> SimulatedPlate:
         noise=options.plate_noise,
         bias=options.plate_bias,
     )
-
-
-def _describe_protocol(options: Options, schedule: Schedule, seated_deg: Sequence[float]) -> Mapping[str, Any]:
-    """Return the entries of truth.json about the sit-to-stands."""
-    repetitions = [vars(each) for each in schedule.repetitions]
-    truth: dict[str, Any] = {
-        "strategy": options.strategy,
-        "reps": repetitions,
-        "seat_off_s": [each["seat_off"] for each in repetitions],
-        "seat_on_s": [each["seat_on"] for each in repetitions],
-        "motion_shapes": {"seated_deg": list(seated_deg)},
-    }
-    if schedule.attempts:
-        truth["attempts"] = [vars(each) for each in schedule.attempts]
-    if schedule.hold > 0:
-        truth["hold"] = {"repetition": len(repetitions) - 1, "length": schedule.hold}
-    if options.rail > 0:
-        truth["rail_share"] = options.rail
-    return truth
 
 
 @dataclass(frozen=True)
@@ -314,7 +303,14 @@ def measure_scene(scene: Scene, options: Options, rng: Streams) -> SimulatedTria
     positions = scene.marker_positions(state, skin, draw_displacement(seed, faults, schedule, state.time))
     hideable = [label for label, hidden in zip(labels, markers.hidden, strict=True) if hidden]
     bursts = draw_occlusions(rng["occlusion"], hideable, frames, options.rate, options.occlusions)
-    jumps = draw_jumps(rng["jumps"], labels, frames, options.jumps)
+    # jumps of random markers at random times, shifted in a random direction
+    jumps: list[tuple[MarkerEpisode, FloatArray]] = []
+    of = rng["jumps"]
+    for _ in range(options.jumps):
+        count = int(of.integers(JUMP_LENGTH[0], min(JUMP_LENGTH[1], frames // 2) + 1))
+        direction = of.normal(0, 1, 3)
+        shift = of.uniform(*JUMP) * direction / np.linalg.norm(direction)
+        jumps.append((MarkerEpisode(str(of.choice(labels)), int(of.integers(frames - count)), count), shift))
     visible = find_visible(labels, bursts, frames)
     samples = frames * round(options.analog_rate / options.rate)
     loaded = scene.at(np.arange(samples) / options.analog_rate + options.clock_offset)
@@ -326,6 +322,9 @@ def measure_scene(scene: Scene, options: Options, rng: Streams) -> SimulatedTria
     displacement = draw_displacement(seed, faults, schedule, loaded.time)
     load = scene.load_on_plate(loaded, displacement)
     signals = measure_load(rng["channels"], scene.plate, *load, options.analog_rate)
+    gains = (1 + faults.gain) * np.array([1, 1, 1 + faults.gain_fz, *[1 + faults.gain_moments] * 3])
+    channels = signals.channels * gains + np.array([0, 0, faults.offset_fz_N, 0, 0, 0])
+    corners = signals.corners + faults.corners_mm / 1e3 * scene.plane.axes[0]
     seat_signals = None
     if scene.seat_plate is not None:
         load = scene.load_on_seat_plate(loaded, displacement)
@@ -336,9 +335,9 @@ def measure_scene(scene: Scene, options: Options, rng: Streams) -> SimulatedTria
         positions=positions,
         visible=visible,
         bursts=bursts,
-        jumps=jumps,
+        jumps=tuple(jumps),
         points=points,
-        signals=add_plate_faults(faults, signals, scene.plane.axes[0]),
+        signals=replace(signals, channels=channels, corners=corners),
         seat_signals=seat_signals,
         labels=labels,
         fault_truth=fault_truth,

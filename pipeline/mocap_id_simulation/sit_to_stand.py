@@ -1,15 +1,16 @@
-"""A person rising from a chair and sitting down: the timing, and the motion with a prescribed centre of pressure.
+"""Smooth motions and attitudes, and a person who rises from a chair and sits down.
 
-Shank and thigh follow the schedule. The trunk's lean is then computed for the whole trial at once, so that the moments
-of all forces balance about the combined point of application of ground and chair. That point is under the feet and
-moves towards the chair in proportion to the chair's load. The forward lean before the rise follows from this balance.
+The centre of pressure of a sit-to-stand is prescribed. Shank and thigh follow the schedule. The trunk's lean is then
+computed for the whole trial at once, so that the moments of all forces balance about the combined point of application
+of ground and chair. That point is under the feet and moves towards the chair in proportion to the chair's load. The
+forward lean before the rise follows from this balance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
@@ -69,18 +70,10 @@ def draw_direction(rng: np.random.Generator) -> FloatArray:
 
 @dataclass(frozen=True)
 class JointMotion:
-    """Joint angles as a function of time.
+    """Joint angles as a function of time."""
 
-    Parameters
-    ----------
-    spline : BSpline
-        Joint angles (n,), rad, at a time, s. The spline extends beyond both ends of the trial.
-    duration : float
-        Duration of the trial, which starts at 0, s.
-    """
-
-    spline: BSpline
-    duration: float
+    spline: BSpline  # angles (n,), rad, at a time, s; extends beyond both ends of the trial
+    duration: float  # of the trial, which starts at 0, s
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return angle, velocity, acceleration and jerk, (T, n) each, at times (T,)."""
@@ -126,14 +119,9 @@ class Swing:
 X, Y, Z = np.eye(3)
 
 
-@dataclass(frozen=True)
-class AxisRotation:
-    """A rotation about an axis that is fixed in the coordinate frame reached by the previous rotations."""
-
-    axis: FloatArray  # (3,) unit vector
-    angle: FloatArray  # (F,) rad
-    rate: FloatArray  # (F,) rad/s
-    acceleration: FloatArray  # (F,) rad/s²
+AxisRotation: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+"""A rotation about a unit axis (3,), fixed in the frame that the previous rotations reach: axis, and angle, rate and
+acceleration (F,), rad."""
 
 
 @dataclass(frozen=True)
@@ -147,12 +135,11 @@ class Attitude:
     def rotate(self, rotations: Iterable[AxisRotation]) -> Attitude:
         """Return the attitude after the given rotations."""
         rotation, omega, alpha = self.rotation, self.omega, self.alpha
-        for one in rotations:
-            axis = rotation @ one.axis
-            rate = one.rate[:, None]
-            alpha = alpha + np.cross(omega, axis) * rate + axis * one.acceleration[:, None]
+        for own, angle, speed, acceleration in rotations:
+            axis, rate = rotation @ own, speed[:, None]
+            alpha = alpha + np.cross(omega, axis) * rate + axis * acceleration[:, None]
             omega = omega + axis * rate
-            rotation = rotation @ so3.exp(one.angle[:, None] * one.axis)
+            rotation = rotation @ so3.exp(angle[:, None] * own)
         return Attitude(rotation, omega, alpha)
 
 
@@ -344,30 +331,23 @@ class Chair:
     share: float  # fraction of the total vertical force while the person sits still
     friction: float  # horizontal force divided by vertical force
     schedule: Schedule
+    rail: float = 0.0  # largest fraction of the total vertical force on a rail that the person holds while rising
 
     def load(self, time: FloatArray) -> FloatArray:
         """Return the fraction (T,) of the total vertical force that the chair carries at times (T,)."""
         return self.share * self.schedule.chair_load(time)
 
+    def rail_load(self, time: FloatArray) -> FloatArray:
+        """Return the fraction (T,) that the rail carries, from the start of each rise until shortly before its end.
 
-@dataclass(frozen=True)
-class Rail:
-    """A rail that carries a fraction of the vertical force while the person rises; no plate measures its force."""
-
-    share: float  # largest fraction of the total vertical force
-    schedule: Schedule
-
-    def load(self, time: FloatArray) -> FloatArray:
-        """Return the fraction (T,) of the total vertical force that the rail carries at times (T,).
-
-        The rail is loaded from the start of each rise until shortly before its end.
+        No plate measures its force.
         """
         level = np.zeros_like(time)
         for each in self.schedule.repetitions:
             length = each.rise_end - each.rise_start
             level += smoothstep((time - each.rise_start) / (0.4 * length))
             level -= smoothstep((time - each.rise_start - 0.75 * length) / (0.25 * length))
-        return self.share * level
+        return self.rail * level
 
 
 @dataclass(frozen=True)
@@ -386,8 +366,33 @@ def draw_plan(rng: np.random.Generator, body: SimulatedBody, options: Options) -
     strategy = STRATEGIES[options.strategy]
     schedule = _draw_schedule(rng, options)
     time = np.arange(-MARGIN, schedule.duration + MARGIN, STEP)
-    legs = _leg_angles(body, strategy, schedule, time)
-    under_feet = _draw_pressure_centre(rng, body, strategy, schedule, time)
+    # angles of shank and thigh from the vertical, (K, 2) rad
+    ankle = body.links[1].centre[0]
+
+    def standing_error(shank: float) -> float:
+        return _com_x(body, shank, shank - STANDING_KNEE, STANDING_TRUNK) - (ankle + strategy.stand_cop)
+
+    def seated_error(shank: float) -> float:
+        return _com_x(body, shank, SEATED_THIGH, np.radians(strategy.lean)) - (ankle + strategy.off_cop)
+
+    standing, seated = brentq(standing_error, -0.4, 0.4), brentq(seated_error, -0.2, 1.2)
+    late = 0.08 * strategy.rise
+    lowered = seated + (standing - seated) * schedule.height_at(time, late, 0.1 * strategy.sit)
+    lowered = lowered + np.radians(strategy.dip) * schedule.bumps(time)
+    upper = SEATED_THIGH + (standing - STANDING_KNEE - SEATED_THIGH) * schedule.height_at(time)
+    legs = np.column_stack([lowered, upper])
+    # the centre of pressure under the feet, (K,) m, with some millimetres of sway
+    shift = np.full_like(time, strategy.seat_cop)
+    for each in schedule.repetitions:
+        for begin, end, change in (
+            (each.rise_start, each.seat_off, strategy.off_cop - strategy.seat_cop),
+            (each.seat_off, each.rise_end, strategy.stand_cop - strategy.off_cop),
+            (each.sit_start, each.sit_end, strategy.seat_cop - strategy.stand_cop),
+        ):
+            shift += change * smoothstep((time - begin) / (end - begin))
+    frequency, phase = rng.uniform(0.08, 0.5, 4), rng.uniform(0, 2 * np.pi, 4)
+    sway = np.sin(2 * np.pi * frequency * time[:, None] + phase) @ rng.uniform(0.0008, 0.0022, 4)
+    under_feet = body.links[1].centre[0] + shift + np.asarray(sway)
     trunk, thigh = np.radians(strategy.trunk), body.links[2].length
     point = (rng.uniform(0.05, 0.08), thigh * rng.uniform(0.90, 0.97))
     friction = rng.uniform(-0.05, 0.05)
@@ -397,7 +402,8 @@ def draw_plan(rng: np.random.Generator, body: SimulatedBody, options: Options) -
     seat = contact[:, 0] - friction * contact[:, 1]
     # the chair's share of the load follows from the balance at rest
     at_rest = _com_x(body, legs[0, 0], legs[0, 1], trunk)
-    chair = Chair(point, float((at_rest - under_feet[0]) / (seat[0] - under_feet[0])), friction, schedule)
+    share = float((at_rest - under_feet[0]) / (seat[0] - under_feet[0]))
+    chair = Chair(point, share, friction, schedule, options.rail)
     push = under_feet + chair.load(time) * (seat - under_feet)
     return Plan(time, legs, push, chair, trunk)
 
@@ -411,46 +417,22 @@ def balance_lean(
     NumericalError is raised if no lean of the trunk balances the body.
     """
     legs = plan.legs
-    moment, hip = _leg_moment(body, legs, plan.push)
+    # the moment (K,) of foot and legs about `push`, N·m, which the trunk has to balance, and the hip (K, 2), m
+    q = np.column_stack([legs[:, 0], legs[:, 1] - legs[:, 0], -legs[:, 1]])
+    _, origin = planar.segment_poses(q, body.centres)
+    coms = planar.marker_positions(q, body.centres, np.arange(3), body.coms[:3])
+    change = _second_difference(coms)
+    moment = np.zeros(len(plan.push))
+    for i in range(3):
+        arm = coms[:, i, 0] - plan.push
+        moment += body.masses[i] * (arm * (change[:, i, 1] + GRAVITY) - coms[:, i, 1] * change[:, i, 0])
+    for i in (1, 2):
+        moment += body.links[i].inertia * _second_difference(legs[:, i - 1])
+    hip = origin[:, 3]
     lean = _solve_lean(body, moment if additional is None else moment + additional, plan, hip)
     angles = np.column_stack([legs[:, 0], legs[:, 1] - legs[:, 0], lean - legs[:, 1]])
     seated = tuple(float(x) for x in np.degrees([legs[0, 0], legs[0, 1], lean[0]]))
     return motion_through(plan.time, angles, plan.chair.schedule.duration), seated
-
-
-def _leg_angles(body: SimulatedBody, strategy: StrategyParameters, schedule: Schedule, time: FloatArray) -> FloatArray:
-    """Return the angles of shank and thigh from the vertical, (K, 2) rad."""
-    ankle = body.links[1].centre[0]
-
-    def standing_error(shank: float) -> float:
-        return _com_x(body, shank, shank - STANDING_KNEE, STANDING_TRUNK) - (ankle + strategy.stand_cop)
-
-    def seated_error(shank: float) -> float:
-        return _com_x(body, shank, SEATED_THIGH, np.radians(strategy.lean)) - (ankle + strategy.off_cop)
-
-    standing, seated = brentq(standing_error, -0.4, 0.4), brentq(seated_error, -0.2, 1.2)
-    late = 0.08 * strategy.rise
-    lowered = seated + (standing - seated) * schedule.height_at(time, late, 0.1 * strategy.sit)
-    lowered = lowered + np.radians(strategy.dip) * schedule.bumps(time)
-    thigh = SEATED_THIGH + (standing - STANDING_KNEE - SEATED_THIGH) * schedule.height_at(time)
-    return np.column_stack([lowered, thigh])
-
-
-def _draw_pressure_centre(
-    rng: np.random.Generator, body: SimulatedBody, strategy: StrategyParameters, schedule: Schedule, time: FloatArray
-) -> FloatArray:
-    """Return the centre of pressure under the feet, (K,) m, with some millimetres of sway."""
-    shift = np.full_like(time, strategy.seat_cop)
-    for each in schedule.repetitions:
-        for begin, end, change in (
-            (each.rise_start, each.seat_off, strategy.off_cop - strategy.seat_cop),
-            (each.seat_off, each.rise_end, strategy.stand_cop - strategy.off_cop),
-            (each.sit_start, each.sit_end, strategy.seat_cop - strategy.stand_cop),
-        ):
-            shift += change * smoothstep((time - begin) / (end - begin))
-    frequency, phase = rng.uniform(0.08, 0.5, 4), rng.uniform(0, 2 * np.pi, 4)
-    sway = np.sin(2 * np.pi * frequency * time[:, None] + phase) @ rng.uniform(0.0008, 0.0022, 4)
-    return body.links[1].centre[0] + shift + np.asarray(sway)
 
 
 def _com_x(body: SimulatedBody, shank: float, thigh: float, trunk: float) -> float:
@@ -464,24 +446,6 @@ def _second_difference(values: FloatArray) -> FloatArray:
     """Return the second derivative along the first axis (time); beyond both ends, the values are constant."""
     padded = np.concatenate([values[:1], values, values[-1:]])
     return np.asarray((padded[2:] - 2 * values + padded[:-2]) / STEP**2)
-
-
-def _leg_moment(body: SimulatedBody, legs: FloatArray, push: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the moment (K,) of foot and legs about ``push``, N·m, and the positions (K, 2) of the hip, m.
-
-    ``legs`` (K, 2) are the angles of shank and thigh from the vertical, rad. The trunk has to balance the moment.
-    """
-    q = np.column_stack([legs[:, 0], legs[:, 1] - legs[:, 0], -legs[:, 1]])
-    _, origin = planar.segment_poses(q, body.centres)
-    coms = planar.marker_positions(q, body.centres, np.arange(3), body.coms[:3])
-    change = _second_difference(coms)
-    moment = np.zeros(len(push))
-    for i in range(3):
-        arm = coms[:, i, 0] - push
-        moment += body.masses[i] * (arm * (change[:, i, 1] + GRAVITY) - coms[:, i, 1] * change[:, i, 0])
-    for i in (1, 2):
-        moment += body.links[i].inertia * _second_difference(legs[:, i - 1])
-    return moment, origin[:, 3]
 
 
 def _solve_lean(body: SimulatedBody, moment: FloatArray, plan: Plan, hip: FloatArray) -> FloatArray:

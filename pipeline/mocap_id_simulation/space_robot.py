@@ -1,4 +1,7 @@
-"""A random robot in space on a force plate, whose joints move together: in memory, and on disk with its exact truth."""
+"""Robots: sets of trials of the thesis's robot in a plane, and a random robot in space on a force plate.
+
+All joints of the robot in space move together. Its trial is made in memory, and on disk with its exact truth.
+"""
 
 from __future__ import annotations
 
@@ -113,9 +116,9 @@ reference:  # table 5.2's: m, kg, kg·m, kg·m²; `base` is the joint's distance
 """
     reference: dict[str, Mapping[str, float]] = {}
     for joint in robot_set.joints:
-        known = REFERENCE[joint]
-        moving = {"mx1": 0.0, "mx2": 0.0, "my2": known.my, "Izz2": known.inertia}
-        reference[joint] = {"base": known.distance, "mass": TOTAL, **moving}
+        distance, _, moment, inertia = REFERENCE[joint]
+        moving = {"mx1": 0.0, "mx2": 0.0, "my2": moment, "Izz2": inertia}
+        reference[joint] = {"base": distance, "mass": TOTAL, **moving}
     rows = [
         {"file": f"{name}/trial.yaml", "joint": one.joint, "speed": one.speed, "orientation": f"{one.orientation:g}"}
         for name, one in trials
@@ -365,10 +368,8 @@ _CONVENTIONS = (
 def simulate_space_robot(folder: Path, options: SpaceRobotOptions) -> Path:
     """Simulate a robot in space, write it with its exact truth, and return the path of ``trial.yaml``.
 
-    The folder is created if necessary. It receives ``trial.c3d``, ``truth.json``, ``truth.npz`` and ``trial.yaml``, and
-    gives the trial its name.
-
-    StoreError is raised if the folder already contains a trial, or cannot be written.
+    The folder is created if necessary, and gives the trial its name. StoreError is raised if the folder already
+    contains a trial, or cannot be written.
     """
 
     def make(name: str) -> dict[str, bytes]:

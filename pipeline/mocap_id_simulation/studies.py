@@ -232,7 +232,7 @@ subjects:  # score: an estimate of Brooke's score for such a limitation; the fir
 
     def measure(options: ArmOptions) -> _Measured:
         simulated = generate_arm(options)
-        recording = film_skeleton(simulated, options).csv() if cohort.skeletons else _markers(simulated)
+        recording = film_skeleton(simulated, options)[0] if cohort.skeletons else _markers(simulated)
         return recording, arm_document(options, simulated), spatial_arrays(simulated)
 
     return _write_people(folder, head, reach_cohort_trials(cohort), measure)

@@ -15,6 +15,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.recording.lab_plates import PlateSignals
+from mocap_id.recording.sensor_logs import format_imu_csv
 from mocap_id.recording.writer import write_c3d
 from mocap_id.store.atomic import converting_errors, write_files
 from mocap_id_simulation.bodies import GRAVITY
@@ -24,8 +25,6 @@ from mocap_id_simulation.instruments import (
     MOMENT_NOISE,
     SIZE,
     SimulatedPlate,
-    imu_csv,
-    joint_position,
     joint_sensor_csv,
     measure_board,
     measure_encoder,
@@ -39,15 +38,9 @@ from mocap_id_simulation.sit_to_stand import JointMotion
 def simulate(kind: Kind, folder: Path, options: Options, given: JointMotion | None = None) -> Path:
     """Simulate a trial, write it with its exact truth, and return the path of ``trial.yaml``.
 
-    Parameters
-    ----------
-    kind : {"sit-to-stand", "robot"}
-    folder : Path
-        Created if necessary; receives ``trial.c3d``, ``truth.json``, ``truth.npz``, ``trial.yaml`` and the logs of
-        further sensors, such as ``encoder.csv`` of a robot. The trial is named after the folder.
-    options : Options
-    given : JointMotion, optional
-        Motion of the body, instead of the usual one of this kind; the trial then has no chair.
+    The folder is created if necessary. It receives ``trial.c3d``, ``truth.json``, ``truth.npz``, ``trial.yaml`` and the
+    logs of further sensors, such as ``encoder.csv`` of a robot. The trial is named after it. A ``given`` motion
+    replaces the usual one of this kind; the trial then has no chair.
 
     Raises
     ------
@@ -75,8 +68,8 @@ def simulate(kind: Kind, folder: Path, options: Options, given: JointMotion | No
         if options.imus and kind == "sit-to-stand":
             person = None if options.subject is None else options.subject.seed
             sensors = simulate_plane_sensors(options.seed, trial.scene, trial.state, options.soft_tissue, person)
-            truth["imu"] = {segment: sensor.truth for segment, sensor in sensors.items()}
-            logs |= {f"imu_{segment}.csv": imu_csv(sensor) for segment, sensor in sensors.items()}
+            truth["imu"] = {segment: each for segment, (_, each) in sensors.items()}
+            logs |= {f"imu_{segment}.csv": format_imu_csv(each) for segment, (each, _) in sensors.items()}
             text += f"imus: {flow_mapping({segment: f'imu_{segment}.csv' for segment in sensors})}\n"
         return trial_contents(c3d_bytes(options, trial), truth, plane_arrays(trial), text) | logs
 
@@ -192,7 +185,8 @@ protocol: robot-joint
 encoder: encoder.csv  # the robot's own record of its joint, on its own clock
 """
         if options.joint_sensor:
-            at = ", ".join(f"{value:.6f}" for value in joint_position(scene))
+            position = scene.plane.from_plane(np.array([*scene.body.links[1].centre, scene.offset]))
+            at = ", ".join(f"{value:.6f}" for value in position)
             rest += f"""\
 external:  # a wrench sensor in the joint, which carries the moving part
   - {{file: sensor.csv, name: joint, segment: 1, at: [{at}], measures: beyond}}
@@ -342,7 +336,7 @@ def plane_document(kind: Kind, options: Options, trial: SimulatedTrial) -> dict[
         **body.description,
         **scene.protocol,
         "cop_outside_foot_max_m": max(float(np.maximum(cop - high, low - cop).max()), 0.0),
-        **({} if scene.divided is None or bodies is None else _people(scene.divided.body, bodies, options, scene)),
+        **({} if scene.divided is None or bodies is None else _people(scene.divided[0], bodies, options, scene)),
         **({"faults": {**faults, **trial.fault_truth}} if faults else {}),
     }
 

@@ -46,9 +46,9 @@ def test_the_example_is_held_by_its_device(tmp_path: Path) -> None:
     assert devices["range_lost_deg"] == pytest.approx(np.ptp(content["range_deg"]) - np.ptp(devices["range_deg"]))
     assert 0 < devices["range_lost_deg"] < 30
     assert "would need" in devices["springs"][0]["nearest_spring"]["why"]
-    each, joint = found.devices.springs[0], found.joint  # type: ignore[union-attr]
+    each, joint = found.devices[0], found.joint  # type: ignore[index]
     assert joint is not None
-    angle = np.linspace(*found.devices.range, 300)  # type: ignore[union-attr, misc]
+    angle = np.linspace(*found.device_range, 300)  # type: ignore[misc]
     assert find_held_angles(joint, each.device.keys.cylinder(), each.setting, angle).all()
     assert controller["problems"] == []
     assert all(visit["held"] for visit in controller["tour"]["tasks"])

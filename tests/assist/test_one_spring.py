@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id_assist.one_joint import OneJoint, Prescription, SpringRequirements, find_least_spring, prescribe_spring
+from mocap_id_assist.one_joint import OneJoint, Prescription, find_least_spring, prescribe_spring
 
 LOWER, UPPER = np.radians([-60.0, 180.0])
 
@@ -80,7 +80,7 @@ def test_no_spring_of_a_grid_is_better(low: float, high: float) -> None:
 @pytest.mark.parametrize("required", [(30.0,), (0.0,), (60.0, 100.0)])
 def test_required_angles_are_held(required: tuple[float, ...]) -> None:
     one, angles = joint(-0.2, 0.2), tuple(np.radians(required).tolist())
-    found = prescribe_spring(one, SpringRequirements(required=angles))
+    found = prescribe_spring(one, angles)
     assert all(found.range[0] - 1e-6 <= angle <= found.range[1] + 1e-6 for angle in angles)
     width, _, _ = searched(one, angles)
     assert np.ptp(found.range) >= width - np.radians(0.3)
@@ -91,16 +91,14 @@ def test_required_angles_are_held(required: tuple[float, ...]) -> None:
 )
 def test_required_angles_that_cannot_be(required: tuple[float, ...], told: str) -> None:
     with pytest.raises(ValueError, match=told):
-        prescribe_spring(joint(-0.2, 0.2), SpringRequirements(required=tuple(np.radians(required).tolist())))
+        prescribe_spring(joint(-0.2, 0.2), tuple(np.radians(required).tolist()))
 
 
 @pytest.mark.parametrize("weight", [0.01, 250.0])
 def test_the_result_goes_with_the_weight_and_the_zero_of_the_angle(weight: float) -> None:
     plain, other = prescribe_spring(joint(-0.2, 0.2)), prescribe_spring(joint(-0.2, 0.2, weight, turned=0.0))
     assert other.stiffness == pytest.approx(weight * plain.stiffness, rel=1e-3)
-    turned = prescribe_spring(
-        joint(-0.2, 0.2, weight, turned=0.7), SpringRequirements(rest=(-2 * np.pi + 0.7, 2 * np.pi + 0.7))
-    )
+    turned = prescribe_spring(joint(-0.2, 0.2, weight, turned=0.7), rest=(-2 * np.pi + 0.7, 2 * np.pi + 0.7))
     assert turned.stiffness == pytest.approx(other.stiffness, rel=1e-3)
     assert np.subtract(turned.range, 0.7) == pytest.approx(other.range, abs=1e-3)
 

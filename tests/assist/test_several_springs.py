@@ -129,7 +129,7 @@ def test_ways_go_through_overlaps_alone() -> None:
         return SubWorkspace(name, (name,), np.ones(1), np.zeros(1), held)
 
     found = build_graph([node("a", 0, 0.4), node("b", 0.3, 0.7), node("c", 0.6, 0.8), node("d", 0.9, 1.0)], angle)
-    assert {switch.between for switch in found.switches} == {(0, 1), (1, 2)}
-    assert angle[found.switches[0].posture, 0] == pytest.approx(0.35, abs=0.011)
+    assert {between for between, _, _ in found.switches} == {(0, 1), (1, 2)}
+    assert angle[found.switches[0][2], 0] == pytest.approx(0.35, abs=0.011)
     assert found.find_path(0, 2) == (0, 1, 2)
     assert found.find_path(0, 3) is None

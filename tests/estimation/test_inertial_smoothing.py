@@ -42,9 +42,9 @@ def case() -> Case:
     scene, found = trial.scene, simulate_plane_sensors(11, trial.scene, trial.state, 1.0)
     markers = scene.markers
     chain = MarkerChain(scene.body.centres.copy(), markers.link.astype(np.int64), markers.local[:, :2].copy())
-    sensors = {s: SensorSignals(each.time, each.gyro, each.acc) for s, each in enumerate(found.values(), start=1)}
+    sensors = {s: SensorSignals(each.time, each.gyro, each.acc) for s, (each, _) in enumerate(found.values(), start=1)}
     middle = float(trial.state.time.mean())
-    offsets = [each.truth["offset_s"] + 1e-6 * each.truth["ppm"] * middle for each in found.values()]
+    offsets = [truth["offset_s"] + 1e-6 * truth["ppm"] * middle for _, truth in found.values()]
     points = np.ascontiguousarray(scene.plane.to_plane(trial.points)[..., :2])
     return Case(points, chain, trial.state, sensors, offsets)
 

@@ -20,8 +20,8 @@ PERSON = draw_subject(8, 1)
 def _trial(seed: int) -> tuple[SimulatedTrial, dict[int, SensorSignals], list[float]]:
     trial = generate("sit-to-stand", Options(seed=seed, repetitions=2, analog_rate=100, subject=PERSON))
     found = simulate_plane_sensors(seed, trial.scene, trial.state, 1.0, PERSON.seed)
-    sensors = {s: SensorSignals(each.time, each.gyro, each.acc) for s, each in enumerate(found.values(), start=1)}
-    return trial, sensors, [float(each.truth["offset_s"]) for each in found.values()]
+    sensors = {s: SensorSignals(each.time, each.gyro, each.acc) for s, (each, _) in enumerate(found.values(), start=1)}
+    return trial, sensors, [float(truth["offset_s"]) for _, truth in found.values()]
 
 
 def test_the_tilt_is_at_least_as_accurate_as_that_of_vqf() -> None:

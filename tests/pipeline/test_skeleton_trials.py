@@ -44,10 +44,10 @@ def simulated(folder: Path, **more: Any) -> tuple[dict[str, np.ndarray], Any, di
     """Run the skeleton of a simulated reach; return also the true angles at its times, and the true ranges."""
     options = ArmOptions(cycles=1, severity=0.2, **more)
     trial = generate_arm(options)
-    seen = film_skeleton(trial, options)
-    (folder / "kinect.csv").write_bytes(seen.csv())
+    seen, truth = film_skeleton(trial, options)
+    (folder / "kinect.csv").write_bytes(seen)
     columns, summary = run_skeleton(folder, "kinect.csv", options.side)
-    at = columns["time"] + seen.offset
+    at = columns["time"] + truth["offset_s"]
     true = {name: np.interp(at, trial.time, trial.angles[name]) for name in ANGLES}
     elevation = float(np.degrees(np.ptp(trial.angles["shoulder_elevation"])))
     return columns, summary, {"angles": true, "elevation": elevation, "upper_arm": trial.document["body"].upper_arm}

@@ -35,7 +35,7 @@ def times(scene):
 
 def rates(scene, time):
     """Return velocity and acceleration (T, B, 3) of the bodies' centres of mass and angles, by differences."""
-    coms = np.array([part.com for part in scene.divided.body.parts])
+    coms = np.array([part.com for part in scene.divided[0].parts])
 
     def centres(now):
         pose = scene.at(now).bodies.pose
@@ -47,8 +47,8 @@ def rates(scene, time):
 
 def needed(scene, time):
     """Return the force (T, B, 2) and the moment about the plane's origin (T, B) that each body requires."""
-    mass = np.array([part.mass for part in scene.divided.body.parts])
-    inertia = np.array([part.inertia for part in scene.divided.body.parts])
+    mass = np.array([part.mass for part in scene.divided[0].parts])
+    inertia = np.array([part.inertia for part in scene.divided[0].parts])
     place, change = rates(scene, time)
     force = mass[:, None] * (change[..., :2] + UP)
     return force, place[..., 0] * force[..., 1] - place[..., 1] * force[..., 0] + inertia * change[..., 2]
@@ -66,7 +66,7 @@ def test_torques_are_moments_of_all_that_is_beyond_the_joint(scene):
     time = times(scene)
     force, moment = needed(scene, time)
     state = scene.at(time)
-    parts, pose = scene.divided.body.parts, state.bodies.pose
+    parts, pose = scene.divided[0].parts, state.bodies.pose
     for j in range(5):
         nearer = pose[:, j]
         place = nearer[:, :2] + planar.rotate(nearer[:, 2], np.array(parts[j + 1].centre))
@@ -92,7 +92,7 @@ def test_parameters_and_accelerations_give_the_wrench_by_the_regressor(scene):
     state = scene.at(times(scene))
     pose, change, rate = state.bodies.pose, state.bodies.acceleration, state.bodies.velocity
     total = np.zeros((len(pose), 3))
-    for i, part in enumerate(scene.divided.body.parts):
+    for i, part in enumerate(scene.divided[0].parts):
         p, lift = pose[:, i, :2], change[:, i, :2] + UP
         r = planar.rotate(pose[:, i, 2], np.array(part.com))
         turned = np.stack([-r[:, 1], r[:, 0]], axis=1)
@@ -156,7 +156,7 @@ def test_the_centre_of_pressure_stays_inside_the_foot(seed, strategy):
 @pytest.mark.parametrize("seed", range(4))
 def test_ranges_are_about_what_was_asked_for(seed):
     scene = drawn(ALL, seed)
-    moves = scene.divided.motion.at(np.arange(0, scene.motion.duration, 0.01))[0]
+    moves = scene.divided[1].at(np.arange(0, scene.motion.duration, 0.01))[0]
     foot, _, _, x, y, _, bend, swing = np.ptp(moves, axis=0)
     low, high = scene.body.support
     assert 1e3 * max(x, y) == pytest.approx(14, rel=0.4)

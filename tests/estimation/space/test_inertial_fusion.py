@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,17 +15,17 @@ from mocap_id.estimation.space.frame_poses import degrees_of_freedom, make_chain
 from mocap_id.estimation.space.skeleton_smoothing import SensorResult, fuse_in_space
 from mocap_id.estimation.space.space_kernels import Pose, Sensors, predict_sensors
 from mocap_id.geometry import so3
+from mocap_id.recording.sensor_logs import ImuLog
 from mocap_id.stages.skin_motion import add_axial_rotation_errors
 from mocap_id_simulation import ArmOptions, SimulatedSpaceTrial, generate_arm
 from mocap_id_simulation.arm_files import simulate_sensors
-from mocap_id_simulation.instruments import SimulatedSensor
 
 ON = (0, 1, 2)
 GAP = slice(840, 960)  # one second
 
 
 @pytest.fixture(scope="module")
-def case() -> tuple[SimulatedSpaceTrial, list[SimulatedSensor]]:
+def case() -> tuple[SimulatedSpaceTrial, list[tuple[ImuLog, dict[str, Any]]]]:
     options = ArmOptions(seed=21, cycles=1)
     trial = generate_arm(options)
     sensors = simulate_sensors(trial, options)
@@ -32,10 +33,10 @@ def case() -> tuple[SimulatedSpaceTrial, list[SimulatedSensor]]:
 
 
 def fused(
-    trial: SimulatedSpaceTrial, sensors: dict[int, SimulatedSensor], points: np.ndarray | None = None
+    trial: SimulatedSpaceTrial, sensors: dict[int, tuple[ImuLog, dict[str, Any]]], points: np.ndarray | None = None
 ) -> tuple[SpatialStates, dict[int, SensorResult]]:
     seen = trial.positions @ UP.T if points is None else points
-    given = {s: SensorSignals(each.time, each.gyro, each.acc) for s, each in sensors.items()}
+    given = {s: SensorSignals(each.time, each.gyro, each.acc) for s, (each, _) in sensors.items()}
     return fuse_in_space(seen, trial.time, true_chain(trial), given)
 
 
@@ -153,7 +154,7 @@ def test_clocks_are_found_or_said_to_be_unknown(case, both) -> None:
     trial, sensors = case
     middle = trial.time[len(trial.time) // 2]
     for s, result in both[1].items():
-        truth = sensors[s].truth
+        truth = sensors[s][1]
         off = (middle - truth["offset_s"]) / (1 + 1e-6 * truth["ppm"]) - float(result.calibration.clock.stamps(middle))
         assert abs(off) < 3 * result.calibration.clock.sd
         assert abs(off) < 2e-3 or not result.calibration.clock.observable
@@ -190,8 +191,9 @@ def test_two_seconds_without_markers_do_not_interpolate_the_twist(case, both) ->
 
 def test_an_accelerometer_without_gravity_is_left_out(case) -> None:
     trial, sensors = case
-    slow = replace(sensors[0], acc=sensors[0].acc - sensors[0].acc.mean(axis=0))
-    _, results = fused(trial, {0: slow})
+    log, truth = sensors[0]
+    slow = replace(log, acc=log.acc - log.acc.mean(axis=0))
+    _, results = fused(trial, {0: (slow, truth)})
     assert "gravity was probably removed" in str(results[0].why)
 
 
