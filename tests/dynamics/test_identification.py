@@ -15,7 +15,7 @@ from mocap_id.dynamics.cautions import find_cautions, measure_excitation
 from mocap_id.dynamics.consistency import Optimality, build_grid
 from mocap_id.dynamics.fit import determines_parameters, fit, select_samples
 from mocap_id.dynamics.identification import Identification, identify
-from mocap_id.dynamics.instrument_errors import KinematicError
+from mocap_id.dynamics.instrument_errors import KinematicError, PlanarCalibration
 from mocap_id.dynamics.prediction import agreement, centre_of_pressure, estimate_chain_noise, predict
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, measure_arcs, prepare
 from mocap_id.dynamics.regressor import base_names, planar_regressor, planar_torque_regressor
@@ -37,7 +37,8 @@ def cautions_of(prepared: PreparedTrial, found: Identification, **masses: float 
     excited = measure_excitation(prepared, found)
     recommendations = recommend_if_doubtful(prepared, found, excited)
     text = describe_recommendations(excited, recommendations, ["joint 1", "joint 2", "joint 3"])
-    return find_cautions(prepared, found, excited, text, **masses)
+    errors = PlanarCalibration(0.01, 0.01, 0.003, 0.005, 0.005, mass=None, mass_sd=1.0)
+    return find_cautions(prepared, found, excited, text, **masses, calibration=errors)
 
 
 def truth() -> np.ndarray:

@@ -12,7 +12,13 @@ from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
 from mocap_id.dynamics.consistency import PROVEN, ConsistentSolution
 from mocap_id.dynamics.fit import DEPENDENT, Fit, estimate_drift, skip_long_rests
 from mocap_id.dynamics.identification import Identification
-from mocap_id.dynamics.instrument_errors import PlanarCalibration, ScaleCause, ScaleCheck, propagate_to_wrench
+from mocap_id.dynamics.instrument_errors import (
+    MASS_APART,
+    PlanarCalibration,
+    ScaleCause,
+    ScaleCheck,
+    propagate_to_wrench,
+)
 from mocap_id.dynamics.preparation import AnyTrial, LowPass, PreparedTrial, erode
 from mocap_id.dynamics.regressor import (
     WRENCH_COMPONENTS,
@@ -357,7 +363,7 @@ Identifiability: TypeAlias = Literal["known", "weak", "not identifiable"]
 
 # relative standard deviation above which a parameter is weak by default, also of a robot, and not identifiable
 WEAK, WEAK_ROBOT, NOT_IDENTIFIABLE = 0.2, 0.05, 1.0
-_LEAST_LEVER = 0.05  # m: least lever of the base's first moment
+LEAST_LEVER = 0.05  # m: least lever of the base's first moment
 
 
 @dataclass(frozen=True)
@@ -414,7 +420,7 @@ def measure_sizes(prepared: PreparedTrial, result: Identification) -> FloatArray
     size = np.abs(result.base)
     for i in np.flatnonzero((kind == 1) | (kind == 2)):
         pair = result.base[(segment == segment[i]) & ((kind == 1) | (kind == 2))]
-        size[i] = np.linalg.norm(pair) if segment[i] else max(size[i], _LEAST_LEVER * mass)
+        size[i] = np.linalg.norm(pair) if segment[i] else max(size[i], LEAST_LEVER * mass)
     return np.asarray(size)
 
 
@@ -428,7 +434,6 @@ def classify(relative_sd: float, weak: float = WEAK) -> Identifiability:
 AnyIdentification: TypeAlias = "Identification | SpatialIdentification"
 OFFSET_LARGE = 0.02  # s: largest clock offset of synchronised devices
 _BOUNDED = 0.05  # relative increase of the cost because of physical consistency
-_MASS_APART = 0.05  # relative difference of two masses
 _OFFSET_OF_DELAYS = 0.15  # s, largest offset by filters, export and a late start; only a note, because it is corrected
 _DRIFT_SEEN, _DRIFT_LEAST = 5.0, 0.005  # significant change of the offset in a trial: in standard deviations, and in s
 _OFFSET_SEEN, _OFFSET_LEAST = 3.0, 5e-4  # significant clock offset: in standard deviations, and in s
@@ -449,16 +454,15 @@ def find_cautions(
     *,
     given: float | None,
     standing: float | None,
-    calibration: PlanarCalibration | None = None,
+    calibration: PlanarCalibration,
 ) -> tuple[Reason, ...]:
     """Return the cautions about a trial in the plane: those of :func:`find_cautions_in_space`, and about the mass.
 
     ``given`` is the mass of the person from the configuration, kg, and ``standing`` the mass that the plates measure
     while the person stands, kg; None if not given or not measured. ``calibration`` are the errors of plate and scale,
-    which give the allowed difference of these masses; by default those of the stage.
+    which give the allowed difference of these masses.
     """
-    limits = calibration or PlanarCalibration()
-    of_mass = _check_mass(get_identified_mass(prepared, result), standing, given, limits)
+    of_mass = _check_mass(get_identified_mass(prepared, result), standing, given, calibration)
     return (*find_cautions_in_space(prepared, result, excited, recommendation), *of_mass)
 
 
@@ -593,7 +597,7 @@ def _check_mass(
 ) -> Iterator[Reason]:
     """Yield reasons if the masses from the movement, from standing and from the configuration differ."""
     # if movement and standing give different masses, something else carries weight
-    if total is not None and standing is not None and not abs(total / standing - 1) <= _MASS_APART:
+    if total is not None and standing is not None and not abs(total / standing - 1) <= MASS_APART:
         unknown = ". Until then, the joint torques are unknown (NaN)" if total < standing else ""
         yield Reason(
             "load-shared",

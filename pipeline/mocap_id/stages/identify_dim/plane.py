@@ -29,7 +29,7 @@ from mocap_id.dynamics.identification import Identification, identify, score_lef
 from mocap_id.dynamics.instrument_errors import correlate_errors
 from mocap_id.dynamics.measured_motion import USUAL
 from mocap_id.dynamics.prediction import Prediction, centre_of_pressure, estimate_chain_noise, predict
-from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, measure_arcs, prepare
+from mocap_id.dynamics.preparation import PreparedTrial, TrialData, measure_arcs, prepare
 from mocap_id.dynamics.priors import build_even_prior
 from mocap_id.dynamics.regressor import (
     WRENCH_COMPONENTS,
@@ -86,6 +86,7 @@ from mocap_id.stages.identify_dim.segment_fit import (
     read_calibration,
 )
 from mocap_id.stages.identify_dim.trial_data import (
+    FOOT_SD,
     MASS_CONTRADICTS,
     NotIdentifiable,
     ReferenceBodies,
@@ -100,6 +101,7 @@ from mocap_id.stages.identify_dim.trial_data import (
     find_seat_segment,
     judge_mass,
     locate_board,
+    make_fit_settings,
     read_cop_threshold,
     read_kinematic_error,
     read_trial_data,
@@ -115,7 +117,6 @@ _SEAT_LEVER = 0.04  # m, horizontal distance between the hip and the part of the
 _SAME = 0.1
 """Relative difference of two masses up to which they are the same, while the person stands without a load."""
 _FEW = 3  # marker positions on a segment; clusters have at least as many
-_FOOT_SD = 0.001  # m; from the variation of people's feet, which have 3 % of the body's mass
 _TORQUE = 5.0  # N·m, largest rms error of a torque without a caution
 _ONE_IN_100 = 2.576  # standard deviations that a normal error exceeds in one of 100 cases
 _BENT = 1.4  # error of the chain's hip in one direction, relative to its shift by a bending trunk; half is corrected
@@ -191,17 +192,9 @@ def read_inputs(context: Context) -> TrialInputs:
     of_chair: tuple[Reason, ...] = ()
     if obstacle is None:
         components = (WRENCH_COMPONENTS.index(name) for name in settings.components)
-        fitted = FitSettings(
-            components=tuple(component for component in components if component in recorded.measures),
-            cutoff=settings.cutoff_hz,
-            offset_limit=recorded.clock.search,
-            apply_offset=settings.apply_clock_offset,
-            plate_bias=settings.plate_bias,
-            plate_zero=(settings.plate_zero_sd_n, settings.plate_zero_sd_nm),
-            block=settings.block_s,
-            gravity=settings.gravity,
-        )
-        prepared, of_chair = check_chair(prepare(recorded, fitted))
+        fitted = (component for component in components if component in recorded.measures)
+        prepared = prepare(recorded, make_fit_settings(settings, fitted, recorded.clock.search))
+        prepared, of_chair = check_chair(prepared)
         recorded = prepared.recorded
 
     def find_repetitions(trial: PreparedTrial | None) -> Movement:
@@ -347,7 +340,7 @@ def identify_on_chain(
         consistency=consistency,
         reference_sd=settings.reference_sd,
         reference_pulls=asked is True,
-        foot_sd=float(np.hypot(_FOOT_SD, np.sqrt(ankle[0, 0, 0]))) if with_prior else None,
+        foot_sd=float(np.hypot(FOOT_SD, np.sqrt(ankle[0, 0, 0]))) if with_prior else None,
         plate_sd=prepared.recorded.position_sd or read_calibration(context).position if for_torques_only else None,
     )
     return combine_with_sensors(found, prepared, movement.free, grid, reference, consistency=consistency)

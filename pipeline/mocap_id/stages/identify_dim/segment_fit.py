@@ -67,7 +67,7 @@ from mocap_id.protocols.movement import Movement
 from mocap_id.stages.base import Context, Findings
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.stages.identify_dim.dynamics_artefacts import find_spans, validate
-from mocap_id.stages.identify_dim.trial_data import ReferenceBodies, describe_errors
+from mocap_id.stages.identify_dim.trial_data import ReferenceBodies, describe_errors, read_plate_position_sd
 from mocap_id.store import Table
 from mocap_id.store.views import Skeleton
 from mocap_id.verdict import Reason
@@ -448,22 +448,18 @@ def _estimate_gap(gap: FloatArray, turned: FloatArray, angle: FloatArray) -> tup
     return shapes, min(float(np.sqrt(np.sum(seen**2) / share)), _LARGEST * half)
 
 
-_PERSON, _ROBOT = 0.005, 0.001  # m: standard deviation of a plate's position under a person, and under a bolted robot
 _LEAST_JOINTS = 2  # ankle and knee, because the ratios of a person need a shank
 
 
 def read_calibration(context: Context) -> PlanarCalibration:
     """Return the standard deviations of the errors of scale of plate and cameras, from the settings."""
     settings: IdentifyDimSettings = context.settings
-    position = settings.plate_position_sd_m
-    if position is None:
-        position = _ROBOT if context.trial.protocol == "robot-joint" else _PERSON
     return PlanarCalibration(
         gain=settings.plate_gain_sd,
         moments=settings.plate_moments_sd,
         lengths=settings.camera_scale_sd,
         tilt=float(np.radians(settings.camera_tilt_sd_deg)),
-        position=position,
+        position=read_plate_position_sd(context),
         mass=context.trial.subject.mass,
         mass_sd=settings.subject_mass_sd_kg,
     )

@@ -12,7 +12,7 @@ from mocap_id.arrays import FloatArray, find_complete_rows
 from mocap_id.dynamics.cautions import WEAK, find_cautions_in_space
 from mocap_id.dynamics.fit import LEAST_SECONDS, determines_parameters, select_samples
 from mocap_id.dynamics.prediction import agreement, centre_of_pressure, centre_of_pressure_rows
-from mocap_id.dynamics.preparation import CoarseClock, FitSettings
+from mocap_id.dynamics.preparation import CoarseClock
 from mocap_id.dynamics.space.identification import (
     SpatialCalibration,
     identify_parameters_in_space,
@@ -37,7 +37,14 @@ from mocap_id.stages.identify_dim.dynamics_artefacts import (
     make_dynamics_columns,
 )
 from mocap_id.stages.identify_dim.events import make_events
-from mocap_id.stages.identify_dim.trial_data import NotIdentifiable, read_common_time, read_cop_threshold, read_wrench
+from mocap_id.stages.identify_dim.trial_data import (
+    NotIdentifiable,
+    make_fit_settings,
+    read_common_time,
+    read_cop_threshold,
+    read_plate_position_sd,
+    read_wrench,
+)
 from mocap_id.store import Table, Tree
 from mocap_id.store.provenance import DYNAMICS_TABLE, DYNAMICS_TREE, PHASES
 from mocap_id.store.views import SpatialSkeleton
@@ -82,7 +89,7 @@ def _identify(context: Context, chain: SpatialChain, trial: SpatialTrial) -> tup
     """Return dynamics.parquet and dynamics.h5."""
     settings: IdentifyDimSettings = context.settings
     threshold, structure, time = read_cop_threshold(context), trial.structure, trial.recorded.time
-    position = _POSITION_SD if settings.plate_position_sd_m is None else settings.plate_position_sd_m
+    position = read_plate_position_sd(context)
     calibration = SpatialCalibration(
         gain=settings.plate_gain_sd,
         moments=settings.plate_moments_sd,
@@ -205,7 +212,6 @@ def _make_common_facts(chain: SpatialChain, why: str | None) -> dict[str, Any]:
 
 _AT_REST = 5e-3, np.radians(1.0)  # m and rad: a base at rest moves less than this in 95 % of the frames
 _PLATE_WIDTH = 0.5  # m: an error of a corner's position rotates the plate by twice this error divided by its width
-_POSITION_SD = 0.005  # m: default standard deviation of the plate's position
 _PERSON, _OF_PERSONS = "thorax", ("reach", "curl")
 
 
@@ -281,16 +287,7 @@ def _prepare(
         clock=clock,
     )
     record = replace(record, averaged=recording.compute_averaging_width(facts["analog_rate_hz"], record.rate))
-    fitted = FitSettings(
-        components=tuple(range(len(COMPONENTS))),
-        cutoff=settings.cutoff_hz,
-        offset_limit=clock.search,
-        apply_offset=settings.apply_clock_offset,
-        plate_bias=settings.plate_bias,
-        block=settings.block_s,
-        gravity=settings.gravity,
-    )
-    trial = prepare_in_space(record, fitted)
+    trial = prepare_in_space(record, make_fit_settings(settings, range(len(COMPONENTS)), clock.search))
     return _check_excitation(settings, trial) or trial
 
 

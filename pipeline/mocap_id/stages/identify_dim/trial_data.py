@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, get_args
 
@@ -16,6 +16,7 @@ from mocap_id.dynamics.instrument_errors import KinematicError, propagate_to_par
 from mocap_id.dynamics.prediction import compare_wrenches
 from mocap_id.dynamics.preparation import (
     CoarseClock,
+    FitSettings,
     PreparedTrial,
     SampledWrench,
     TrialData,
@@ -32,12 +33,14 @@ from mocap_id.protocols.movement import Movement, find_facing
 from mocap_id.protocols.repetitions import measure_standing_angles
 from mocap_id.stages import skin_motion
 from mocap_id.stages.base import Context, Findings
+from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.store import Table
 from mocap_id.store.views import Skeleton, joint_columns
 from mocap_id.verdict import Reason
 
 _SEARCH = 0.15  # s: range of the fit's search around the coarse offset, whose error is up to 0.04 s
 _VERTICAL = (1, 2)  # Fy and tauz
+_POSITION_SD, _ROBOT_POSITION_SD = 0.005, 0.001  # m, of the plate, and of one to which a robot is bolted
 _THIGH = "thigh"
 _THIGH_NUMBER = 2  # number of the thigh in a chain whose base is the foot
 
@@ -118,6 +121,27 @@ def read_wrench(context: Context) -> tuple[Table, CoarseClock]:
         kept = slice(max(-shift, 0), len(time) - max(shift, 0))
         columns[name][kept] = table[name][kept.start + shift : kept.stop + shift]
     return table.with_columns(**columns), CoarseClock(0.0, doubt, search)
+
+
+def make_fit_settings(settings: IdentifyDimSettings, components: Iterable[int], search: float) -> FitSettings:
+    """Return the settings of the fit of some components of the wrench; ``search`` is the largest clock offset, s."""
+    return FitSettings(
+        components=tuple(components),
+        cutoff=settings.cutoff_hz,
+        offset_limit=search,
+        apply_offset=settings.apply_clock_offset,
+        plate_bias=settings.plate_bias,
+        plate_zero=(settings.plate_zero_sd_n, settings.plate_zero_sd_nm),
+        block=settings.block_s,
+        gravity=settings.gravity,
+    )
+
+
+def read_plate_position_sd(context: Context) -> float:
+    """Return the standard deviation of the plate's position, m; a robot is bolted to its plate."""
+    given: float | None = context.settings.plate_position_sd_m
+    usual = _ROBOT_POSITION_SD if context.trial.protocol == "robot-joint" else _POSITION_SD
+    return usual if given is None else given
 
 
 def read_common_time(context: Context, file: str) -> FloatArray:
@@ -243,7 +267,8 @@ def describe_errors(model: FloatArray, measured: FloatArray, samples: BoolArray,
 _TAUZ = 2
 _INERTIA = 3  # index of Izz among the four parameters of a segment
 _ROUNDS = 2  # the response depends on the clock offset and the weights, so the shift is estimated twice
-_FOOT_SD = 0.001  # m: standard deviation of the foot's first moment divided by the body's mass
+FOOT_SD = 0.001
+"""Standard deviation of the foot's first moment divided by the body's mass, m; people's feet have 3 % of this mass."""
 _REPEATED_SD = 0.0025  # m: joint errors that are the same in all repetitions, from simulated trials
 _GIVEN_SD, _FEET_SD = 0.005, 0.03  # m: standard deviation of a position from the configuration, and from the feet
 _CLEARLY = 3.0  # smallest ratio of misfits of opposite and assumed direction for certainty; 2 to 200 simulated
@@ -328,7 +353,7 @@ def _estimate_shift(context: Context, prepared: PreparedTrial, movement: Movemen
     found, base = fit(prepared, movement.free), prepared.base.regrouping
     values, relative = found.problem.free_solution()[: found.base], context.settings.reference_sd
     deviations = compute_reference_sd(reference, relative)
-    deviations[:2] = compute_foot_sd(reference, _FOOT_SD * float(reference[::4].sum()), relative)[:2]
+    deviations[:2] = compute_foot_sd(reference, FOOT_SD * float(reference[::4].sum()), relative)[:2]
     skin = propagate_to_parameters(prepared, found, values, read_kinematic_error(context))[: found.base]
     spread = base @ np.diag(deviations**2) @ base.T + found.covariance[: found.base, : found.base] + skin @ skin.T
     kept = np.asarray(prepared.base.kept)
