@@ -109,22 +109,13 @@ def make_sit_to_stand_events(
 ) -> Table:
     """Return events.parquet of a sit-to-stand with a known posture; ``plates`` is wrench.parquet.
 
-    Parameters
-    ----------
-    missing : sequence of (T,) arrays
-        Vertical force of the ground predicted by a body model minus the measured force, N: one array for each plausible
-        clock offset; empty without a model. Of the supports that follow from these arrays, the smallest is used.
-    share : float
-        Share of the standing weight under the feet at seat-off, by the rule of the thesis.
-    seat_measured : bool
-        Whether the chair's force is measured and therefore not part of ``missing``.
-    measured, modelled : (T,) bool arrays
-        False where markers of the legs are visible but not used, and where the low-passed motion contains such samples.
-        An event there is NaN, and chair contact that a model shows there is unknown.
-    speed_sd : (T,) array, optional
-        Standard deviation of the speed in the posture, rad/s; without it, those of the five-times test are unknown.
-    clock_offset : float
-        Clock offset of the plates that the fit found, s; both wrenches are still without this correction.
+    ``missing`` are the vertical forces (T,) of a model minus the measured one, N, by :func:`compute_missing_force`; of
+    the supports that follow from them, the smallest is used. ``share`` of the standing weight is under the feet at
+    seat-off, by the rule of the thesis. ``seat_measured`` says whether the chair's force is measured and therefore not
+    in ``missing``. ``measured`` and ``modelled`` (T,) are False where markers of the legs are visible but not used, and
+    where the low-passed motion contains such samples: an event there is NaN, and chair contact that a model shows there
+    is unknown. Without ``speed_sd`` (T,), rad/s, those of the five-times test are unknown. Both wrenches are still
+    without the ``clock_offset`` of the plates, s, that the fit found.
     """
     assert movement.posture is not None
     posture, repetitions, contact = movement.posture, movement.repetitions, movement.contact
@@ -234,11 +225,10 @@ def make_arm_events(
 
 
 def compute_missing_force(prepared: PreparedTrial | None, columns: Mapping[str, FloatArray]) -> tuple[FloatArray, ...]:
-    """Return the vertical ground force predicted by a body model minus the measured force, (T,) N.
+    """Return the vertical ground force predicted by a body model minus the measured force, (T,) N; () without a model.
 
     The model is the reference body or, without one, the identified model. There is one array with the estimated clock
-    offset and one without it, because a wrong offset looks like a missing force. The result is empty without a plate
-    or a model.
+    offset and one without it, because a wrong offset looks like a missing force.
     """
     if prepared is None:
         return ()
@@ -317,8 +307,8 @@ def find_zeros(context: Context, posture: Posture | None) -> tuple[list[dict[str
 def _average(states: Table, q: FloatArray, phases: list[slice]) -> tuple[FloatArray, FloatArray]:
     """Return the mean of the angles (T, n) over the means of some phases, (n,) rad, and its standard deviation.
 
-    The standard deviation contains the difference between the phases, or that within a single phase, and the standard
-    deviation of the states, which a mean does not reduce.
+    It contains the difference between the phases, or that within a single phase, and the standard deviation of the
+    states, which a mean does not reduce.
     """
     known = f"sd_theta_{q.shape[1]}" in states.names
     sd = joint_columns(states, "sd_theta", q.shape[1]) if known else np.full(q.shape, np.nan)
@@ -348,15 +338,9 @@ def average_signals(
 ) -> Table:
     """Return phases.parquet: the average of every signal over the repetitions, at 0, 1 … 100 % of a repetition.
 
-    ``zeros`` and ``reasons`` are the results of :func:`find_zeros`. The angles of another system (``compare:``) are
-    averaged too.
-
-    Raises
-    ------
-    ConfigError
-        A joint or column under ``compare:`` does not exist.
-    RecordingError
-        The file under ``compare:`` cannot be used or does not overlap with the recording.
+    ``zeros`` and ``reasons`` are those of :func:`find_zeros`. The angles of another system (``compare:``) are averaged
+    too. Raises ConfigError if a joint or column under ``compare:`` does not exist, RecordingError if its file cannot be
+    used or does not overlap with the recording.
     """
     states = context.table("states.parquet")
     time, wrench_time, joints = states["time"], dynamics["time"], range(1, joint_count(states) + 1)
@@ -565,10 +549,9 @@ _ADDED_SD, _TABLE_SD = 0.02, 0.15  # relative standard deviation of a mass: weig
 def _compute_torques(
     context: Context, poses: MeasuredPoses, skeleton: SpatialSkeleton, axis: FloatArray
 ) -> dict[str, ElbowTorque] | str:
-    """Return the torques about the elbow's axis, or a text that says why they are unknown.
+    """Return the torques about the elbow's axis: "" in total, "device" and "person"; or a text why they are unknown.
 
-    The names are "" for the total torque, and "device" and "person" for its two parts, which are NaN if the trial has
-    no file of a device.
+    The two parts are NaN if the trial has no file of a device.
     """
     keys, subject, table = context.trial.curl, context.trial.subject, context.table("poses.parquet")
     carried = [name for name in ("forearm", "hand") if name in poses.segments]
@@ -729,10 +712,7 @@ def _compute_volumes(
 ) -> dict[str, Any]:
     """Return facts on the reachable volume and surface, within the box of the ranges and within the visited region.
 
-    Raises
-    ------
-    UnknownReach
-        An angle has no range, or the elbow bends the wrong way.
+    Raises UnknownReach if an angle has no range, or if the elbow bends the wrong way.
     """
     still = [name for name in ANGLES if name not in ranges or ranges[name].high - ranges[name].low < _LEAST_RANGE]
     if still:

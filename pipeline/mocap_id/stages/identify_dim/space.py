@@ -75,9 +75,9 @@ def identify_in_space(context: Context) -> Outputs:
 
         events = find_reach_events(context)
     if isinstance(trial, NotIdentifiable):
-        dynamics, tree = _explain_obstacle(context, skeleton, time, wrench, trial)
+        dynamics, tree = _describe_unidentified(context, skeleton, time, wrench, trial)
     else:
-        dynamics, tree = _identify(context, skeleton.chain, trial)
+        dynamics, tree = _describe_identified(context, skeleton.chain, trial)
     names, empty = np.zeros(0, dtype=object), np.zeros(0)
     averages = {"span": names, "percent": empty, "quantity": names, "unit": names, "mean": empty, "sd": empty}
     why = "the repetitions of a trial in space are not averaged"
@@ -85,8 +85,8 @@ def identify_in_space(context: Context) -> Outputs:
     return events, dynamics.with_columns(**torques), tree, phases
 
 
-def _identify(context: Context, chain: SpatialChain, trial: SpatialTrial) -> tuple[Table, Tree]:
-    """Return dynamics.parquet and dynamics.h5."""
+def _describe_identified(context: Context, chain: SpatialChain, trial: SpatialTrial) -> tuple[Table, Tree]:
+    """Identify the parameters; return dynamics.parquet and dynamics.h5."""
     settings: IdentifyDimSettings = context.settings
     threshold, structure, time = read_cop_threshold(context), trial.structure, trial.recorded.time
     position = read_plate_position_sd(context)
@@ -169,7 +169,7 @@ def _identify(context: Context, chain: SpatialChain, trial: SpatialTrial) -> tup
     return Table(DYNAMICS_TABLE, columns), Tree(DYNAMICS_TREE, data, facts, tuple(out.reasons))
 
 
-def _explain_obstacle(
+def _describe_unidentified(
     context: Context, skeleton: SpatialSkeleton, time: FloatArray, wrench: FloatArray, obstacle: NotIdentifiable
 ) -> tuple[Table, Tree]:
     """Return dynamics.parquet and dynamics.h5 of a trial without an identification."""
@@ -288,24 +288,20 @@ def _prepare(
     )
     record = replace(record, averaged=recording.compute_averaging_width(facts["analog_rate_hz"], record.rate))
     trial = prepare_in_space(record, make_fit_settings(settings, range(len(COMPONENTS)), clock.search))
-    return _check_excitation(settings, trial) or trial
 
-
-def _check_excitation(settings: IdentifyDimSettings, trial: SpatialTrial) -> NotIdentifiable | None:
-    """Return the reason why the usable samples do not determine the parameters; None if they do."""
+    # whether the usable samples determine the parameters
     everywhere = np.ones(len(trial.usable), dtype=np.bool_)
     chosen = select_samples(trial, everywhere)
-    recorded = trial.recorded
-    if chosen.sum() < LEAST_SECONDS * recorded.rate:
+    if chosen.sum() < LEAST_SECONDS * record.rate:
         return NotIdentifiable(
             "too-few-samples",
-            f"{chosen.sum() / recorded.rate:.2f} s are usable, expected at least {LEAST_SECONDS:g} s: in usable "
+            f"{chosen.sum() / record.rate:.2f} s are usable, expected at least {LEAST_SECONDS:g} s: in usable "
             "samples, all segments and the wrench of the plate are known, and gaps are at least "
             f"{trial.lowpass.reach:.2f} s away, because the low-pass spreads gaps. Record longer or with fewer gaps",
         )
-    mass = float(np.nanmedian(recorded.wrench[chosen, 1])) / settings.gravity
+    mass = float(np.nanmedian(record.wrench[chosen, 1])) / settings.gravity
     # range of rotation of each moving segment, from the 2.5 to the 97.5 % quantile
-    rotation = recorded.rotation[chosen]
+    rotation = record.rotation[chosen]
     turned = so3.log(np.swapaxes(rotation[:1], -1, -2) @ rotation)
     low, high = np.quantile(turned, [0.025, 0.975], axis=0)
     arc = float(np.degrees(np.linalg.norm(high - low, axis=-1).max()))
@@ -323,4 +319,4 @@ def _check_excitation(settings: IdentifyDimSettings, trial: SpatialTrial) -> Not
             "every joint",
             mass,
         )
-    return None
+    return trial

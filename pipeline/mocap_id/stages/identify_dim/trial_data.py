@@ -48,8 +48,7 @@ _THIGH_NUMBER = 2  # number of the thigh in a chain whose base is the foot
 def read_trial_data(context: Context, chain: Skeleton) -> TrialData:
     """Return the joint states and wrenches of a trial in the plane.
 
-    StoreError is raised if states and wrench have different times, ConfigError if a segment in the settings does not
-    exist.
+    Raises StoreError if states and wrench have different times, ConfigError if a segment does not exist.
     """
     states = context.table("states.parquet")
     wrench, clock = read_wrench(context)
@@ -90,8 +89,8 @@ def read_trial_data(context: Context, chain: Skeleton) -> TrialData:
     averaged = recording.compute_averaging_width(wrench.facts["analog_rate_hz"], recorded.rate)
     if board is None:
         return replace(recorded, averaged=averaged)
-    averaged, surface = float(np.hypot(averaged, board["averaged_s"])), float(board["cells_below_surface_m"])
-    return replace(recorded, averaged=averaged, surface=surface)
+    averaged = float(np.hypot(averaged, board["averaged_s"]))
+    return replace(recorded, averaged=averaged, surface=float(board["cells_below_surface_m"]))
 
 
 def read_wrench(context: Context) -> tuple[Table, CoarseClock]:
@@ -240,21 +239,18 @@ def compare_references(
 ) -> dict[str, Any] | None:
     """Return JSON about the reference bodies and the errors of their wrench, by table; None without reference bodies.
 
-    The full ``regressor`` (T, 3, 4(n + 1)) minus the ``external`` wrenches on the body (T, 3) is compared with the
-    ``measured`` wrench of the ground (T, 3), N and N·m, in some ``samples`` (T,). There is no centre of pressure up to
-    the vertical force ``threshold``, N.
+    The wrench by the full ``regressor`` (T, 3, 4(n + 1)) minus ``external`` (T, 3) is compared with that of the ground.
     """
-    if not bodies.every:
-        return None
-    found = {}
-    for body in bodies.every:
-        found[str(body.table)] = {
+    found = {
+        str(body.table): {
             "height_m": body.height,
             "mass_kg": body.mass,
             "assumed": list(body.assumed),
             **describe_errors(regressor @ body.parameters - external, measured, samples, threshold),
         }
-    return found
+        for body in bodies.every
+    }
+    return found or None
 
 
 def describe_errors(model: FloatArray, measured: FloatArray, samples: BoolArray, threshold: float) -> dict[str, Any]:
@@ -379,10 +375,7 @@ _SENSOR_LATE, _SENSOR_BETTER = 0.02, 1.2  # smallest offset that is reported, s,
 
 
 def check_chair(prepared: PreparedTrial) -> tuple[PreparedTrial, tuple[Reason, ...]]:
-    """Return the trial, without the chair's wrench if it contradicts the body's motion, and a note or caution.
-
-    Without a plate under the chair, the trial is unchanged and the tuple is empty.
-    """
+    """Return the trial, without the chair's wrench if it contradicts the body's motion, and a note or caution."""
     recorded = prepared.recorded
     if recorded.seat is None:
         return prepared, ()
@@ -459,8 +452,7 @@ def _check_clock(prepared: PreparedTrial, found: Fit, sensor: ExternalWrench) ->
     )
 
 
-def _compute_effect(gain: WrenchGain) -> float:
-    """Return the effect of the gain's deviation from 1, relative to its limit."""
+def _compute_effect(gain: WrenchGain) -> float:  # of the deviation from 1, relative to its limit
     return abs(gain.value - 1.0) * gain.size / gain.limit
 
 
@@ -530,12 +522,9 @@ def check_wrench(context: Context, recorded: TrialData) -> NotIdentifiable | Non
 
 
 def judge_mass(context: Context, mass: float | None) -> Reason | None:
-    """Return a caution if a mass, kg, does not fit the height of the person, or must be confirmed.
+    """Return a caution, with the body mass index, if a mass, kg, does not fit the person's height; None if unknown.
 
-    The value of the caution is the body mass index, kg/m².
-
-    The height is that in the configuration, or else follows from shank and thigh. Without one of these, or if the given
-    mass of the person confirms the mass, the result is None.
+    The height is that in the configuration, or else follows from shank and thigh. The given mass may confirm the mass.
     """
     subject, chain = context.trial.subject, Skeleton.from_tree(context.tree("chain.h5"))
     if mass is None or context.trial.protocol == "robot-joint":
