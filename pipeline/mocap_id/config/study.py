@@ -1,4 +1,4 @@
-"""Configuration of a study: many trials of many people in one YAML file."""
+"""Configuration of a study: many trials of many people, or of a robot, in one YAML file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Limits of a movement, proposed movements, their objectives, and recommended changes of the recorded one."""
+"""Movements, the predicted uncertainty after them, their limits and objectives, and recommended changes."""
 
 from __future__ import annotations
 

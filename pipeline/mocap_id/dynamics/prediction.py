@@ -220,15 +220,6 @@ class Agreement:
     r2: float  # fraction of the measurement's variance that the model explains
 
 
-@dataclass(frozen=True)
-class WrenchAgreement:
-    """Agreement of each wrench component and of the centre of pressure."""
-
-    # agreement of each component by its name; None if there are fewer than two common samples
-    wrench: dict[str, Agreement | None]
-    cop_rms: float | None  # rms difference of the centre of pressure, m; None with fewer than two common samples
-
-
 def centre_of_pressure(wrench: FloatArray, threshold: float) -> FloatArray:
     """Return x (...), m, where the force of a wrench (..., 3) crosses y = 0; NaN where Fy is at most ``threshold``."""
     vertical = wrench[..., 1]
@@ -241,13 +232,6 @@ def centre_of_pressure_rows(rows: FloatArray, wrench: FloatArray, threshold: flo
     cop = centre_of_pressure(wrench, threshold)
     vertical = np.where(np.isfinite(cop), wrench[..., 1], np.nan)
     return (rows[..., 2, :] - cop[..., None] * rows[..., 1, :]) / vertical[..., None]
-
-
-def compare_wrenches(wrench: FloatArray, measured: FloatArray, samples: BoolArray, threshold: float) -> WrenchAgreement:
-    """Compare a model's wrench (T, 3) with the measured one (T, 3) over marked samples; NaN is missing."""
-    components = {name: agreement(wrench[:, k], measured[:, k], samples) for k, name in enumerate(WRENCH_COMPONENTS)}
-    cop = agreement(centre_of_pressure(wrench, threshold), centre_of_pressure(measured, threshold), samples)
-    return WrenchAgreement(components, None if cop is None else float(np.hypot(cop.bias, cop.sd)))
 
 
 def agreement(model: FloatArray, measured: FloatArray, samples: BoolArray) -> Agreement | None:

@@ -1,4 +1,4 @@
-"""Contents of events.parquet and phases.parquet in the plane: events, zeros of the angles, averages."""
+"""Contents of events.parquet and phases.parquet: events of all movements, zeros of the angles, averages."""
 
 from __future__ import annotations
 
@@ -559,13 +559,31 @@ def _compute_torques(
         return "no segment is the forearm"
     if subject.mass is None and (keys.forearm is None or keys.hand is None):
         return "the inertia of forearm and hand is unknown; give `subject: {mass: …}`, or `curl: {forearm: …, hand: …}`"
-    segments = []
+    segments, alone = [], "hand" not in carried
+    length = skeleton.lengths.get("forearm", (np.nan, np.nan))[0]
+
+    def make_mass(body: Body) -> Mass:
+        return Mass(body.mass, np.array(body.centre), np.array(body.inertia), _ADDED_SD)
+
     for name in carried:
         k = poses.segments.index(name)
-        loads = [body for body in keys.loads.values() if body.segment == name or "hand" not in carried]
-        own = _make_own_bodies(context, skeleton, name, alone="hand" not in carried)
+        # bodies given by the user, or from the table by the person's mass and the segment's length; if the chain has no
+        # hand, that of the hand is at the end of the forearm
+        bodies = []
+        for part in (name, "hand") if alone else (name,):
+            below = np.array([0.0, -length, 0.0]) if alone and part == "hand" else np.zeros(3)
+            given = keys.forearm if part == "forearm" else keys.hand
+            if given is not None:
+                mass = make_mass(given)
+            else:
+                arm, forearm = look_up_arm(part, subject.sex), look_up_arm("forearm", subject.sex)
+                own = length if part == "forearm" else length * arm.length / forearm.length
+                weight = arm.mass * (subject.mass or np.nan)
+                across = weight * (arm.gyration * own) ** 2
+                mass = Mass(weight, np.array([0.0, -arm.centre * own, 0.0]), np.array([across, 0.0, across]), _TABLE_SD)
+            bodies.append(Mass(mass.mass, mass.centre + below, mass.inertia, mass.relative_sd))
+        bodies += [make_mass(body) for body in keys.loads.values() if body.segment == name or alone]
         omega, alpha = (table.stack([f"{name}_{rate}_{axis}" for axis in "xyz"]) for rate in ("omega", "alpha"))
-        bodies = [*own, *(_make_mass(body, _ADDED_SD) for body in loads)]
         segments.append(
             SegmentMotion(poses.origin[:, k], poses.rotation[:, k], omega, alpha, table[f"sd_{name}_alpha"], bodies)
         )
@@ -585,33 +603,6 @@ def _compute_torques(
         name: ElbowTorque(*(np.where(hidden, np.nan, each) for each in (one.torque, one.sd)))
         for name, one in (("", total), ("device", device), ("person", person))
     }
-
-
-def _make_own_bodies(context: Context, skeleton: SpatialSkeleton, name: str, *, alone: bool) -> list[Mass]:
-    """Return the body of a segment, from the user or from the table by the person's mass and the segment's length.
-
-    If the chain has no hand (``alone``), the result also contains the body of the hand, at the end of the forearm.
-    """
-    keys, subject = context.trial.curl, context.trial.subject
-    length = skeleton.lengths.get("forearm", (np.nan, np.nan))[0]
-    bodies = []
-    for segment in (name, "hand") if alone else (name,):
-        below = np.array([0.0, -length, 0.0]) if alone and segment == "hand" else np.zeros(3)
-        given = keys.forearm if segment == "forearm" else keys.hand
-        if given is not None:
-            mass = _make_mass(given, _ADDED_SD)
-        else:
-            share = look_up_arm("forearm" if segment == "forearm" else "hand", subject.sex)
-            own = length if segment == "forearm" else length * share.length / look_up_arm("forearm", subject.sex).length
-            weight = share.mass * (subject.mass or np.nan)
-            across = weight * (share.gyration * own) ** 2
-            mass = Mass(weight, np.array([0.0, -share.centre * own, 0.0]), np.array([across, 0.0, across]), _TABLE_SD)
-        bodies.append(Mass(mass.mass, mass.centre + below, mass.inertia, mass.relative_sd))
-    return bodies
-
-
-def _make_mass(body: Body, relative_sd: float) -> Mass:
-    return Mass(body.mass, np.array(body.centre), np.array(body.inertia), relative_sd)
 
 
 _LEAST_RANGE = np.radians(2.0)  # smallest range of an angle that moves

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from mocap_id import recording
 from mocap_id.arrays import FloatArray, find_complete_rows
 from mocap_id.dynamics.cautions import WEAK, find_cautions_in_space
 from mocap_id.dynamics.fit import LEAST_SECONDS, determines_parameters, select_samples
-from mocap_id.dynamics.prediction import agreement, centre_of_pressure, centre_of_pressure_rows
+from mocap_id.dynamics.prediction import centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.preparation import CoarseClock
 from mocap_id.dynamics.space.identification import (
     SpatialCalibration,
@@ -39,6 +39,7 @@ from mocap_id.stages.identify_dim.dynamics_artefacts import (
 from mocap_id.stages.identify_dim.events import make_events
 from mocap_id.stages.identify_dim.trial_data import (
     NotIdentifiable,
+    describe_errors,
     make_fit_settings,
     read_common_time,
     read_cop_threshold,
@@ -103,16 +104,14 @@ def _describe_identified(context: Context, chain: SpatialChain, trial: SpatialTr
     found = identify_parameters_in_space(trial, np.ones(len(time), dtype=np.bool_), calibration)
     excited = measure_excitation_in_space(trial, found, settings.weak_share or WEAK)
     model, fit = predict_in_space(trial, found), found.fit
-    cop = centre_of_pressure(model.measured[:, _PLANAR], threshold)
-    model_cop = centre_of_pressure(model.wrench[:, _PLANAR], threshold)
 
     # dynamics.parquet
     units = np.broadcast_to(np.eye(3), (len(time), 3, 3))
     change = centre_of_pressure_rows(units, model.wrench[:, _PLANAR], threshold)
     cop_sd = np.sqrt(np.sum((change * model.wrench_sd[:, _PLANAR]) ** 2, axis=1))
     series = {
-        "{}": (model.measured, cop),
-        "{}_model": (model.wrench, model_cop),
+        "{}": (model.measured, centre_of_pressure(model.measured[:, _PLANAR], threshold)),
+        "{}_model": (model.wrench, centre_of_pressure(model.wrench[:, _PLANAR], threshold)),
         "sd_{}_model": (model.wrench_sd, cop_sd),
     }
     columns = make_dynamics_columns(
@@ -132,16 +131,11 @@ def _describe_identified(context: Context, chain: SpatialChain, trial: SpatialTr
         excitation=excited,
         prior_share=np.zeros(len(found.base)),
     )
-    compared = {
-        name: agreement(model.wrench[:, k], model.measured[:, k], fit.in_fit) for k, name in enumerate(COMPONENTS)
-    }
-    apart = agreement(model_cop, cop, fit.in_fit)
     facts = _make_common_facts(chain, None) | {
         "condition_number": fit.condition,
         "condition_number_scaled": fit.condition_scaled,
         **describe_fit(trial, found, "cone"),
-        "wrench": {name: None if one is None else asdict(one) for name, one in compared.items()},
-        "cop_rms_m": None if apart is None else float(np.hypot(apart.bias, apart.sd)),
+        **describe_errors(model.wrench, model.measured, fit.in_fit, threshold, COMPONENTS),
         "consistency": "cone",
         "reference_pulls": False,
         "plate_bias": {COMPONENTS[k]: float(value) for k, value in zip(trial.constants, found.plate_bias, strict=True)},

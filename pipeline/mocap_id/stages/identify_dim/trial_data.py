@@ -13,7 +13,7 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.cautions import WrenchGain, estimate_gains
 from mocap_id.dynamics.fit import LEAST_SECONDS, Fit, determines_parameters, fit, select_samples
 from mocap_id.dynamics.instrument_errors import KinematicError, propagate_to_parameters
-from mocap_id.dynamics.prediction import compare_wrenches
+from mocap_id.dynamics.prediction import agreement, centre_of_pressure
 from mocap_id.dynamics.preparation import (
     CoarseClock,
     FitSettings,
@@ -253,11 +253,22 @@ def compare_references(
     return found or None
 
 
-def describe_errors(model: FloatArray, measured: FloatArray, samples: BoolArray, threshold: float) -> dict[str, Any]:
-    """Return JSON about the errors of a wrench (T, 3) and its centre of pressure in some samples (T,)."""
-    compared = compare_wrenches(model, measured, samples, threshold)
-    wrench = {name: None if one is None else asdict(one) for name, one in compared.wrench.items()}
-    return {"wrench": wrench, "cop_rms_m": compared.cop_rms}
+def describe_errors(
+    model: FloatArray,
+    measured: FloatArray,
+    samples: BoolArray,
+    threshold: float,
+    components: Sequence[str] = WRENCH_COMPONENTS,
+) -> dict[str, Any]:
+    """Return JSON about the errors of a wrench (T, C) and its centre of pressure in some samples (T,)."""
+    planar = [components.index(name) for name in WRENCH_COMPONENTS]
+    wrench = {name: agreement(model[:, k], measured[:, k], samples) for k, name in enumerate(components)}
+    pressures = [centre_of_pressure(each[:, planar], threshold) for each in (model, measured)]
+    cop = agreement(pressures[0], pressures[1], samples)
+    return {
+        "wrench": {name: None if one is None else asdict(one) for name, one in wrench.items()},
+        "cop_rms_m": None if cop is None else float(np.hypot(cop.bias, cop.sd)),
+    }
 
 
 _TAUZ = 2
