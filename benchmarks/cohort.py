@@ -52,7 +52,9 @@ from mocap_id_simulation.studies import Cohort, simulate_cohort
 
 WINTER = "winter"
 TRUTHS = ("Fy", "tauz", "CoP", "tau_1", "tau_2", "tau_3")
-CALIBRATION = PlanarCalibration()
+CALIBRATION = PlanarCalibration(
+    gain=0.01, moments=0.01, lengths=0.003, tilt=0.005, position=0.005, mass=None, mass_sd=1.0
+)
 _SUBJECT = ("height", "mass", "sex")
 _FOUND = 0.25  # s: an event this far from the true one belongs to another
 

@@ -19,13 +19,13 @@ from mocap_id.protocols.body_names import make_empty_reference
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
 from mocap_id.stages.identify_dim.dynamics_artefacts import validate
-from mocap_id.stages.identify_dim.plane import identify_on_chain, read_inputs
+from mocap_id.stages.identify_dim.plane import identify_on_chain, prepare_trial
 from mocap_id.stages.identify_dim.segment_fit import (
+    BodyFit,
     MeasuredBodies,
-    SegmentFit,
     bridge_gaps,
     filter_measured,
-    fit_segments,
+    fit_bodies,
     read_bodies,
 )
 from mocap_id.stages.identify_dim.trial_data import ReferenceBodies, build_reference_bodies
@@ -110,7 +110,7 @@ def move_to_chain(bodies: MeasuredBodies, q: FloatArray) -> MeasuredBodies:
 def compare_steps(trial: Trial) -> dict[str, list[str]]:
     """Return the errors on left-out repetitions, in the band, for each of :data:`STEPS`."""
     context = trial.context
-    read = read_inputs(context)
+    read = prepare_trial(context)
     prepared, movement = read.prepared, read.movement
     assert prepared is not None
     tables, recorded = build_reference_bodies(context, prepared.recorded, movement), prepared.recorded
@@ -122,8 +122,8 @@ def compare_steps(trial: Trial) -> dict[str, list[str]]:
     bare, with_others = (read_bodies(table, recorded.centres, [*segments, *more]) for more in ([], apart.used[-1:]))
     every = chosen.poses.joints
 
-    def fitted(way: MeasuredBodies, rival: ReferenceBodies = tables) -> SegmentFit:
-        return fit_segments(context, way, prepared, movement, pinned=chain, tables=rival)
+    def fitted(way: MeasuredBodies, rival: ReferenceBodies = tables) -> BodyFit:
+        return fit_bodies(context, way, prepared, movement, pinned=chain, tables=rival)
 
     ways = [move_to_chain(bare, recorded.q), move_to_chain(with_others, recorded.q)]
     ways += [replace(chosen, poses=close_gaps(chosen.poses, joints)) for joints in (every, every[:2], [])]

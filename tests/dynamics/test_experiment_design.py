@@ -19,7 +19,6 @@ from mocap_id.design.experiment import (
 from mocap_id.design.proposal import (
     OBJECTIVES,
     CovariancePredictor,
-    IdentifiedBody,
     MovementLimits,
     Trajectory,
     change_movement,
@@ -44,7 +43,7 @@ FEET = replace(ROOM, support=(-0.3, 0.2))
 def build_predictor(error: KinematicError = EXACT) -> CovariancePredictor:
     prepared, found, _ = identified(recorded(SMALL, noise=(5.0, 5.0, 2.0)), error)
     own = get_recorded_trajectory(prepared.recorded, found.fit.in_fit)
-    return CovariancePredictor(IdentifiedBody(prepared, found), own, lambda q: error)
+    return CovariancePredictor(prepared, found, own, lambda q: error)
 
 
 @pytest.fixture(scope="module")
@@ -58,14 +57,14 @@ def designed(predictor: CovariancePredictor) -> ExperimentDesign:
 
 
 def usage(predictor: CovariancePredictor, limits: MovementLimits, course) -> float:
-    return limits.usage(course, predictor.body.wrench(course))
+    return limits.usage(course, predictor.wrench(course))
 
 
 @pytest.mark.parametrize("error", [EXACT, SLIDING], ids=["noise", "noise and sliding skin"])
 def test_prediction_for_the_trials_own_movement_is_exact(error: KinematicError) -> None:
     predictor = build_predictor(error)
     again = predictor.predict(predictor.own)
-    found = predictor.body.result
+    found = predictor.result
     np.testing.assert_allclose(again.sd, found.base_sd, rtol=1e-9)
     assert again.condition == found.fit.condition
     assert again.condition_scaled == found.fit.condition_scaled
@@ -75,9 +74,9 @@ def test_a_copy_of_the_movement_has_the_same_condition_number(predictor: Covaria
     """A new object, so that regressor, filter and gate are computed again."""
     copied = replace(predictor.own)
     again = predictor.predict(copied)
-    fit = predictor.body.result.fit
+    fit = predictor.result.fit
     assert again.condition == pytest.approx(fit.condition, rel=0.02)  # its cut-off is the rule's, the trial's was given
-    np.testing.assert_allclose(again.sd, predictor.body.result.base_sd, rtol=1e-9)
+    np.testing.assert_allclose(again.sd, predictor.result.base_sd, rtol=1e-9)
 
 
 def test_twice_as_long_halves_the_variance_of_the_noise_alone() -> None:
@@ -161,18 +160,18 @@ def test_balancing_reaches_the_target_pressure(predictor: CovariancePredictor) -
     rng = np.random.default_rng(3)
     q = rng.uniform(-0.5, 0.5, (50, 3))
     target = rng.uniform(-0.1, 0.1, 50)
-    q[:, 0] = balance(predictor.body, q, target, 0.0)
-    np.testing.assert_allclose(static_centre_of_pressure(predictor.body, q), target, atol=1e-12)
+    q[:, 0] = balance(predictor, q, target, 0.0)
+    np.testing.assert_allclose(static_centre_of_pressure(predictor, q), target, atol=1e-12)
     assert np.max(np.abs(q[:, 0])) < np.pi / 2
 
 
 def test_balancing_is_nan_for_unreachable_targets(predictor: CovariancePredictor) -> None:
-    assert np.isnan(balance(predictor.body, np.zeros((1, 3)), np.array([5.0]), 0.0)).all()
+    assert np.isnan(balance(predictor, np.zeros((1, 3)), np.array([5.0]), 0.0)).all()
 
 
 def test_a_movement_starts_and_ends_at_rest(predictor: CovariancePredictor) -> None:
     waves = replace(hold_posture(REST), amplitude=np.full((3, 2), 0.2), centre=np.full(3, 0.1))
-    course = waves.trajectory(predictor.body, 12.0, 100.0)
+    course = waves.trajectory(predictor, 12.0, 100.0)
     for end in (0, -1):
         np.testing.assert_allclose([course.q[end], course.dq[end], course.ddq[end]], 0.0, atol=1e-9)
     np.testing.assert_allclose(np.gradient(course.q, 0.01, axis=0)[2:-2], course.dq[2:-2], atol=2e-2)

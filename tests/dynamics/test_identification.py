@@ -37,7 +37,8 @@ def cautions_of(prepared: PreparedTrial, found: Identification, **masses: float 
     excited = measure_excitation(prepared, found)
     recommendations = recommend_if_doubtful(prepared, found, excited)
     text = describe_recommendations(excited, recommendations, ["joint 1", "joint 2", "joint 3"])
-    return find_cautions(prepared, found, excited, text, calibration=PlanarCalibration(), **masses)
+    errors = PlanarCalibration(0.01, 0.01, 0.003, 0.005, 0.005, mass=None, mass_sd=1.0)
+    return find_cautions(prepared, found, excited, text, **masses, calibration=errors)
 
 
 def truth() -> np.ndarray:

@@ -31,6 +31,12 @@ GRID = build_grid(
     CENTRES, np.repeat([0, 1, 2, 3], 2), np.array([[-0.25, 0.0], [0.08, 0.1], *3 * [[-0.12, 0.1], [0.12, 0.85]]])
 )
 MASS = float(BODY[:, 0].sum())
+
+
+def calibration(mass: float | None = None, mass_sd: float = 1.0) -> PlanarCalibration:
+    return PlanarCalibration(0.01, 0.01, lengths=0.003, tilt=0.005, position=0.005, mass=mass, mass_sd=mass_sd)
+
+
 NOISE = (1.0, 1.0, 0.3)
 STAGES = ("planarise", "segment", "fit-joints", "ukf-smooth", "identify-dim")
 
@@ -75,7 +81,7 @@ def solution(found: Fit) -> np.ndarray:
 def checked(recorded: TrialData, mass: float | None = None) -> ScaleCheck:
     prepared, found = identified(recorded)
     ratios = find_body_ratios(
-        prepared.base, recorded.centres, BODY.ravel(), float(found.base[0]), PlanarCalibration(mass=mass)
+        prepared.base, recorded.centres, BODY.ravel(), float(found.base[0]), calibration(mass=mass)
     )
     scales = check_scales(prepared, np.ones(len(recorded.time), dtype=bool), found, ratios)
     assert scales is not None
@@ -169,7 +175,7 @@ def test_a_prior_of_the_foot_for_the_torques_leaves_the_parameters_alone() -> No
 def test_a_prior_of_the_foot_leaves_a_displaced_plate_to_the_other_parameters() -> None:
     """Without it, mx1 takes most of it."""
     everything = np.ones(len(with_wrench().time), dtype=bool)
-    prepared = prepare(with_wrench(), FitSettings())
+    prepared = prepare(with_wrench(), FitSettings(plate_zero=(3.0, 0.5)))
     alone, held = (
         identify(prepared, everything, GRID, BODY.ravel(), KinematicError.none(3), foot_sd=sd) for sd in (None, 1e-5)
     )
@@ -198,8 +204,8 @@ def test_a_gain_changes_every_torque_in_proportion() -> None:
 
 
 def test_a_weighed_person_limits_the_gain() -> None:
-    assert PlanarCalibration().estimate_gain_error(70.0, 0.5) == 0.01
-    weighed = PlanarCalibration(mass=70.0, mass_sd=0.1).estimate_gain_error(70.0, 0.1)
+    assert calibration().estimate_gain_error(70.0, 0.5) == 0.01
+    weighed = calibration(mass=70.0, mass_sd=0.1).estimate_gain_error(70.0, 0.1)
     assert weighed == pytest.approx(0.002, rel=0.03)
 
 
@@ -209,17 +215,15 @@ def test_the_gain_of_a_weighed_person_is_as_uncertain_as_its_errors_are_large() 
     count = 20000
     gain = rng.normal(0.0, np.where(rng.uniform(size=count) < 0.05, 0.05, 0.01))
     scale = rng.normal(0.0, 1.0, count)
-    stated = [
-        PlanarCalibration(mass=70 + s).estimate_gain_error(70 * (1 + g), 0.1) for g, s in zip(gain, scale, strict=True)
-    ]
+    stated = [calibration(mass=70 + s).estimate_gain_error(70 * (1 + g), 0.1) for g, s in zip(gain, scale, strict=True)]
     assert np.mean(np.square(stated)) == pytest.approx(np.mean(gain**2), rel=0.1)
-    of_five_percent = PlanarCalibration(mass=70.0).estimate_gain_error(73.5, 0.1)
+    of_five_percent = calibration(mass=70.0).estimate_gain_error(73.5, 0.1)
     assert 1.96 * of_five_percent > 0.05
-    assert PlanarCalibration(mass=70.0).estimate_gain_error(700.0, 0.1) > 1.0
+    assert calibration(mass=70.0).estimate_gain_error(700.0, 0.1) > 1.0
 
 
 def test_heavy_people_show_a_wrong_mass_best() -> None:
-    limits = [PlanarCalibration(mass=mass).mass_limit(mass) for mass in (50.0, 80.0, 100.0)]
+    limits = [calibration(mass=mass).mass_limit(mass) for mass in (50.0, 80.0, 100.0)]
     assert limits == pytest.approx([0.05, 0.0413, 0.0365], abs=1e-4)
 
 

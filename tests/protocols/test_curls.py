@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -19,7 +21,7 @@ from mocap_id.protocols.curl import (
 )
 
 TIME = np.arange(0, 24, 0.01)
-RULES = CurlRules(metronome=0.5)
+RULES = CurlRules(0.5, 0.26, 0.6, 0.5, 2.0, plane=0.35, compensation=0.17, sustained=0.25)
 AXIS = np.tile([0.0, 0.0, 1.0], (len(TIME), 1))
 
 
@@ -97,7 +99,7 @@ def test_a_curl_that_may_be_complete_is_no_failed_attempt() -> None:
 def test_a_slow_curl_breaks_the_tempo() -> None:
     curls = (*found([1.9] * 3), Curl(9.0, 11.0, 13.0, 1.9, complete=True))
     assert find_trial_end(TIME, AXIS, curls, RULES).rule == "tempo"
-    assert find_trial_end(TIME, AXIS, curls, CurlRules()).rule == "recording"
+    assert find_trial_end(TIME, AXIS, curls, replace(RULES, metronome=None)).rule == "recording"
 
 
 def test_a_pause_ends_the_trial() -> None:

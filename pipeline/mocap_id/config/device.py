@@ -35,26 +35,22 @@ def load_device(file: Path) -> DeviceConfig:
     """
     source = read_source(file.absolute())
     parsed = parse(source, DeviceFile, "keys such as `device:`, `pulley_radius_m:` and `stroke_m:`")
-    raise_mistakes(_pressure_mistakes(parsed, source))
-    return DeviceConfig(parsed, source)
-
-
-def _pressure_mistakes(keys: DeviceFile, source: Source) -> list[str]:
-    """Return a line for every pressure that contradicts another key."""
+    # pressures that contradict another key
     mistakes = []
-    if keys.supply_Pa <= keys.atmosphere_Pa:
+    if parsed.supply_Pa <= parsed.atmosphere_Pa:
         mistakes.append(
-            f"{source.where(('supply_Pa',))}: the supply, {keys.supply_Pa:g} Pa, is not above the atmosphere, "
-            f"{keys.atmosphere_Pa:g} Pa: pressures are absolute (gauge pressure plus the pressure of the atmosphere)"
+            f"{source.where(('supply_Pa',))}: the supply, {parsed.supply_Pa:g} Pa, is not above the atmosphere, "
+            f"{parsed.atmosphere_Pa:g} Pa: pressures are absolute (gauge pressure plus the pressure of the atmosphere)"
         )
-    named = {("conditions", name): condition for name, condition in keys.conditions.items()}
-    conditions = {("sealed",): keys.sealed} | named
+    conditions: dict[tuple[str, ...], Condition] = {("sealed",): parsed.sealed}
+    conditions |= {("conditions", name): condition for name, condition in parsed.conditions.items()}
     for location, condition in conditions.items():
         for side in ("flexion_Pa", "extension_Pa"):
             pressure = getattr(condition, side)
-            if not isinstance(pressure, str) and not 0 < pressure <= keys.supply_Pa * (1 + 1e-9):
+            if not isinstance(pressure, str) and not 0 < pressure <= parsed.supply_Pa * (1 + 1e-9):
                 mistakes.append(
                     f"{source.where((*location, side))}: `{side}` is {pressure:g}, expected an absolute pressure "
-                    f"above 0, up to the supply's {keys.supply_Pa:g} Pa"
+                    f"above 0, up to the supply's {parsed.supply_Pa:g} Pa"
                 )
-    return mistakes
+    raise_mistakes(mistakes)
+    return DeviceConfig(parsed, source)

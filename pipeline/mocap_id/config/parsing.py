@@ -17,7 +17,7 @@ from pydantic_core import ErrorDetails
 from ruamel.yaml import YAML
 from ruamel.yaml.composer import Composer
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
-from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode
 
 from mocap_id import plain_files
 from mocap_id.errors import ConfigError, first_line
@@ -128,24 +128,21 @@ class _Reader:
         if id(node) in self._seen:
             raise self._error(node, "aliases (`*name`) are not supported: write the value out")
         self._seen.add(id(node))
-        if not isinstance(node, ScalarNode) and str(node.tag) not in (_YAML + "map", _YAML + "seq"):
-            raise self._error(node, f"the tag `{node.tag}` is not supported: write the values without it")
-        match node:
-            case MappingNode():
+        if not isinstance(node, ScalarNode):
+            if str(node.tag) not in (_YAML + "map", _YAML + "seq"):
+                raise self._error(node, f"the tag `{node.tag}` is not supported: write the values without it")
+            if isinstance(node, MappingNode):
                 return self._mapping(node, location)
-            case SequenceNode():
-                return [self.build(item, (*location, index)) for index, item in enumerate(node.value)]
-            case ScalarNode():
-                if str(node.tag) == _YAML + "timestamp":  # a trial may be named after its date
-                    return node.value
-                if str(node.tag) not in _JSON_TAGS:
-                    raise self._error(node, f"the tag `{node.tag}` is not supported: write the value without it")
-                try:
-                    return self.yaml.constructor.construct_object(node)
-                except (YAMLError, *_BROKEN) as error:
-                    kind, text = str(node.tag).removeprefix(_YAML), str(node.value)[:40]
-                    raise self._error(node, f"`{text}` is not a valid {kind} ({first_line(error)})") from error
-        raise self._error(node, "expected a value, a list or keys")
+            return [self.build(item, (*location, index)) for index, item in enumerate(node.value)]
+        if str(node.tag) == _YAML + "timestamp":  # a trial may be named after its date
+            return node.value
+        if str(node.tag) not in _JSON_TAGS:
+            raise self._error(node, f"the tag `{node.tag}` is not supported: write the value without it")
+        try:
+            return self.yaml.constructor.construct_object(node)
+        except (YAMLError, *_BROKEN) as error:
+            kind, text = str(node.tag).removeprefix(_YAML), str(node.value)[:40]
+            raise self._error(node, f"`{text}` is not a valid {kind} ({first_line(error)})") from error
 
     def _mapping(self, node: MappingNode, location: Location) -> dict[str, Any]:
         data: dict[str, Any] = {}
@@ -170,9 +167,8 @@ _Model = TypeVar("_Model", bound=BaseModel)
 _MAX_LINES = 12
 _MAX_CONTRADICTIONS = 30
 _FILE = re.compile(r"lax-or-strict\[.*\]")  # name that pydantic gives to the path of a file in a union
-_ALTERNATIVE = re.compile(
-    rf"str|int|tuple\[.*\]|{_FILE.pattern}"
-)  # names that pydantic adds to a location for each type of a union
+# names that pydantic adds to a location for each type of a union
+_ALTERNATIVE = re.compile(rf"str|int|tuple\[.*\]|{_FILE.pattern}")
 _NUMBERS = {
     "float_type": "expected a number",
     "float_parsing": "expected a number",

@@ -1,4 +1,4 @@
-"""Configuration of a study: many trials of many people in one YAML file."""
+"""Configuration of a study: many trials of many people, or of a robot, in one YAML file."""
 
 from __future__ import annotations
 
@@ -155,7 +155,12 @@ def load_study(file: Path) -> Study:
     model = create_model("StudyTrial", __base__=build_trial_model(STAGES), **labels)
     trials: list[StudyTrial] = []
     mistakes: list[str] = []
-    below = _lines_below(source)
+    # lines of all values below each default and below each key of a trial, by the location of this key
+    below: defaultdict[Location, dict[Location, int]] = defaultdict(dict)
+    for location, line in source.lines.items():
+        size = {"defaults": 2, "trials": 3}.get(str(location[0]), 0) if location else 0
+        if 0 < size <= len(location):
+            below[location[:size]][location[size:]] = line
     for index, entry in enumerate(parsed.trials):
         try:
             own = _trial_source(source, below, index, parsed.subjects)
@@ -201,19 +206,6 @@ def build_study_schema() -> dict[str, Any]:
     }
     schema["$defs"] = trial["$defs"] | schema["$defs"]
     return {**schema, "title": "Study"}
-
-
-def _lines_below(source: Source) -> Mapping[Location, Mapping[Location, int]]:
-    """Return the lines of all values below each default and below each key of a trial, by the location of this key.
-
-    They are collected once, because a study may have many trials.
-    """
-    below: defaultdict[Location, dict[Location, int]] = defaultdict(dict)
-    for location, line in source.lines.items():
-        size = {"defaults": 2, "trials": 3}.get(str(location[0]), 0) if location else 0
-        if 0 < size <= len(location):
-            below[location[:size]][location[size:]] = line
-    return below
 
 
 def _trial_source(
@@ -274,13 +266,12 @@ def _find_mistakes(parsed: _File, source: Source) -> Iterator[str]:
 
 def _fill_empty_sections(data: dict[str, Any]) -> dict[str, Any]:
     """Replace empty subjects and empty defaults by empty mappings."""
-    data = dict(data)
-    subjects = data.get("subjects")
-    if isinstance(subjects, dict):
-        data["subjects"] = {name: {} if person is None else person for name, person in subjects.items()}
+    filled: dict[str, Any] = {}
     if "defaults" in data and data["defaults"] is None:
-        data["defaults"] = {}
-    return data
+        filled["defaults"] = {}
+    if isinstance(data.get("subjects"), dict):
+        filled["subjects"] = {name: {} if person is None else person for name, person in data["subjects"].items()}
+    return data | filled
 
 
 class RobotReference(Settings):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -133,23 +133,19 @@ def compose(
             if error.errno == errno.ENAMETOOLONG:
                 raise ConfigError(f"{shown} is longer than this system allows: choose another `out`") from error
     settings = {stage.name: getattr(parsed, stage.name.replace("-", "_")) for stage in stages}
-    raise_mistakes(_find_settings_of_other_space(keys, settings, source))
-    return Trial(source.file, keys, settings, out)
-
-
-def _find_settings_of_other_space(keys: TrialKeys, settings: Mapping[str, Settings], source: Source) -> Iterator[str]:
-    """Yield a message for every setting that exists only with the other value of ``space``."""
+    # settings that exist only with the other value of `space`
     own, other = ("3d", "plane") if keys.space == "3d" else ("plane", "3d")
-    for stage, given in settings.items():
-        for name, values in (given.plane_only if own == "3d" else given.space_only).items():
-            value = getattr(given, name)
-            if name not in given.model_fields_set or (values and value not in values):
-                continue
-            shown = f"{name}: {value}" if values else name
-            yield (
-                f"{source.where((stage, name))}: `{stage}: {{{shown}}}` exists only with `space: {other}`; this trial "
-                f"has `space: {own}`. Remove the setting, or change `space`"
-            )
+    mistakes = []
+    for name, given in settings.items():
+        for key, values in (given.plane_only if own == "3d" else given.space_only).items():
+            value = getattr(given, key)
+            if key in given.model_fields_set and (not values or value in values):
+                mistakes.append(
+                    f"{source.where((name, key))}: `{name}: {{{f'{key}: {value}' if values else key}}}` exists only "
+                    f"with `space: {other}`; this trial has `space: {own}`. Remove the setting, or change `space`"
+                )
+    raise_mistakes(mistakes)
+    return Trial(source.file, keys, settings, out)
 
 
 def _expand_short_forms(data: dict[str, Any], stages: Sequence[Stage], source: Source) -> dict[str, Any]:

@@ -15,7 +15,6 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.design.proposal import (
     CovariancePredictor,
-    IdentifiedBody,
     MovementLimits,
     Objective,
     PredictedUncertainty,
@@ -74,7 +73,7 @@ class MovementFamily:
 
     def usage(self, movement: Trajectory) -> float:
         """Return the largest fraction of any limit that the movement uses; above 1 the movement is not allowed."""
-        body, sd = self.predictor.body, None
+        body, sd = self.predictor, None
         if self.limits.support is not None:
             moment = body.regressor(movement.q, movement.dq, movement.ddq)[:, 2]
             sd = np.asarray(np.sqrt(variance(moment, body.result.covariance)))
@@ -98,14 +97,11 @@ class MovementFamily:
         return self.limits.support is not None and len(self.joints) > 1
 
     def fit_to_limits(self, waves: WaveMovement, seconds: float) -> WaveMovement | None:
-        """Scale a movement down until the limits allow it; return None if less than 1/16 of its range would remain.
-
-        ``seconds`` is the duration of the movement, of which at most 16 s are checked.
-        """
+        """Scale a movement down until the limits allow it; return None if less than 1/16 of its range would remain."""
 
         def usage(scale: float) -> float:
             scaled = waves.scale(scale)
-            return self.usage(scaled.trajectory(self.predictor.body, min(seconds, _COMPARED), self.comparison_rate))
+            return self.usage(scaled.trajectory(self.predictor, min(seconds, _COMPARED), self.comparison_rate))
 
         if usage(1.0) <= 1.0:
             return waves
@@ -120,7 +116,7 @@ class MovementFamily:
         limits = self.limits
         below, above = self.rest - limits.low, limits.high - self.rest
         if self.balancing and limits.support is not None:
-            now = float(static_centre_of_pressure(self.predictor.body, self.rest[None])[0])
+            now = float(static_centre_of_pressure(self.predictor, self.rest[None])[0])
             below[0], above[0] = now - limits.support[0], limits.support[1] - now
         return np.maximum(below, 0.0), np.maximum(above, 0.0)
 
@@ -190,7 +186,7 @@ def compose_trajectory(
     """Sample several movements in sequence; if ``shared``, they follow the first half of the trial's own movement."""
     predictor = family.predictor
     seconds = family.seconds / (len(waves) + shared)
-    parts = [each.trajectory(predictor.body, seconds, rate) for each in waves]
+    parts = [each.trajectory(predictor, seconds, rate) for each in waves]
     if shared:
         own = predictor.own.thin(rate)
         first = own.cut(own.seconds / 2)
@@ -226,7 +222,7 @@ class WaveMovement:
         """Return the movement with its amplitudes and its centres multiplied by ``scale``."""
         return replace(self, centre=scale * self.centre, amplitude=scale * self.amplitude)
 
-    def trajectory(self, body: IdentifiedBody, seconds: float, rate: float) -> Trajectory:
+    def trajectory(self, body: CovariancePredictor, seconds: float, rate: float) -> Trajectory:
         """Return the movement of a body, sampled for a duration (s) at a rate.
 
         The angle of the first joint is NaN in samples in which it cannot keep the balance. No derivative is valid then.
@@ -252,18 +248,18 @@ def hold_posture(rest: FloatArray, balanced: bool = False) -> WaveMovement:
     return WaveMovement(rest, np.zeros(len(rest)), np.full(len(rest), 0.5), none, none, balanced)
 
 
-def static_centre_of_pressure(body: IdentifiedBody, q: FloatArray) -> FloatArray:
+def static_centre_of_pressure(body: CovariancePredictor, q: FloatArray) -> FloatArray:
     """Return the centre of pressure (T,), m, of a body at rest in postures (T, n), rad."""
     wrench = body.regressor(q, np.zeros_like(q), np.zeros_like(q)) @ body.result.base
     return np.asarray(wrench[:, 2] / wrench[:, 1])
 
 
-def balance(body: IdentifiedBody, q: FloatArray, target: FloatArray, near: float) -> FloatArray:
+def balance(body: CovariancePredictor, q: FloatArray, target: FloatArray, near: float) -> FloatArray:
     """Return the angles (T,) of the first joint, rad, with which a body at rest has the centre of pressure ``target``.
 
     All segments above the first joint rotate with it, so the centre of pressure is a constant plus a sine of its angle.
-    The postures ``q`` (T, n) give the other angles. Of the two solutions, the one closer to the angle ``near``, rad, is
-    returned. It is NaN if no angle gives the ``target`` (T,), m.
+    Of the two solutions, the one closer to ``near`` is returned; NaN if no angle gives the ``target`` (T,), m. The
+    postures ``q`` (T, n) give the other angles.
     """
     ahead, across = q.copy(), q.copy()
     ahead[:, 0], across[:, 0] = 0.0, np.pi / 2
@@ -375,7 +371,7 @@ def search_movement(
             frequency=np.round(waves.frequency, 2),
             amplitude=np.trunc(waves.amplitude / unit[:, None]) * unit[:, None],
         )
-        movement = rounded.trajectory(predictor.body, family.seconds / (1 + shared), predictor.own.rate)
+        movement = rounded.trajectory(predictor, family.seconds / (1 + shared), predictor.own.rate)
         if family.usage(movement) <= 1.0:
             break
         waves = waves.scale(_SHRINK)
@@ -397,7 +393,7 @@ def _evaluate(family: MovementFamily, waves: WaveMovement, shared: bool) -> tupl
     rate = family.comparison_rate
     if shared:
         return family.quick_value(compose_trajectory((scaled,), family, rate, shared)), scaled, shared
-    movement = scaled.trajectory(family.predictor.body, min(family.seconds, _COMPARED), rate)
+    movement = scaled.trajectory(family.predictor, min(family.seconds, _COMPARED), rate)
     penalty = float(np.max(np.maximum(_LEAST_ARC / np.maximum(np.ptp(movement.q, axis=0), 1e-3), 1.0)))
     return family.quick_value(movement, family.seconds) * penalty, scaled, shared
 
@@ -460,27 +456,16 @@ def design_experiment(
     mixed: bool = True,
     seed: int = 0,
 ) -> ExperimentDesign:
-    """Search for the movement that determines the parameters best.
+    """Search for the movement that determines the parameters best, from and to the posture ``rest`` (n,), rad.
 
-    Parameters
-    ----------
-    rest : (n,) array
-        Posture at the start and the end, rad.
-    objective : Objective
-        Name of the objective to minimise (:data:`~mocap_id.design.proposal.OBJECTIVES`).
-    seconds : float, optional
-        Duration of the recording, s; by default that of the trial.
-    mixed : bool
-        Whether half of the recording may repeat the trial's own movement; not possible with a chair.
-    seed : int
-        Seed of the search's random starts.
+    The recording lasts ``seconds``, by default as long as the trial. With ``mixed``, half of it may repeat the trial's
+    own movement; not possible with a chair. ``seed`` is that of the search's random starts.
     """
-    body = predictor.body
     family = MovementFamily(
         predictor=predictor,
         limits=limits,
         objective=objective,
-        size=np.maximum(measure_sizes(body.prepared, body.result), 1e-300),
+        size=np.maximum(measure_sizes(predictor.prepared, predictor.result), 1e-300),
         rest=rest,
         seconds=predictor.own.seconds if seconds is None else seconds,
         joints=tuple(joints),

@@ -1,4 +1,4 @@
-"""Limits of a movement, proposed movements, their objectives, and recommended changes of the recorded one."""
+"""Movements, the predicted uncertainty after them, their limits and objectives, and recommended changes."""
 
 from __future__ import annotations
 
@@ -63,10 +63,10 @@ class Trajectory:
         return Trajectory(self.time[own], self.q[own], self.dq[own], self.ddq[own], fitted)
 
     def scale(self, speed: FloatArray, size: FloatArray) -> Trajectory:
-        """Return the movement with the speed and the range of each joint multiplied by factors (n,).
+        """Return the movement with the speed, and the range about the median, of each joint multiplied by factors (n,).
 
-        ``size`` multiplies the difference of each angle from its median. If the factors of speed differ, a joint moves
-        forwards and backwards through its own recording. If they are equal, they change the duration instead.
+        If the factors of speed differ, a joint moves forwards and backwards through its own recording. If they are
+        equal, they change the duration instead.
         """
         time, length = self.time - self.time[0], float(self.time[-1] - self.time[0])
         if np.all(speed == speed[0]):
@@ -128,11 +128,15 @@ class PredictedUncertainty:
 
 
 @dataclass(frozen=True)
-class IdentifiedBody:
-    """An identified body, whose wrench can be computed for other movements."""
+class CovariancePredictor:
+    """An identified body, and predictor of its wrench and of the covariance of its parameters for other movements."""
 
     prepared: PreparedTrial  # the trial in which the body was identified
     result: Identification  # the identified parameters
+    own: Trajectory  # the trial's movement
+    # function from postures (T, n), rad, to the error of the geometry of a chain that is fitted to these postures. By
+    # default, the error is that of the trial.
+    geometry: Callable[[FloatArray], KinematicError] | None = None
 
     def regressor(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
         """Return the base columns (T, 3, b) of the regressor of all three wrench components."""
@@ -143,34 +147,23 @@ class IdentifiedBody:
         """Return the wrench of the ground (T, 3) during a movement, N and N·m."""
         return np.asarray(self.regressor(movement.q, movement.dq, movement.ddq) @ self.result.base)
 
-
-@dataclass(frozen=True)
-class CovariancePredictor:
-    """Predictor of the covariance of a trial's parameters for other movements."""
-
-    body: IdentifiedBody  # the body identified in the trial
-    own: Trajectory  # the trial's movement
-    # function from postures (T, n), rad, to the error of the geometry of a chain that is fitted to these postures. By
-    # default, the error is that of the trial.
-    geometry: Callable[[FloatArray], KinematicError] | None = None
-
     @cached_property
     def now(self) -> PredictedUncertainty:
         """The identified uncertainty of the trial itself."""
-        result, fit = self.body.result, self.body.result.fit
+        result, fit = self.result, self.result.fit
         return PredictedUncertainty(
             sd=result.base_sd,
             covariance=result.covariance,
             condition=fit.condition,
             condition_scaled=fit.condition_scaled,
-            samples=float(fit.in_fit.sum()) / self.body.prepared.recorded.rate,
+            samples=float(fit.in_fit.sum()) / self.prepared.recorded.rate,
             fixed=self._variances[2],
         )
 
     @cached_property
     def _variances(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Identified variances (b,) from residuals, from joint centres and skin, and from the plate's zero."""
-        result = self.body.result
+        result = self.result
         residual = np.diag(result.residual_covariance)
         rest = np.maximum(np.diag(result.covariance) - residual, 0.0)
         geometry = np.minimum(np.sum(result.response**2, axis=1), rest)
@@ -186,9 +179,8 @@ class CovariancePredictor:
     ) -> PredictedUncertainty:
         """Predict the uncertainty of the parameters after a movement.
 
-        ``seconds`` is the duration of the fitted samples; by default, of all samples that can be fitted. The variances
-        are computed from about ``samples`` samples; a smaller number is faster. With ``exactly``, the condition numbers
-        are those of the filtered regressor, as in an identification, which takes longer.
+        ``seconds`` is the duration of the fitted samples; by default, of all samples that can be fitted. With
+        ``exactly``, the condition numbers are those of the filtered regressor, as in an identification.
         """
         fitted = self.find_fitted(movement)
         seconds = float(fitted.sum()) / movement.rate if seconds is None else seconds
@@ -201,10 +193,10 @@ class CovariancePredictor:
         elif movement is self.own:
             condition, scaled = self.now.condition, self.now.condition_scaled
         else:
-            settings = self.body.prepared.settings
+            settings = self.prepared.settings
             cutoff = settings.cutoff if settings.cutoff is not None else choose_cutoff(movement.dq, movement.rate)
             lowpass = LowPass(cutoff, movement.rate)
-            regressor = lowpass(self.body.regressor(movement.q, movement.dq, movement.ddq))
+            regressor = lowpass(self.regressor(movement.q, movement.dq, movement.ddq))
             rows = regressor[fitted & np.isfinite(regressor).all(axis=(1, 2))][:: lowpass.step]
             condition, scaled = compute_conditions(rows[:, list(settings.components)])
         return PredictedUncertainty(sd, covariance, condition, scaled, seconds, self.now.fixed)
@@ -234,26 +226,26 @@ class CovariancePredictor:
         chosen = _choose_samples(movement, self.find_fitted(movement), SAMPLES)
         if not len(chosen):
             return np.inf, np.inf
-        rows = self.body.regressor(movement.q[chosen], movement.dq[chosen], movement.ddq[chosen])
-        return compute_conditions(rows[:, list(self.body.prepared.settings.components)])
+        rows = self.regressor(movement.q[chosen], movement.dq[chosen], movement.ddq[chosen])
+        return compute_conditions(rows[:, list(self.prepared.settings.components)])
 
     def find_fitted(self, movement: Trajectory) -> BoolArray:
         """Return a mask (T,) of the samples that an identification would fit, which are away from gaps and ends."""
         if movement.fitted is not None:
             return movement.fitted
-        margin = self.body.prepared.lowpass.reach + self.body.prepared.settings.offset_limit
+        margin = self.prepared.lowpass.reach + self.prepared.settings.offset_limit
         return erode(movement.known, int(np.ceil(margin * movement.rate)) + 1)
 
     def _compute_parts(
         self, movement: Trajectory, fitted: BoolArray, chosen: IntArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return unscaled covariances (b, b) from residuals of unit variance, for one sample, and from the geometry."""
-        body, result, fit = self.body, self.body.result, self.body.result.fit
+        result, fit = self.result, self.result.fit
         three = np.concatenate([chosen - 1, chosen, chosen + 1])
-        before, now, after = np.split(body.regressor(movement.q[three], movement.dq[three], movement.ddq[three]), 3)
+        before, now, after = np.split(self.regressor(movement.q[three], movement.dq[three], movement.ddq[three]), 3)
         # rows of a fit, weighted as in that of the trial; the last column is the time derivative of the wrench, because
         # a clock offset shifts the wrench in time
-        components = list(body.prepared.settings.components)
+        components = list(self.prepared.settings.components)
         regressor = now[:, components]
         rate = ((after - before) * movement.rate / 2)[:, components] @ result.base
         bias = np.zeros((*regressor.shape[:2], fit.problem.factor.shape[1] - fit.base))
@@ -264,8 +256,8 @@ class CovariancePredictor:
         noise = unit_covariance(rows.reshape(-1, rows.shape[-1]))[:count, :count]
         # change (b, S) of the parameters with each error mode of the geometry; infinite if not determined
         error = result.error if self.geometry is None else self.geometry(movement.q[fitted & movement.known])
-        here = replace(body.prepared.recorded, q=movement.q[chosen], dq=movement.dq[chosen], ddq=movement.ddq[chosen])
-        moved, refitted = replace(body.prepared, recorded=here), replace(fit, samples=np.arange(len(rows)), design=rows)
+        here = replace(self.prepared.recorded, q=movement.q[chosen], dq=movement.dq[chosen], ddq=movement.ddq[chosen])
+        moved, refitted = replace(self.prepared, recorded=here), replace(fit, samples=np.arange(len(rows)), design=rows)
         try:
             response = propagate_to_parameters(moved, refitted, result.base, error)[: fit.base]
         except np.linalg.LinAlgError:
@@ -307,10 +299,9 @@ class MovementLimits:
     def usage(self, movement: Trajectory, wrench: FloatArray, moment_sd: FloatArray | None = None) -> float:
         """Return the largest fraction of any limit that a movement uses; above 1 the movement is not allowed.
 
-        If ``movement.fitted`` is given, only these samples count. ``wrench`` (T, 3) is the wrench of the ground, N and
-        N·m. ``moment_sd`` (T,) is the standard deviation of its moment, N·m, by which the centre of pressure is
-        uncertain. The result is infinite if the body leaves the ground, if there is no sample to check, or, without
-        ``movement.fitted``, if any sample is missing.
+        If ``movement.fitted`` is given, only these samples count. ``wrench`` (T, 3) is that of the ground, with the
+        standard deviation ``moment_sd`` (T,) of its moment, N·m. The result is infinite if the body leaves the ground,
+        if there is no sample to check, or, without ``movement.fitted``, if any sample is missing.
         """
         counted = movement.known if movement.fitted is None else movement.fitted & movement.known
         if not counted.any() or (movement.fitted is None and not counted.all()):
@@ -344,25 +335,12 @@ def derive_limits(
     slack: float | None,
     at_rest: float,
 ) -> MovementLimits:
-    """Return limits that are derived from a recorded movement.
+    """Return limits that are derived from a recorded movement and its wrench of the ground (T, 3), N and N·m.
 
-    Parameters
-    ----------
-    movement : Trajectory
-        The trial's movement, with its fitted samples.
-    wrench : (T, 3) array
-        Wrench of the ground, N and N·m.
-    rest : (n,) array
-        Posture that is always allowed, rad.
-    widened : float
-        Angle by which every joint may exceed its observed range at both ends, rad.
-    speed, acceleration : (float, float)
-        Lower and upper bound of the limits, rad/s and rad/s². Between these bounds, the limit is 1.5 (speed) or 2.25
-        (acceleration) times the largest observed value. Observed values are always allowed.
-    slack : float or None
-        Distance by which the centre of pressure may exceed its observed range, m; None for a base that is bolted down.
-    at_rest : float
-        Centre of pressure in the resting posture, m.
+    The posture ``rest`` (n,) and the centre of pressure ``at_rest``, m, are always allowed. Every joint may exceed its
+    observed range by the angle ``widened``, rad, and the centre of pressure by ``slack``, m; None for a base that is
+    bolted down. Between the bounds ``speed``, rad/s, and ``acceleration``, rad/s², the limit is 1.5 or 2.25 times the
+    largest observed value. Observed values are always allowed.
     """
     known = movement.known
     loaded = (known if movement.fitted is None else known & movement.fitted) & (wrench[:, 1] > 0.0)
@@ -418,10 +396,10 @@ class Proposal:
 
 
 def compute_objective(objective: Objective, predicted: PredictedUncertainty, size: FloatArray) -> float:
-    """Return the value of the objective; a smaller value is better.
+    """Return the value of the objective, smaller is better; infinite if the movement does not determine the parameters.
 
     ``size`` (b,) is the size of each parameter, SI. The variance from errors of plate and cameras is not included,
-    because no movement changes it. The value is infinite if the movement does not determine the parameters.
+    because no movement changes it.
     """
     if objective == "condition":
         return predicted.condition
@@ -479,14 +457,13 @@ def recommend_if_doubtful(prepared: PreparedTrial, result: Identification, excit
 def recommend_changes(
     prepared: PreparedTrial, result: Identification, wanted: BoolArray | None = None
 ) -> Recommendations:
-    """Return for each parameter the change that reduces its standard deviation most; None if none helps enough.
+    """Return for each parameter, or for the ``wanted`` ones (b,), the change that reduces its standard deviation most.
 
-    A change must reduce the standard deviation by a fifth. ``wanted`` (b,) marks the parameters to search for, by
-    default all parameters; the result for the others is None.
+    It is None if no change reduces the standard deviation by a fifth.
     """
     wanted = np.ones(len(result.base), dtype=np.bool_) if wanted is None else wanted
     own = get_recorded_trajectory(prepared.recorded, result.fit.in_fit).thin(_RATE)
-    predictor = CovariancePredictor(IdentifiedBody(prepared, result), own)
+    predictor = CovariancePredictor(prepared, result, own)
 
     def predict_ratios(movement: Trajectory, samples: int) -> FloatArray:
         """Return the predicted standard deviations (b,) divided by the present ones, for the same duration."""

@@ -12,7 +12,13 @@ from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
 from mocap_id.dynamics.consistency import PROVEN
 from mocap_id.dynamics.fit import DEPENDENT, Fit, estimate_drift, skip_long_rests
 from mocap_id.dynamics.identification import Identification, Identified
-from mocap_id.dynamics.instrument_errors import PlanarCalibration, ScaleCause, ScaleCheck, propagate_to_wrench
+from mocap_id.dynamics.instrument_errors import (
+    MASS_APART,
+    PlanarCalibration,
+    ScaleCause,
+    ScaleCheck,
+    propagate_to_wrench,
+)
 from mocap_id.dynamics.preparation import AnyTrial, LowPass, PreparedTrial, erode
 from mocap_id.dynamics.regressor import (
     WRENCH_COMPONENTS,
@@ -354,7 +360,7 @@ Identifiability: TypeAlias = Literal["known", "weak", "not identifiable"]
 
 # relative standard deviation above which a parameter is weak by default, also of a robot, and not identifiable
 WEAK, WEAK_ROBOT, NOT_IDENTIFIABLE = 0.2, 0.05, 1.0
-_LEAST_LEVER = 0.05  # m: least lever of the base's first moment
+LEAST_LEVER = 0.05  # m: least lever of the base's first moment
 
 
 @dataclass(frozen=True)
@@ -411,7 +417,7 @@ def measure_sizes(prepared: PreparedTrial, result: Identification) -> FloatArray
     size = np.abs(result.base)
     for i in np.flatnonzero((kind == 1) | (kind == 2)):
         pair = result.base[(segment == segment[i]) & ((kind == 1) | (kind == 2))]
-        size[i] = np.linalg.norm(pair) if segment[i] else max(size[i], _LEAST_LEVER * mass)
+        size[i] = np.linalg.norm(pair) if segment[i] else max(size[i], LEAST_LEVER * mass)
     return np.asarray(size)
 
 
@@ -424,7 +430,6 @@ def classify(relative_sd: float, weak: float = WEAK) -> Identifiability:
 
 OFFSET_LARGE = 0.02  # s: largest clock offset of synchronised devices
 _BOUNDED = 0.05  # relative increase of the cost because of physical consistency
-_MASS_APART = 0.05  # relative difference of two masses
 _OFFSET_OF_DELAYS = 0.15  # s, largest offset by filters, export and a late start; only a note, because it is corrected
 _DRIFT_SEEN, _DRIFT_LEAST = 5.0, 0.005  # significant change of the offset in a trial: in standard deviations, and in s
 _OFFSET_SEEN, _OFFSET_LEAST = 3.0, 5e-4  # significant clock offset: in standard deviations, and in s
@@ -450,7 +455,7 @@ def find_cautions(
     reasons = list(find_cautions_in_space(prepared, result, excited, recommendation))
     # if movement and standing give different masses, something else carries weight
     total = get_identified_mass(prepared, result)
-    if total is not None and standing is not None and not abs(total / standing - 1) <= _MASS_APART:
+    if total is not None and standing is not None and not abs(total / standing - 1) <= MASS_APART:
         unknown = ". Until then, the joint torques are unknown (NaN)" if total < standing else ""
         reasons.append(
             Reason(

@@ -31,22 +31,23 @@ from mocap_id.geometry import planar
 
 _RATE = 10.0  # Hz: rate at which torques are evaluated; a movement's frequencies are below 3 Hz
 _STEP = 1e-4  # relative, or rad: step of numerical derivatives
-_SURE, _MASS_APART = 2.58, 0.05  # standard deviations of a 99 % interval; relative difference of two masses
+_SURE = 2.58  # standard deviations of a 99 % interval
+MASS_APART = 0.05  # smallest relative difference of two masses that contradict each other
 _WRONG_PLATES, _WRONG_GAIN = 0.05, 0.05  # fraction of plates with a wrong gain, and standard deviation of their gain
 
 
 @dataclass(frozen=True)
 class PlanarCalibration:
-    """Standard deviations of the instruments' errors of scale, with the defaults of the stage."""
+    """Standard deviations of the instruments' errors of scale."""
 
-    gain: float = 0.01  # relative error that is common to all components of the plate's wrench
-    moments: float = 0.01  # additional relative error of the plate's moments
-    lengths: float = 0.003  # relative error of all distances between markers
-    tilt: float = 0.005  # tilt between the cameras' axes and gravity, in the plane of motion, rad
-    position: float = 0.005  # error of the plate's position along the motion, m
+    gain: float  # relative error that is common to all components of the plate's wrench
+    moments: float  # additional relative error of the plate's moments
+    lengths: float  # relative error of all distances between markers
+    tilt: float  # tilt between the cameras' axes and gravity, in the plane of motion, rad
+    position: float  # error of the plate's position along the motion, m
     # mass of the person from a scale, kg, which limits the error of the gain; None if not weighed
-    mass: float | None = None
-    mass_sd: float = 1.0  # standard deviation of this mass, kg
+    mass: float | None
+    mass_sd: float  # standard deviation of this mass, kg
 
     def estimate_gain_error(self, mass: float, mass_sd: float) -> float:
         """Return the rms error of the gain, given the mass that the plates measure.
@@ -69,7 +70,7 @@ class PlanarCalibration:
 
     def mass_limit(self, mass: float) -> float:
         """Return the relative difference, at most 5 %, above which the plates' mass, kg, contradicts the scale."""
-        return float(min(_MASS_APART, _SURE * np.hypot(self.gain, self.mass_sd / mass)))
+        return float(min(MASS_APART, _SURE * np.hypot(self.gain, self.mass_sd / mass)))
 
 
 @dataclass(frozen=True)

@@ -300,7 +300,7 @@ class FitSettings:
     plate_bias: bool = True  # estimate a constant error of the plate's Fx
     # standard deviations of the plate's constant errors in Fy, N, and tauz, N·m. No movement separates them from the
     # first two base parameters.
-    plate_zero: tuple[float, float] = (3.0, 0.5)
+    plate_zero: tuple[float, float] = (5.0, 0.5)
     block: float = 1.0  # length of the blocks between which residuals count as independent, s
     gravity: float = 9.81  # gravitational acceleration, m/s²
 

@@ -35,15 +35,15 @@ _RATE = 120.0  # Hz: enough samples for the turning points
 class CurlRules:
     """Rules for curls, compensation and the end of the trial."""
 
-    metronome: float | None = None  # tempo of the metronome, curls per second; None if no tempo is required
-    attempt: float = 0.26  # smallest rise of the elbow's flexion that counts as an attempt, rad
-    complete: float = 0.6  # smallest rise of a complete curl as a share of the large curls of the trial
+    metronome: float | None  # tempo of the metronome, curls per second; None if no tempo is required
+    attempt: float  # smallest rise of the elbow's flexion that counts as an attempt, rad
+    complete: float  # smallest rise of a complete curl as a share of the large curls of the trial
     # largest difference of a curl's duration from the period of the metronome, as a share of the period
-    tempo: float = 0.5
-    pause: float = 2.0  # longest pause between two curls, in periods; after a longer pause, the person has stopped
-    plane: float = 0.35  # largest rotation of the elbow's axis from its direction in the first curl, rad
-    compensation: float = 0.17  # smallest change of an angle of shoulder or thorax that counts as compensation, rad
-    sustained: float = 0.25  # shortest duration of a compensation and of motion out of the plane, s
+    tempo: float
+    pause: float  # longest pause between two curls, in periods; after a longer pause, the person has stopped
+    plane: float  # largest rotation of the elbow's axis from its direction in the first curl, rad
+    compensation: float  # smallest change of an angle of shoulder or thorax that counts as compensation, rad
+    sustained: float  # shortest duration of a compensation and of motion out of the plane, s
 
 
 @dataclass(frozen=True)

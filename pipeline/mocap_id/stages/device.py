@@ -127,10 +127,7 @@ class DeviceFile(Settings):
         return PressureLimits(self.atmosphere_Pa, self.supply_Pa)
 
     def deviations(self) -> dict[str, float]:
-        """Return the standard deviations by field of :class:`~mocap_id.dynamics.priors.Cylinder`.
-
-        ``gauge`` is the standard deviation of a sealed pressure, Pa.
-        """
+        """Return the standard deviations by field of the cylinder, and ``gauge``, that of a sealed pressure, Pa."""
         deviations = {"exponent": self.sd.polytropic, "gauge": self.sd.gauge_Pa}
         deviations["full_flexion"] = float(np.radians(self.sd.full_flexion_deg))
         for field, (key, share) in _SHARES.items():
@@ -147,8 +144,7 @@ class DeviceFile(Settings):
     ) -> tuple[FloatArray, FloatArray]:
         """Return the torque on the joint and its standard deviation, N·m; zeros if the device is not worn.
 
-        :func:`~mocap_id.dynamics.priors.compute_torque_and_sd` explains ``angle``, ``velocity`` and
-        ``angle_deviation``.
+        The arguments are those of :func:`~mocap_id.dynamics.priors.compute_torque_and_sd`.
         """
         if not condition.worn:
             return np.zeros(np.shape(angle)), np.zeros(np.shape(angle))

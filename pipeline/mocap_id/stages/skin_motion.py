@@ -19,10 +19,9 @@ from mocap_id.store.provenance import SKIN
 
 
 def make_skin_tree(skin: SkinModel, labels: Sequence[str], camera_sd: float | None, basis: str) -> Tree:
-    """Return the content of skin.h5 for a model of skin motion.
+    """Return skin.h5 of a model of skin motion; ``basis`` names the data from which the variances were estimated.
 
-    ``camera_sd`` is the standard deviation of the camera noise of a coordinate, m; None without cameras. ``basis`` is
-    the name of the data from which the variances were estimated.
+    ``camera_sd`` is the standard deviation of the camera noise of a coordinate, m; None without cameras.
     """
     data = {
         "joints": {"centre": as_xy(skin.centres), "mean_angle": skin.mean},
@@ -127,8 +126,8 @@ def add_axial_rotation_errors(
     If this share has the error c, the estimated rotation of the segment has the error c τ about its long axis, where τ
     is its axial rotation. This is an error of the joint before the segment and, with opposite sign, of those after it.
     ``common`` is the standard deviation of an error of the share that is the same for all markers of a segment.
-    ``missed`` is the share that the skin under an inertial sensor misses in comparison with the markers, by number of
-    the segment. For these segments, the uncertainty of velocities and accelerations follows from this share alone.
+    ``missed`` is the share that the skin under a segment's inertial sensor misses in comparison with the markers; the
+    uncertainty of velocities and accelerations then follows from this share alone.
     """
     if not len(chain.skin_sd):
         return states
@@ -165,7 +164,6 @@ def correct_cluster_slides(points: FloatArray, chain: SpatialChain, rate: float)
 
     Each cluster is shifted so that its joint centre agrees with the same centre in the cluster before it. Only the
     difference between two clusters is known, so the mean shift of all clusters is zero. Rotations do not change.
-    ``rate`` is in frames per second; ``slide_sd`` of the chain is 0 for a joint without slides.
     """
     if not any(joint.slide_sd for joint in chain.joints):
         return points

@@ -213,25 +213,8 @@ IN_PLANE: tuple[Protocol, ...] = ("sit-to-stand", "robot-joint")
 IN_SPACE: tuple[Protocol, ...] = ("reach", "curl")
 
 Landmark: TypeAlias = Literal[
-    "IJ",
-    "PX",
-    "C7",
-    "T8",
-    "AC",
-    "AA",
-    "AI",
-    "TS",
-    "PC",
-    "GH",
-    "EL",
-    "EM",
-    "RS",
-    "US",
-    "MC3",
-    "MCP2",
-    "MCP3",
-    "MCP5",
-]
+    "IJ", "PX", "C7", "T8", "AC", "AA", "AI", "TS", "PC", "GH", "EL", "EM", "RS", "US", "MC3", "MCP2", "MCP3", "MCP5",
+]  # fmt: skip
 """Anatomical landmarks of thorax and arm, named as by the ISB (Wu et al. 2005)."""
 
 

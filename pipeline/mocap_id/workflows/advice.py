@@ -17,7 +17,6 @@ from mocap_id.design.experiment import SMALLER, ExperimentDesign, design_experim
 from mocap_id.design.proposal import (
     OBJECTIVES,
     CovariancePredictor,
-    IdentifiedBody,
     MovementLimits,
     Objective,
     PredictedUncertainty,
@@ -108,7 +107,7 @@ def advise_movement(
         centres, turned = predicted.stored_chain_errors()
         return KinematicError(lambda angles: predicted.errors(angles)[0] + turned, centres)
 
-    predictor = CovariancePredictor(IdentifiedBody(prepared, model), own, predict_errors)
+    predictor = CovariancePredictor(prepared, model, own, predict_errors)
 
     # The limits, from the recorded movement and the options.
     is_robot = trial.protocol == "robot-joint"
@@ -117,13 +116,13 @@ def advise_movement(
     widen = options.widen if options.widen is not None else _WIDEN_ROBOT if is_robot else _WIDEN
     observed = derive_limits(
         own,
-        predictor.body.wrench(own),
+        predictor.wrench(own),
         rest,
         widened=float(np.radians(widen)),
         speed=(_SPEED[0], np.inf if bolted else _SPEED[1]),
         acceleration=(_ACCELERATION[0], np.inf if bolted else _ACCELERATION[1]),
         slack=None if bolted else _SLACK,
-        at_rest=float(static_centre_of_pressure(predictor.body, rest[None])[0]),
+        at_rest=float(static_centre_of_pressure(predictor, rest[None])[0]),
     )
     limits = options.replace_limits(observed, joints)
     rest = limits.clip(rest)  # the options may exclude the observed posture

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import null_space
 
 from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
-from mocap_id.dynamics.cautions import WEAK, Excitation, classify_parameters
+from mocap_id.dynamics.cautions import LEAST_LEVER, WEAK, Excitation, classify_parameters
 from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.identification import Identified
 from mocap_id.dynamics.instrument_errors import estimate_model_error
@@ -26,23 +26,22 @@ from mocap_id.dynamics.space.preparation import (
 from mocap_id.geometry import so3
 
 _STEP = 1e-4  # relative, m or rad: step of numerical derivatives
-_LEAST_LEVER = 0.05  # m: least size of the base's first moments, divided by the mass
 
 
 @dataclass(frozen=True)
 class SpatialCalibration:
-    """Standard deviations of the instruments' errors, with the defaults of the stage."""
+    """Standard deviations of the instruments' errors."""
 
-    gain: float = 0.01  # relative error that is common to all components of the plate's wrench
-    moments: float = 0.01  # additional relative error of the plate's moments
+    gain: float  # relative error that is common to all components of the plate's wrench
+    moments: float  # additional relative error of the plate's moments
     # force, moment: constant errors of Fy, N, and of taux and tauz, N·m, which cannot be separated from the first
     # parameters
-    force: float = 5.0
-    moment: float = 0.5
-    position: float = 0.005  # error of the plate's position along each axis, m
-    yaw: float = 0.005  # error of the plate's direction about the vertical, rad
-    lengths: float = 0.003  # relative error of all distances between markers
-    tilt: float = 0.005  # tilt between the cameras' axes and gravity about each horizontal axis, rad
+    force: float
+    moment: float
+    position: float  # error of the plate's position along each axis, m
+    yaw: float  # error of the plate's direction about the vertical, rad
+    lengths: float  # relative error of all distances between markers
+    tilt: float  # tilt between the cameras' axes and gravity about each horizontal axis, rad
 
 
 ErrorMode: TypeAlias = tuple[str, FloatArray, SpatialMotion | None, float]
@@ -169,7 +168,7 @@ def measure_excitation_in_space(trial: SpatialTrial, result: SpatialIdentificati
     for i in range(len(size)):
         size[i] = np.linalg.norm(result.base[(segment == segment[i]) & (order == order[i])])
         if segment[i] == 0 and order[i] == 1:
-            size[i] = max(size[i], _LEAST_LEVER * abs(result.base[0]))
+            size[i] = max(size[i], LEAST_LEVER * abs(result.base[0]))
     return classify_parameters(trial.structure.names, result.fit, result.base_sd, size, weak)
 
 

@@ -45,10 +45,8 @@ def make_dynamics_columns(
 ) -> dict[str, Any]:
     """Return the columns of dynamics.parquet.
 
-    ``series`` has the wrench (T, C), N and N·m, and the centre of pressure (T,), m, by the form of the columns' names:
-    ``{}`` measured, ``{}_model``, ``sd_{}_model``, ``{}_reference``, ``{}_held_out``. Columns of a missing form are
-    NaN. The C ``components`` are names. ``torque`` and its standard deviation (T, N) are those of each joint
-    coordinate, N·m.
+    ``series`` has the wrench (T, C), N and N·m, and the centre of pressure (T,), m, by the form of the columns' names;
+    columns of a missing form are NaN. ``torque`` (T, N) is that of each joint coordinate, N·m.
     """
     columns: dict[str, Any] = {"time": time}
     for form in ("{}", "{}_model", "sd_{}_model", "{}_reference", "{}_held_out"):
@@ -83,25 +81,10 @@ def make_datasets(
 ) -> dict[str, dict[str, Any]]:
     """Return the datasets of dynamics.h5, for b base parameters of a chain with p parameters.
 
-    Parameters
-    ----------
-    value, sd : (b,) arrays
-        Base parameters and their standard deviations, SI; without a fit, a finite value is known in another way.
-    covariance : (b, b) array
-        Covariance of the base parameters.
-    regrouping : (b, p) array
-        Matrix from the parameters of the chain to the base parameters.
-    full, reference : (p,) arrays
-        Parameters of the chain, and those of the reference body.
-    excitation, prior_share
-        Accuracy of each base parameter, and the share (b,) of its precision that comes from the prior, 0 … 1.
-    bodies : tuple, optional
-        Parameters (q,) of bodies with measured poses, those of the reference body, and their covariance (q, q) without
-        errors of scale. Default: the parameters of the chain, without a covariance.
-    grid, masses
-        Point masses of the physical consistency: their places, and their values (m,), kg.
-    held_out : tuple, optional
-        Base parameters (f, b) and clock offsets (f,), s, of the f models of the cross-validation.
+    ``value`` and ``sd`` are those of the base parameters; without a fit, a finite value is known in another way.
+    ``regrouping`` (b, p) maps ``full`` to base parameters. ``bodies`` are the parameters (q,) of bodies with measured
+    poses, those of the reference body, and their covariance (q, q) without errors of scale; by default those of the
+    chain. ``held_out`` are base parameters (f, b) and clock offsets (f,), s, of the f models of the cross-validation.
     """
     absent, unknown = np.full(len(value), np.nan), np.full(len(full_names), np.nan)
     full, reference = (unknown if each is None else each for each in (full, reference))
@@ -173,7 +156,7 @@ def validate(
 ) -> LeftOutPrediction | str:
     """Return predictions of each repetition by a model fitted to the other repetitions, or why there are none.
 
-    ``model`` (T, 3) is the wrench of the model of the whole fit; a component with only NaN is not predicted.
+    A component with only NaN in the wrench (T, 3) of the whole fit's ``model`` is not predicted.
     """
     spans = find_spans(movement)
     if len(spans) < 2:
@@ -201,10 +184,9 @@ def describe_validation(
 ) -> dict[str, Any]:
     """Return the errors for left-out repetitions, and those of the whole fit and the reference body for these samples.
 
-    ``model``, ``reference`` and ``measured`` (T, 3) are the wrenches of model, reference body and plate, N and N·m,
-    with clock offset and bias of the whole fit corrected. There is no centre of pressure up to the vertical force
-    ``threshold``, N. If these arrays are ``filtered`` by the fit's low-pass, the filtered predictions are compared, and
-    the facts also contain ``unfiltered`` and ``inside``.
+    The wrenches (T, 3) of ``model``, ``reference`` body and plate are corrected for clock offset and bias of the whole
+    fit. If they are ``filtered`` by the fit's low-pass, the filtered predictions are compared, and the facts also
+    contain ``unfiltered`` and ``inside``.
     """
     repetitions = len(find_spans(movement))
     if isinstance(left_out, str):

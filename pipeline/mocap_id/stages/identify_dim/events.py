@@ -1,4 +1,4 @@
-"""Contents of events.parquet and phases.parquet in the plane: events, zeros of the angles, averages."""
+"""Contents of events.parquet and phases.parquet: events of all movements, zeros of the angles, averages."""
 
 from __future__ import annotations
 
@@ -109,22 +109,13 @@ def make_sit_to_stand_events(
 ) -> Table:
     """Return events.parquet of a sit-to-stand with a known posture; ``plates`` is wrench.parquet.
 
-    Parameters
-    ----------
-    missing : sequence of (T,) arrays
-        Vertical force of the ground predicted by a body model minus the measured force, N: one array for each plausible
-        clock offset; empty without a model. Of the supports that follow from these arrays, the smallest is used.
-    share : float
-        Share of the standing weight under the feet at seat-off, by the rule of the thesis.
-    seat_measured : bool
-        Whether the chair's force is measured and therefore not part of ``missing``.
-    measured, modelled : (T,) bool arrays
-        False where markers of the legs are visible but not used, and where the low-passed motion contains such samples.
-        An event there is NaN, and chair contact that a model shows there is unknown.
-    speed_sd : (T,) array, optional
-        Standard deviation of the speed in the posture, rad/s; without it, those of the five-times test are unknown.
-    clock_offset : float
-        Clock offset of the plates that the fit found, s; both wrenches are still without this correction.
+    ``missing`` are the vertical forces (T,) of a model minus the measured one, N, by :func:`compute_missing_force`; of
+    the supports that follow from them, the smallest is used. ``share`` of the standing weight is under the feet at
+    seat-off, by the rule of the thesis. ``seat_measured`` says whether the chair's force is measured and therefore not
+    in ``missing``. ``measured`` and ``modelled`` (T,) are False where markers of the legs are visible but not used, and
+    where the low-passed motion contains such samples: an event there is NaN, and chair contact that a model shows there
+    is unknown. Without ``speed_sd`` (T,), rad/s, those of the five-times test are unknown. Both wrenches are still
+    without the ``clock_offset`` of the plates, s, that the fit found.
     """
     assert movement.posture is not None
     posture, repetitions, contact = movement.posture, movement.repetitions, movement.contact
@@ -234,11 +225,10 @@ def make_arm_events(
 
 
 def compute_missing_force(prepared: PreparedTrial | None, columns: Mapping[str, FloatArray]) -> tuple[FloatArray, ...]:
-    """Return the vertical ground force predicted by a body model minus the measured force, (T,) N.
+    """Return the vertical ground force predicted by a body model minus the measured force, (T,) N; () without a model.
 
     The model is the reference body or, without one, the identified model. There is one array with the estimated clock
-    offset and one without it, because a wrong offset looks like a missing force. The result is empty without a plate
-    or a model.
+    offset and one without it, because a wrong offset looks like a missing force.
     """
     if prepared is None:
         return ()
@@ -317,8 +307,8 @@ def find_zeros(context: Context, posture: Posture | None) -> tuple[list[dict[str
 def _average(states: Table, q: FloatArray, phases: list[slice]) -> tuple[FloatArray, FloatArray]:
     """Return the mean of the angles (T, n) over the means of some phases, (n,) rad, and its standard deviation.
 
-    The standard deviation contains the difference between the phases, or that within a single phase, and the standard
-    deviation of the states, which a mean does not reduce.
+    It contains the difference between the phases, or that within a single phase, and the standard deviation of the
+    states, which a mean does not reduce.
     """
     known = f"sd_theta_{q.shape[1]}" in states.names
     sd = joint_columns(states, "sd_theta", q.shape[1]) if known else np.full(q.shape, np.nan)
@@ -348,15 +338,9 @@ def average_signals(
 ) -> Table:
     """Return phases.parquet: the average of every signal over the repetitions, at 0, 1 … 100 % of a repetition.
 
-    ``zeros`` and ``reasons`` are the results of :func:`find_zeros`. The angles of another system (``compare:``) are
-    averaged too.
-
-    Raises
-    ------
-    ConfigError
-        A joint or column under ``compare:`` does not exist.
-    RecordingError
-        The file under ``compare:`` cannot be used or does not overlap with the recording.
+    ``zeros`` and ``reasons`` are those of :func:`find_zeros`. The angles of another system (``compare:``) are averaged
+    too. Raises ConfigError if a joint or column under ``compare:`` does not exist, RecordingError if its file cannot be
+    used or does not overlap with the recording.
     """
     states = context.table("states.parquet")
     time, wrench_time, joints = states["time"], dynamics["time"], range(1, joint_count(states) + 1)
@@ -566,10 +550,9 @@ _ADDED_SD, _TABLE_SD = 0.02, 0.15  # relative standard deviation of a mass: weig
 def _compute_torques(
     context: Context, poses: MeasuredPoses, skeleton: SpatialSkeleton, axis: FloatArray
 ) -> dict[str, ElbowTorque] | str:
-    """Return the torques about the elbow's axis, or a text that says why they are unknown.
+    """Return the torques about the elbow's axis: "" in total, "device" and "person"; or a text why they are unknown.
 
-    The names are "" for the total torque, and "device" and "person" for its two parts, which are NaN if the trial has
-    no file of a device.
+    The two parts are NaN if the trial has no file of a device.
     """
     keys, subject, table = context.trial.curl, context.trial.subject, context.table("poses.parquet")
     carried = [name for name in ("forearm", "hand") if name in poses.segments]
@@ -577,13 +560,31 @@ def _compute_torques(
         return "no segment is the forearm"
     if subject.mass is None and (keys.forearm is None or keys.hand is None):
         return "the inertia of forearm and hand is unknown; give `subject: {mass: …}`, or `curl: {forearm: …, hand: …}`"
-    segments = []
+    segments, alone = [], "hand" not in carried
+    length = skeleton.lengths.get("forearm", (np.nan, np.nan))[0]
+
+    def make_mass(body: Body) -> Mass:
+        return Mass(body.mass, np.array(body.centre), np.array(body.inertia), _ADDED_SD)
+
     for name in carried:
         k = poses.segments.index(name)
-        loads = [body for body in keys.loads.values() if body.segment == name or "hand" not in carried]
-        own = _make_own_bodies(context, skeleton, name, alone="hand" not in carried)
+        # bodies given by the user, or from the table by the person's mass and the segment's length; if the chain has no
+        # hand, that of the hand is at the end of the forearm
+        bodies = []
+        for part in (name, "hand") if alone else (name,):
+            below = np.array([0.0, -length, 0.0]) if alone and part == "hand" else np.zeros(3)
+            given = keys.forearm if part == "forearm" else keys.hand
+            if given is not None:
+                mass = make_mass(given)
+            else:
+                arm, forearm = look_up_arm(part, subject.sex), look_up_arm("forearm", subject.sex)
+                own = length if part == "forearm" else length * arm.length / forearm.length
+                weight = arm.mass * (subject.mass or np.nan)
+                across = weight * (arm.gyration * own) ** 2
+                mass = Mass(weight, np.array([0.0, -arm.centre * own, 0.0]), np.array([across, 0.0, across]), _TABLE_SD)
+            bodies.append(Mass(mass.mass, mass.centre + below, mass.inertia, mass.relative_sd))
+        bodies += [make_mass(body) for body in keys.loads.values() if body.segment == name or alone]
         omega, alpha = (table.stack([f"{name}_{rate}_{axis}" for axis in "xyz"]) for rate in ("omega", "alpha"))
-        bodies = [*own, *(_make_mass(body, _ADDED_SD) for body in loads)]
         segments.append(
             SegmentMotion(poses.origin[:, k], poses.rotation[:, k], omega, alpha, table[f"sd_{name}_alpha"], bodies)
         )
@@ -603,33 +604,6 @@ def _compute_torques(
         name: ElbowTorque(*(np.where(hidden, np.nan, each) for each in (one.torque, one.sd)))
         for name, one in (("", total), ("device", device), ("person", person))
     }
-
-
-def _make_own_bodies(context: Context, skeleton: SpatialSkeleton, name: str, *, alone: bool) -> list[Mass]:
-    """Return the body of a segment, from the user or from the table by the person's mass and the segment's length.
-
-    If the chain has no hand (``alone``), the result also contains the body of the hand, at the end of the forearm.
-    """
-    keys, subject = context.trial.curl, context.trial.subject
-    length = skeleton.lengths.get("forearm", (np.nan, np.nan))[0]
-    bodies = []
-    for segment in (name, "hand") if alone else (name,):
-        below = np.array([0.0, -length, 0.0]) if alone and segment == "hand" else np.zeros(3)
-        given = keys.forearm if segment == "forearm" else keys.hand
-        if given is not None:
-            mass = _make_mass(given, _ADDED_SD)
-        else:
-            share = look_up_arm("forearm" if segment == "forearm" else "hand", subject.sex)
-            own = length if segment == "forearm" else length * share.length / look_up_arm("forearm", subject.sex).length
-            weight = share.mass * (subject.mass or np.nan)
-            across = weight * (share.gyration * own) ** 2
-            mass = Mass(weight, np.array([0.0, -share.centre * own, 0.0]), np.array([across, 0.0, across]), _TABLE_SD)
-        bodies.append(Mass(mass.mass, mass.centre + below, mass.inertia, mass.relative_sd))
-    return bodies
-
-
-def _make_mass(body: Body, relative_sd: float) -> Mass:
-    return Mass(body.mass, np.array(body.centre), np.array(body.inertia), relative_sd)
 
 
 _LEAST_RANGE = np.radians(2.0)  # smallest range of an angle that moves
@@ -730,10 +704,7 @@ def _compute_volumes(
 ) -> dict[str, Any]:
     """Return facts on the reachable volume and surface, within the box of the ranges and within the visited region.
 
-    Raises
-    ------
-    UnknownReach
-        An angle has no range, or the elbow bends the wrong way.
+    Raises UnknownReach if an angle has no range, or if the elbow bends the wrong way.
     """
     still = [name for name in ANGLES if name not in ranges or ranges[name].high - ranges[name].low < _LEAST_RANGE]
     if still:

@@ -1,7 +1,7 @@
 """Stage identify-dim in the plane: identifies the dynamics, and describes and averages the repetitions.
 
-:func:`identify_dim` is the whole stage, :func:`read_inputs` reads the trial and chooses the motion of the masses,
-:func:`_identify` is the method: the fit, the model's wrench and torques, and what is said about them.
+:func:`identify_dim` is the whole stage, :func:`prepare_trial` reads the trial and chooses the motion of the masses,
+:func:`describe_identified` is the method: the fit, the model's wrench and torques, and what is said about them.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, as_complex
+from mocap_id.arrays import FloatArray, as_complex
 from mocap_id.design.proposal import describe_recommendations, recommend_if_doubtful
 from mocap_id.dynamics.built_in_sensors import combine_with_sensors
 from mocap_id.dynamics.cautions import (
@@ -29,7 +29,7 @@ from mocap_id.dynamics.identification import Identification, identify, score_lef
 from mocap_id.dynamics.instrument_errors import correlate_errors
 from mocap_id.dynamics.measured_motion import USUAL
 from mocap_id.dynamics.prediction import Prediction, centre_of_pressure, estimate_chain_noise, predict
-from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, measure_arcs, prepare
+from mocap_id.dynamics.preparation import PreparedTrial, TrialData, measure_arcs, prepare
 from mocap_id.dynamics.priors import build_even_prior
 from mocap_id.dynamics.regressor import (
     WRENCH_COMPONENTS,
@@ -66,9 +66,9 @@ from mocap_id.stages.identify_dim.events import (
 from mocap_id.stages.identify_dim.segment_fit import (
     ASKED_FOR,
     ON_TRUST,
+    BodyFit,
     MeasuredBodies,
     Predictor,
-    SegmentFit,
     check_and_calibrate,
     compare_motions,
     compare_torque,
@@ -77,7 +77,7 @@ from mocap_id.stages.identify_dim.segment_fit import (
     explain_scales,
     filter_measured,
     find_measured_bodies,
-    fit_segments,
+    fit_bodies,
     make_body_prior,
     make_predictor,
     pin_joints,
@@ -86,6 +86,7 @@ from mocap_id.stages.identify_dim.segment_fit import (
     read_calibration,
 )
 from mocap_id.stages.identify_dim.trial_data import (
+    FOOT_SD,
     MASS_CONTRADICTS,
     NotIdentifiable,
     ReferenceBodies,
@@ -100,6 +101,7 @@ from mocap_id.stages.identify_dim.trial_data import (
     find_seat_segment,
     judge_mass,
     locate_board,
+    make_fit_settings,
     read_cop_threshold,
     read_kinematic_error,
     read_trial_data,
@@ -115,7 +117,6 @@ _SEAT_LEVER = 0.04  # m, horizontal distance between the hip and the part of the
 _SAME = 0.1
 """Relative difference of two masses up to which they are the same, while the person stands without a load."""
 _FEW = 3  # marker positions on a segment; clusters have at least as many
-_FOOT_SD = 0.001  # m; from the variation of people's feet, which have 3 % of the body's mass
 _TORQUE = 5.0  # N·m, largest rms error of a torque without a caution
 _ONE_IN_100 = 2.576  # standard deviations that a normal error exceeds in one of 100 cases
 _BENT = 1.4  # error of the chain's hip in one direction, relative to its shift by a bending trunk; half is corrected
@@ -124,51 +125,88 @@ _BENT = 1.4  # error of the chain's hip in one direction, relative to its shift 
 def identify_dim(context: Context) -> Outputs:
     """Return events.parquet, dynamics.parquet, dynamics.h5 and phases.parquet of a trial in the plane."""
     _refuse_other_mass(context)
-    inputs = read_inputs(context)
+    inputs = prepare_trial(context)
     recorded, movement, prepared = inputs.recorded, inputs.movement, inputs.prepared
     if inputs.obstacle is None:
         assert prepared is not None
-        table, tree, prepared = _identify(context, inputs, prepared)
+        dynamics, tree, prepared = describe_identified(context, inputs, prepared)
     else:
-        table, tree = _explain_obstacle(context, inputs, inputs.obstacle)
+        dynamics, tree = describe_unidentified(context, inputs, inputs.obstacle)
 
     # samples without rejected markers, and those whose low-passed motion contains only such samples
-    states, segments = context.table("states.parquet"), inputs.chain.segments
+    states, segments, time = context.table("states.parquet"), inputs.chain.segments, recorded.time
     rejected = states.facts.get("rejected", ())
-    measured = find_measured(recorded.time, rejected, segments)
+    measured = find_measured(time, rejected, segments)
     reach = 0 if prepared is None else prepared.lowpass.reach_samples
     modelled = np.asarray(np.convolve(~measured, np.ones(2 * reach + 1), "same") < 0.5)
 
     # events: for sit-to-stand with the details of every rise
+    joints = recorded.q.shape[1]
     if movement.posture is None:
-        repetitions = [each.leave_out(recorded.time, measured, ("start", "end")) for each in movement.repetitions]
+        repetitions = [each.leave_out(time, measured, ("start", "end")) for each in movement.repetitions]
         events = make_events([asdict(each) for each in repetitions])
     else:
         late = float((tree.facts["clock"] or {}).get("applied_s") or 0.0)
-        names = [f"sd_dtheta_{j + 1}" for j in range(recorded.q.shape[1])]
+        names = [f"sd_dtheta_{j + 1}" for j in range(joints)]
         events = make_sit_to_stand_events(
             read_wrench(context)[0],
             recorded,
             movement,
-            compute_missing_force(prepared, table.columns),
+            compute_missing_force(prepared, dynamics.columns),
             share=context.settings.seat_off_share,
             seat_measured=recorded.seat is not None,
             # the posture depends on the segments up to the hip
-            measured=find_measured(recorded.time, rejected, segments[: recorded.knee + 3]),
+            measured=find_measured(time, rejected, segments[: recorded.knee + 3]),
             modelled=modelled,
             # the speed is a norm of joint velocities, so its standard deviation is at most the largest of theirs
             speed_sd=states.stack(names).max(axis=1) if set(names) <= set(states.names) else None,
             clock_offset=late if abs(late) > OFFSET_LARGE else 0.0,
         )
-    table = _mark_contact(context, inputs, prepared, ~modelled, (events, table, tree))
-    return events, table, tree, average_signals(context, events, table, *find_zeros(context, movement.posture))
+
+    # contact with unmeasured force. The torque of a joint is the moment of all forces that the motion of the segments
+    # beyond it needs, so such a force on these segments makes it unknown. A chair pushes on the thigh (`seat_segment`):
+    # the joints from the ground to the knee are unknown. A hand on a support is beyond all joints; it may push from the
+    # end of the repetition before. If the movement gives a smaller mass than standing, something carries the body at
+    # unknown times, so every sample counts as contact. All torques are unknown where markers of a segment are rejected.
+    given = context.settings.seat_segment
+    seat = recorded.knee + 1 if given is None else find_seat_segment(context, segments)  # from 0, the base
+    masses = [(each.value, each.limit) for each in tree.reasons if each.code == "load-shared"]
+    by_hand = np.full(len(time), any(moving and standing and moving < standing for moving, standing in masses))
+    if "support" in events.names:
+        seated = -np.inf
+        for stand, end, support in events.stack(["stand", "end", "support"]):
+            if support > SUPPORT_LIMIT:
+                by_hand |= (time > seated) & ~(time > stand + _LET_GO)
+            seated = np.nanmax([seated, stand, end])
+    on_chair = movement.carried
+    columns: dict[str, Any] = {"contact": on_chair | by_hand}
+    # within the reach of the low-pass after contact, the smoothed motion follows a sudden release too late: standard
+    # deviations include the moment of the difference between modelled and measured wrench
+    late_moment = np.zeros((len(time), joints))
+    if prepared is not None and on_chair.any():
+        near = np.convolve(on_chair, np.ones(2 * reach + 1), "same") > 0
+        wrong = dynamics.stack(WRENCH_COMPONENTS) - dynamics.stack([f"{name}_model" for name in WRENCH_COMPONENTS])
+        moment = np.einsum("tcj,tc->tj", prepared.motion.jacobian, np.nan_to_num(wrong))
+        late_moment = np.where((near & ~dynamics["in_fit"])[:, None], np.nan_to_num(moment), 0.0)
+    for j in range(1, joints + 1):
+        unknown = by_hand | ~modelled | (on_chair & (j <= seat))
+        torque, sd = dynamics[f"tau_{j}"], np.hypot(dynamics[f"sd_tau_{j}"], late_moment[:, j - 1])
+        if j == seat + 1 and given is None:  # part of the chair's force may act on the pelvis
+            missing = dynamics["Fy_model"] - np.nan_to_num(dynamics["Fy"], nan=0.0)
+            sd = np.where(on_chair, np.hypot(dynamics[f"sd_tau_{j}"], _SEAT_LEVER * missing), sd)
+        columns |= {f"tau_{j}": np.where(unknown, np.nan, torque), f"sd_tau_{j}": np.where(unknown, np.nan, sd)}
+    facts: dict[str, Any] = {"legs": "none"}
+    if context.trial.protocol != "robot-joint":
+        facts = {"legs": "both", "positive": name_directions(inputs.chain.joint_names, find_facing(recorded))}
+    dynamics = replace(dynamics.with_columns(**columns), facts=facts)
+    return events, dynamics, tree, average_signals(context, events, dynamics, *find_zeros(context, movement.posture))
 
 
 @dataclass(frozen=True)
-class TrialInputs:
+class PlanarTrial:
     """A trial in the plane before its identification."""
 
-    chain: Skeleton  # chain of the trial
+    chain: Skeleton
     recorded: TrialData  # joint states and wrenches
     prepared: PreparedTrial | None  # trial on the pinned chain; None without a usable wrench
     movement: Movement  # repetitions, contact and usable samples
@@ -181,27 +219,19 @@ class TrialInputs:
     board: dict[str, Any] | None = None
 
 
-def read_inputs(context: Context) -> TrialInputs:
+def prepare_trial(context: Context) -> PlanarTrial:
     """Return the data of a trial, the motion chosen for its masses, and the usable samples."""
     settings: IdentifyDimSettings = context.settings
     chain, standing = Skeleton(context.tree("chain.h5")), context.table("wrench.parquet").facts.get("mass_kg")
     recorded = read_trial_data(context, chain)
     obstacle = check_wrench(context, recorded)
-    prepared: PreparedTrial | None = None
+    prepared, board = None, None
     of_chair: tuple[Reason, ...] = ()
     if obstacle is None:
         components = (WRENCH_COMPONENTS.index(name) for name in settings.components)
-        fitted = FitSettings(
-            components=tuple(component for component in components if component in recorded.measures),
-            cutoff=settings.cutoff_hz,
-            offset_limit=recorded.clock.search,
-            apply_offset=settings.apply_clock_offset,
-            plate_bias=settings.plate_bias,
-            plate_zero=(settings.plate_zero_sd_n, settings.plate_zero_sd_nm),
-            block=settings.block_s,
-            gravity=settings.gravity,
-        )
-        prepared, of_chair = check_chair(prepare(recorded, fitted))
+        fitted = (component for component in components if component in recorded.measures)
+        prepared = prepare(recorded, make_fit_settings(settings, fitted, recorded.clock.search))
+        prepared, of_chair = check_chair(prepared)
         recorded = prepared.recorded
 
     def find_repetitions(trial: PreparedTrial | None) -> Movement:
@@ -218,14 +248,13 @@ def read_inputs(context: Context) -> TrialInputs:
 
     grid = build_grid(chain.centres, chain.marker_segment, chain.local, settings.grid)
     movement = find_repetitions(prepared)
-    board: dict[str, Any] | None = None
     if prepared is not None:
         obstacle = check_excitation(context, prepared, movement)
         if obstacle is None:
             prepared, board = locate_board(context, prepared, movement)
             recorded = prepared.recorded
     candidates, facts, centre_sd = _choose_motion(context, recorded, chain)
-    inputs = TrialInputs(chain, recorded, prepared, movement, grid, obstacle, None, facts, centre_sd, board)
+    inputs = PlanarTrial(chain, recorded, prepared, movement, grid, obstacle, None, facts, centre_sd, board)
     if prepared is None or obstacle is not None or not candidates:
         return inputs
 
@@ -262,10 +291,7 @@ def read_inputs(context: Context) -> TrialInputs:
 def _choose_motion(
     context: Context, recorded: TrialData, chain: Skeleton
 ) -> tuple[tuple[MeasuredBodies, ...], dict[str, Any], FloatArray]:
-    """Return bodies with measured poses, facts about the choice, and the standard deviations ``centre_sd`` (n,), m.
-
-    There are no bodies if the pinned chain is used.
-    """
+    """Return bodies with measured poses, facts about the choice, and ``centre_sd``; no bodies for the pinned chain."""
     requested, centre_sd = context.settings.motion, np.zeros(len(recorded.centres))
     if context.trial.protocol == "robot-joint" and requested != "segments":
         return (), {"source": "chain", "why": ASKED_FOR if requested else "the joint of a robot is pinned"}, centre_sd
@@ -311,13 +337,13 @@ def identify_trial(context: Context) -> tuple[PreparedTrial, Movement, Identific
 
     The results are for the pinned chain. With measured poses, its parameters are computed from those of the bodies.
     """
-    inputs = read_inputs(context)
+    inputs = prepare_trial(context)
     if inputs.obstacle is not None:
         return inputs.obstacle
     assert inputs.prepared is not None
     references = build_reference_bodies(context, inputs.prepared.recorded, inputs.movement)
-    found, segments = _fit(context, inputs, inputs.prepared, references)
-    return inputs.prepared, inputs.movement, found if segments is None else segments.in_chain
+    found, bodies = _fit(context, inputs, inputs.prepared, references)
+    return inputs.prepared, inputs.movement, found if bodies is None else bodies.in_chain
 
 
 def identify_on_chain(
@@ -347,7 +373,7 @@ def identify_on_chain(
         consistency=consistency,
         reference_sd=settings.reference_sd,
         reference_pulls=asked is True,
-        foot_sd=float(np.hypot(_FOOT_SD, np.sqrt(ankle[0, 0, 0]))) if with_prior else None,
+        foot_sd=float(np.hypot(FOOT_SD, np.sqrt(ankle[0, 0, 0]))) if with_prior else None,
         plate_sd=prepared.recorded.position_sd or read_calibration(context).position if for_torques_only else None,
     )
     return combine_with_sensors(found, prepared, movement.free, grid, reference, consistency=consistency)
@@ -361,28 +387,30 @@ def _has_few_markers(context: Context, chain: Skeleton) -> bool:
 
 
 def _fit(
-    context: Context, inputs: TrialInputs, prepared: PreparedTrial, references: ReferenceBodies
-) -> tuple[Identification, SegmentFit | None]:
-    """Return the identification of the pinned chain, and the fit of the measured bodies, None if the chain is used."""
+    context: Context, inputs: PlanarTrial, prepared: PreparedTrial, references: ReferenceBodies
+) -> tuple[Identification, BodyFit | None]:
+    """Return the identification of the pinned chain, and that of the measured bodies or None if the chain is used."""
     found = identify_on_chain(context, prepared, inputs.movement, inputs.grid, references)
     if inputs.bodies is None:
         return check_and_calibrate(context, prepared, inputs.movement, found, references.chosen.parameters), None
-    return found, fit_segments(context, inputs.bodies, prepared, inputs.movement, pinned=found, tables=references)
+    return found, fit_bodies(context, inputs.bodies, prepared, inputs.movement, pinned=found, tables=references)
 
 
-def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) -> tuple[Table, Tree, PreparedTrial]:
+def describe_identified(
+    context: Context, inputs: PlanarTrial, prepared: PreparedTrial
+) -> tuple[Table, Tree, PreparedTrial]:
     """Return dynamics.parquet, dynamics.h5 and the prepared trial with the motion that is used.
 
     ``prepared``, ``pinned`` and ``in_chain`` belong to the pinned chain; ``trial``, ``found`` and ``tables`` to the
-    motion that is used: measured poses (``segments``) or the pinned chain.
+    motion that is used: measured poses (``bodies``) or the pinned chain.
     """
     movement, threshold, joints = inputs.movement, read_cop_threshold(context), inputs.chain.joint_names
     references = build_reference_bodies(context, prepared.recorded, movement)
-    pinned, segments = _fit(context, inputs, prepared, references)
+    pinned, bodies = _fit(context, inputs, prepared, references)
 
     # wrench and torques of the model, and predictions of repetitions by a model of the others
     motion = inputs.motion_facts
-    if segments is None:
+    if bodies is None:
         trial, found, in_chain, tables, grid = prepared, pinned, pinned, references, inputs.grid
         q, chain = prepared.recorded.q, inputs.chain
         sigma_v = np.asarray(context.table("states.parquet").facts["sigma_v"], dtype=np.float64)
@@ -397,22 +425,24 @@ def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) ->
         if found.with_foot is not None:
             model = model.replace_torques(model_of(found.with_foot))
         left_out = validate(prepared, movement, found, model.wrench)
+        held_out = None if isinstance(left_out, str) else (left_out.base, left_out.offset)
         prior_share = np.full(len(found.base), np.nan if found.uses_reference else 0.0)
     else:
-        trial, found, in_chain = segments.prepared, segments.found, segments.in_chain
-        tables, grid = segments.references, segments.grid
-        model = predict(trial, found, segments.noise(), threshold)
-        left_out, prior_share = segments.left_out, segments.prior_share
+        assert inputs.bodies is not None
+        trial, found, in_chain = bodies.prepared, bodies.found, bodies.in_chain
+        tables, grid = bodies.references, bodies.grid
+        model = predict(trial, found, bodies.noise, threshold)
+        left_out, held_out, prior_share = bodies.left_out, bodies.held_out, bodies.prior_share
         motion = motion | {
-            "bands_hz": dict(zip(("x", "y", "angle"), segments.bands, strict=True)),
-            "bands_why": segments.bands_why,
-            "bodies": list(segments.bodies.names),
-            "used": list(segments.bodies.used),
-            "prior": segments.prior.source,
+            "bands_hz": dict(zip(("x", "y", "angle"), bodies.bands, strict=True)),
+            "bands_why": bodies.bands_why,
+            "bodies": list(inputs.bodies.names),
+            "used": list(inputs.bodies.used),
+            "prior": bodies.prior.source,
             "prior_share": prior_share.tolist(),
             "bodies_condition_number": found.fit.condition,
             "bodies_condition_number_scaled": found.fit.condition_scaled,
-            "joints": _describe_gaps(segments.bodies, joints),
+            "joints": _describe_gaps(inputs.bodies, joints),
         }
     excited = measure_excitation(prepared, in_chain, choose_weak_share(context))
     recommendations = recommend_if_doubtful(prepared, in_chain, excited)
@@ -448,14 +478,10 @@ def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) ->
 
     # datasets of dynamics.h5
     centres = trial.recorded.centres
-    held_out = None if isinstance(left_out, str) else (left_out.base, left_out.offset)
-    bodies: tuple[FloatArray, FloatArray, FloatArray] | None = None
-    if segments is not None:
+    of_bodies = None
+    if bodies is not None:
         covariance = found.covariance if found.calibration is None else found.covariance - found.calibration.covariance
-        bodies = found.full, tables.chosen.parameters, covariance
-        if not isinstance(left_out, str):
-            full = np.array([segments.chain_map.apply(each) for each in left_out.base])
-            held_out = full @ prepared.base.regrouping.T, left_out.offset
+        of_bodies = found.full, tables.chosen.parameters, covariance
     data = make_datasets(
         base_names(prepared.base, centres),
         in_chain.base,
@@ -468,7 +494,7 @@ def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) ->
         excitation=excited,
         prior_share=prior_share,
         reference=references.chosen.parameters,
-        bodies=bodies,
+        bodies=of_bodies,
         grid=grid,
         masses=found.solution.masses,
         held_out=held_out,
@@ -476,7 +502,7 @@ def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) ->
 
     # facts of dynamics.h5; with measured poses, filtered wrenches are compared
     rows, modelled, plates, others = trial.regressor, model.wrench, measured, elsewhere
-    if segments is not None:
+    if bodies is not None:
         rows, modelled, others = trial.filtered, trial.filtered @ found.base, 0.0 * elsewhere
         plates = filter_measured(trial, found)
     moved = trial.motion.joint
@@ -503,7 +529,7 @@ def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) ->
             rows @ tables.chosen.parameters - others,
             measured=plates,
             threshold=threshold,
-            filtered=segments is not None,
+            filtered=bodies is not None,
         ),
         "consistency": found.solution.consistency,
         "reference_pulls": found.uses_reference,
@@ -551,8 +577,8 @@ def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) ->
         )
     if inputs.board is not None:
         facts["board"] = inputs.board
-    if segments is not None:
-        facts["pins"] = compare_motions(prepared, pinned, movement, segments, threshold)
+    if bodies is not None:
+        facts["pins"] = compare_motions(prepared, pinned, movement, bodies, threshold)
 
     # cautions about the identification, and about quantities that the fitted components do not determine
     standing, given = context.table("wrench.parquet").facts.get("mass_kg"), context.trial.subject.mass
@@ -621,7 +647,7 @@ def choose_weak_share(context: Context) -> float:
 def _check_torques(
     out: Findings,
     context: Context,
-    inputs: TrialInputs,
+    inputs: PlanarTrial,
     trial: PreparedTrial,
     *,
     found: Identification,
@@ -661,63 +687,6 @@ def _check_torques(
     )
 
 
-def _mark_contact(
-    context: Context,
-    inputs: TrialInputs,
-    prepared: PreparedTrial | None,
-    unmeasured: BoolArray,
-    found: tuple[Table, Table, Tree],
-) -> Table:
-    """Return dynamics.parquet with the column ``contact``; torques that are unknown there become NaN.
-
-    The torque of a joint is the moment of all forces that the motion of the segments beyond it needs, so a force on
-    these segments that no plate measures makes it unknown. A chair pushes on the thigh (`seat_segment`): the joints
-    from the ground to the knee are unknown. Unless the setting says so, part of the chair's force may act on the
-    pelvis; the standard deviation of the next joint, the hip, includes the moment of the whole missing force with
-    :data:`_SEAT_LEVER`. A hand on an unmeasured support is beyond all joints. If the movement gives a smaller mass
-    than standing (`load-shared`), something carries the body at unknown times, so every sample counts as contact. All
-    torques are unknown where markers of a segment are rejected.
-
-    Within the reach of the low-pass after contact, the smoothed motion follows a sudden release too late. The standard
-    deviations there include the moment of the difference between modelled and measured wrench.
-
-    ``unmeasured`` (T,) marks samples with rejected markers; ``found`` are events.parquet, dynamics.parquet and
-    dynamics.h5.
-    """
-    events, dynamics, tree = found
-    segments, time = inputs.chain.segments, dynamics["time"]
-    given = context.settings.seat_segment
-    seat = inputs.recorded.knee + 1 if given is None else find_seat_segment(context, segments)  # from 0, the base
-    masses = [(each.value, each.limit) for each in tree.reasons if each.code == "load-shared"]
-    by_hand = np.full(len(time), any(moving and standing and moving < standing for moving, standing in masses))
-    if "support" in events.names:
-        seated = -np.inf  # the hand may push from the end of the repetition before
-        for stand, end, support in events.stack(["stand", "end", "support"]):
-            if support > SUPPORT_LIMIT:
-                by_hand |= (time > seated) & ~(time > stand + _LET_GO)
-            seated = np.nanmax([seated, stand, end])
-    on_chair = inputs.movement.carried
-    columns: dict[str, Any] = {"contact": on_chair | by_hand}
-    joints = inputs.recorded.q.shape[1]
-    late = np.zeros((len(time), joints))
-    if prepared is not None and on_chair.any():
-        near = np.convolve(on_chair, np.ones(2 * prepared.lowpass.reach_samples + 1), "same") > 0
-        wrong = dynamics.stack(WRENCH_COMPONENTS) - dynamics.stack([f"{name}_model" for name in WRENCH_COMPONENTS])
-        moment = np.einsum("tcj,tc->tj", prepared.motion.jacobian, np.nan_to_num(wrong))
-        late = np.where((near & ~dynamics["in_fit"])[:, None], np.nan_to_num(moment), 0.0)
-    for j in range(1, joints + 1):
-        unknown = by_hand | unmeasured | (on_chair & (j <= seat))
-        torque, sd = dynamics[f"tau_{j}"], np.hypot(dynamics[f"sd_tau_{j}"], late[:, j - 1])
-        if j == seat + 1 and given is None:
-            missing = dynamics["Fy_model"] - np.nan_to_num(dynamics["Fy"], nan=0.0)
-            sd = np.where(on_chair, np.hypot(dynamics[f"sd_tau_{j}"], _SEAT_LEVER * missing), sd)
-        columns |= {f"tau_{j}": np.where(unknown, np.nan, torque), f"sd_tau_{j}": np.where(unknown, np.nan, sd)}
-    facts: dict[str, Any] = {"legs": "none"}
-    if context.trial.protocol != "robot-joint":
-        facts = {"legs": "both", "positive": name_directions(inputs.chain.joint_names, find_facing(inputs.recorded))}
-    return replace(dynamics.with_columns(**columns), facts=facts)
-
-
 def _refuse_other_mass(context: Context) -> None:
     """Raise Refused if the given mass is far from the standing one and no load in the hands explains it."""
     facts, given = context.table("wrench.parquet").facts, context.trial.subject.mass
@@ -741,7 +710,7 @@ def _refuse_other_mass(context: Context) -> None:
     )
 
 
-def _explain_obstacle(context: Context, inputs: TrialInputs, obstacle: NotIdentifiable) -> tuple[Table, Tree]:
+def describe_unidentified(context: Context, inputs: PlanarTrial, obstacle: NotIdentifiable) -> tuple[Table, Tree]:
     """Return dynamics.parquet and dynamics.h5 of a trial without an identification.
 
     They contain the wrenches of plate and reference body, and the mass if it is known. Reference bodies are compared in

@@ -65,7 +65,7 @@ from mocap_id.protocols.movement import Movement
 from mocap_id.stages.base import Context, Findings
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.stages.identify_dim.dynamics_artefacts import find_spans, validate
-from mocap_id.stages.identify_dim.trial_data import ReferenceBodies, describe_errors
+from mocap_id.stages.identify_dim.trial_data import ReferenceBodies, describe_errors, read_plate_position_sd
 from mocap_id.store import Table
 from mocap_id.store.views import Skeleton
 from mocap_id.verdict import Reason
@@ -84,9 +84,8 @@ Predictor: TypeAlias = Callable[[Cutoffs], LeftOutPrediction | None]
 def make_predictor(prepared: PreparedTrial, movement: Movement, bodies: MeasuredBodies, prior: BodyPrior) -> Predictor:
     """Return a function that predicts each repetition by a model fitted to the other repetitions.
 
-    ``prepared`` is the trial on the pinned chain, ``prior`` that of the parameters of ``bodies``. The function predicts
-    with measured poses filtered by the cut-offs that it is given; None if this is impossible. Its later calls use the
-    clock offset and weights of the first call.
+    The function filters the measured poses with the cut-offs that it is given; None if it cannot predict. Its later
+    calls use the clock offset and weights of the first call. ``prepared`` is the trial on the pinned chain.
     """
     recorded, poses = prepared.recorded, bodies.poses
     step = max(1, int(recorded.rate / _RATE))
@@ -194,7 +193,7 @@ _OFTEN = 0.8  # smallest share of the samples with a known pose, so that the fit
 class MeasuredBodies:
     """Rigid bodies and their poses."""
 
-    names: tuple[str, ...]  # names of the bodies
+    names: tuple[str, ...]
     poses: BodyPoses  # poses with short gaps in time bridged; joints whose two sides do not separate are pinned
     observed: BoolArray  # (T,) samples in which every pose was measured
     gap: dict[int, JointGap]  # gap between the two sides of each joint between two bodies, by joint, from 0
@@ -210,23 +209,13 @@ class MeasuredBodies:
         """Joints, from 0, whose two sides separate, the joint with the largest acceleration first."""
         return sorted((j for j, gap in self.gap.items() if not gap.pinned), key=lambda j: -self.gap[j].above_noise)
 
-    def grid(self, points: tuple[int, int]) -> PointGrid:
-        """Return a grid of ``points`` (across, along) point masses around the joints and markers of each body."""
-        count = len(self.names)
-        body = np.repeat(np.arange(count), [len(each) for each in self.markers])
-        local = np.array([position for each in self.markers for position in each.values()])
-        ends = self.poses.centroid[: count - 1].copy()
-        for joint in self.poses.joints:
-            ends[self.poses.body[joint]] = self.poses.centres[joint]
-        return build_grid(ends, body, local, points)
-
 
 def find_measured_bodies(context: Context, recorded: TrialData) -> Iterator[MeasuredBodies]:
     """Yield the measured bodies, with short gaps bridged, for each possible division of the person into bodies.
 
-    Pelvis and trunk may be two bodies or one. A division is possible if every segment is in a body with a known pose:
-    in at least 80 % of the samples with known joint states. Except for the base, the body needs markers at more than
-    two positions, because two points follow only the skin.
+    Pelvis and trunk may be two bodies or one. Every segment must be in a body whose pose is known in at least 80 % of
+    the samples with known joint states. Except for the base, the body needs markers at more than two positions, because
+    two points follow only the skin.
     """
     table, camera = context.table("poses.parquet"), context.tree("skin.h5").facts["camera_sd_m"]
     known, usable = find_complete_rows(recorded.ddq), []
@@ -250,9 +239,8 @@ def find_measured_bodies(context: Context, recorded: TrialData) -> Iterator[Meas
 def bridge_gaps(bodies: MeasuredBodies) -> MeasuredBodies:
     """Return the bodies with short gaps in time bridged, and with the gaps between the two sides of each joint."""
     poses, observed = fill_gaps(bodies.poses)
-    return replace(
-        bodies, poses=poses, observed=observed, gap=measure_gaps(poses, np.ones(len(poses.time), dtype=bool))
-    )
+    gap = measure_gaps(poses, np.ones(len(poses.time), dtype=bool))
+    return replace(bodies, poses=poses, observed=observed, gap=gap)
 
 
 def pin_joints(bodies: MeasuredBodies) -> MeasuredBodies:
@@ -264,9 +252,8 @@ def pin_joints(bodies: MeasuredBodies) -> MeasuredBodies:
 def read_bodies(table: Table, centres: FloatArray, used: Sequence[int], camera: float = 0.0) -> MeasuredBodies:
     """Return bodies of poses.parquet as measured: gaps are not bridged, joints not pinned, and ``gap`` is empty.
 
-    ``centres`` (n, 2) are the joint centres in the axes of the previous segment, m. The bodies with the indices
-    ``used`` contain together every segment of the chain once. ``camera`` is the standard deviation of the cameras'
-    white noise in each coordinate of a marker, m.
+    ``centres`` (n, 2) are in the axes of the previous segment, m. The bodies ``used``, from 0, contain together every
+    segment of the chain once. ``camera`` is the standard deviation of the cameras' white noise in a coordinate, m.
     """
     bodies = [table.facts["bodies"][k] for k in used]
     owner = {segment: k for k, body in enumerate(bodies) for segment in body["segments"]}
@@ -311,10 +298,10 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int], camera: 
 def make_body_prior(
     bodies: MeasuredBodies, q: FloatArray, movement: Movement, table: ReferenceBody, mass: float
 ) -> BodyPrior:
-    """Return the prior of the bodies' parameters from a reference body, or with equal masses if there is none.
+    """Return the prior of the bodies' parameters from a reference body ``table``, or even masses if it is NaN.
 
-    ``q`` (T, n) are the joint angles of the chain, rad; the usable samples of ``movement`` give the mean positions of
-    the bodies. ``table`` is the reference body with the chain, with NaN if there is none; ``mass`` is the person's, kg.
+    The usable samples of ``movement`` and the joint angles ``q`` (T, n), rad, give the mean positions of the bodies.
+    ``mass`` is the person's, kg.
     """
     poses, reference, samples = bodies.poses, table.parameters, movement.free
     times = np.array(find_spans(movement))
@@ -351,19 +338,17 @@ _SAMPLES = 500  # approximate number of samples used
 
 
 def estimate_centre_errors(context: Context, bodies: MeasuredBodies, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the errors of the joint centres, from the joint angles ``q`` (T, n) in the samples of the fit, rad.
+    """Return covariance (n, 2, 2), m², and standard deviation (n,) in one direction, m, of the joint centres.
 
-    The results are the covariance (n, 2, 2) of each centre relative to the previous joint, m², and the standard
-    deviation (n,) of each centre in one direction, relative to the markers around it, m.
+    The covariance, relative to the previous joint, is from the joint fit and contains the error of the previous centre.
+    The standard deviation, relative to the markers around the joint, does not; the ankles of moving feet have those of
+    :mod:`mocap_id.kinematics.clusters`. Both include motion between both sides of the joint, for the joint angles ``q``
+    (T, n) in the samples of the fit, rad.
 
-    The covariance of a centre from the joint fit also contains the error of the previous centre, which the standard
-    deviation does not. The ankles of moving feet have the standard deviations of
-    :mod:`mocap_id.kinematics.clusters`. Both results include motion between both sides of the joint. At the hip,
-    it includes the effect of a bending trunk. If the pelvis rotates relative to the trunk, the joint fit estimates a
-    centre between hip and lumbar spine, with small residuals, but the marker next to the hip moves relative to the
-    trunk. If the hip moves in the same way and in phase with its angle, this motion divided by the change of the angle
-    estimates the error of the centre. The shift of the joint (:mod:`mocap_id.kinematics.clusters`) corrects a part
-    of this error.
+    At the hip, they include the effect of a bending trunk. If the pelvis rotates relative to the trunk, the joint fit
+    estimates a centre between hip and lumbar spine, with small residuals, but the marker next to the hip moves relative
+    to the trunk. If the hip moves in the same way and in phase with its angle, this motion divided by the change of the
+    angle estimates the error of the centre. The shift of the joint corrects a part of it.
     """
     tree = context.tree("chain.h5")
     skeleton, residual = Skeleton(tree), tree.numbers("markers/residual")
@@ -382,11 +367,8 @@ def estimate_centre_errors(context: Context, bodies: MeasuredBodies, q: FloatArr
 
 
 def remove_previous_errors(relative: FloatArray) -> FloatArray:
-    """Return the variance (n,) of each joint centre, m², from its variance relative to the previous centre.
-
-    The result for a centre is at most the relative variance of the next centre, because that includes it.
-    """
-    own = np.zeros(len(relative))
+    """Return the variance (n,) of each joint centre, m², from its variance relative to the previous centre."""
+    own = np.zeros(len(relative))  # at most the relative variance of the next centre, which includes it
     for joint, (variance, following) in enumerate(zip(relative, [*relative[1:], np.inf], strict=True)):
         own[joint] = min(max(variance - (own[joint - 1] if joint else 0.0), _OWN * variance), following)
     return own
@@ -446,22 +428,18 @@ def _estimate_gap(gap: FloatArray, turned: FloatArray, angle: FloatArray) -> tup
     return shapes, min(float(np.sqrt(np.sum(seen**2) / share)), _LARGEST * half)
 
 
-_PERSON, _ROBOT = 0.005, 0.001  # m: standard deviation of a plate's position under a person, and under a bolted robot
 _LEAST_JOINTS = 2  # ankle and knee, because the ratios of a person need a shank
 
 
 def read_calibration(context: Context) -> PlanarCalibration:
     """Return the standard deviations of the errors of scale of plate and cameras, from the settings."""
     settings: IdentifyDimSettings = context.settings
-    position = settings.plate_position_sd_m
-    if position is None:
-        position = _ROBOT if context.trial.protocol == "robot-joint" else _PERSON
     return PlanarCalibration(
         gain=settings.plate_gain_sd,
         moments=settings.plate_moments_sd,
         lengths=settings.camera_scale_sd,
         tilt=float(np.radians(settings.camera_tilt_sd_deg)),
-        position=position,
+        position=read_plate_position_sd(context),
         mass=context.trial.subject.mass,
         mass_sd=settings.subject_mass_sd_kg,
     )
@@ -479,11 +457,10 @@ def check_and_calibrate(
 ) -> Identification:
     """Return the identification with the result of the check of scales, and with errors of scale in its covariance.
 
-    If the check suspects an error, the covariance contains the error at the size that the check has estimated.
-    ``reference`` (4(n + 1),) are the full parameters of the reference body with the chain; without one (NaN), there is
-    no check. For measured poses, ``chain`` are the base parameters of the chain and the map from the bodies to them,
-    and ``unsmoothed`` is the trial with nearly unfiltered poses for the check, because the low-pass of the fit reduces
-    accelerations.
+    If the check suspects an error, the covariance contains the error at the size that the check has estimated. Without
+    a ``reference`` body with the chain (NaN), there is no check. For measured poses, ``chain`` are the base parameters
+    of the chain and the map from the bodies to them, and ``unsmoothed`` is the trial with nearly unfiltered poses for
+    the check, because the low-pass of the fit reduces accelerations.
     """
     usual = read_calibration(context)
     mass = float(found.full[::4].sum())
@@ -510,22 +487,18 @@ def check_and_calibrate(
 
 
 def explain_scales(out: Findings, found: Identification, given: float | None, *, stands: bool) -> None:
-    """Add a caution about suspected errors of scale, and a note if the user has not given the mass ``given``, kg.
-
-    ``stands`` says whether the plates or a balance board measure a standing person.
-    """
+    """Add a caution about suspected errors of scale, and a note if the mass is not ``given`` and the person stands."""
     causes, suspects = found.scales or ({}, ())
     if given is None and (stands or found.scales is not None):
         out.reasons.append(ON_TRUST)
     if not suspects:
         return
-    first, certain = causes[suspects[0]], len(suspects) == 1
     sentences = [_describe_cause(name, causes[name]) for name in suspects[:3]]
+    first, certain = causes[suspects[0]], len(suspects) == 1
     if certain:
         text = f"{sentences[0]}. {_CHECK[suspects[0]]}"
     else:
-        either = "; or ".join(sentences)
-        text = f"the data do not determine which of these is wrong: {either}. Check them in this order"
+        text = f"the data do not determine which of these is wrong: {'; or '.join(sentences)}. Check them in this order"
     text += ". The standard deviations of the parameters contain an error of this size"
     out.say("scale-error" if certain else "scales-contradict", text, first.value, first.limit)
 
@@ -580,10 +553,9 @@ _CORRELATED = 0.12  # s, correlation time of residuals with measured poses
 
 
 @dataclass(frozen=True)
-class SegmentFit:
+class BodyFit:
     """Identification of a trial with the measured poses of its bodies."""
 
-    bodies: MeasuredBodies  # bodies with their poses
     prepared: PreparedTrial  # trial with the motion of the bodies
     found: Identification  # identification of the full parameters of the bodies
     in_chain: Identification  # base and full parameters of the chain, computed from the bodies' parameters
@@ -592,30 +564,14 @@ class SegmentFit:
     bands_why: str  # reason for this choice
     references: ReferenceBodies  # reference bodies, with parameters of these bodies
     prior_share: FloatArray  # (b,) share of the precision of each base parameter that comes from the prior, 0 … 1
-    chain_map: ChainMap  # map from parameters of the bodies to parameters of the chain
-    grid: PointGrid  # point masses of the bodies
+    grid: PointGrid  # point masses around the joints and markers of each body
     left_out: LeftOutPrediction | str  # predictions of left-out repetitions, or why there are none
-    # (n,) standard deviation of each joint centre in one direction, relative to the markers around it, m
-    centre_sd: FloatArray
-    of_poses: FloatArray  # (T, n) variance of the torques from errors of the poses that recur in every repetition
-
-    def noise(self) -> PredictionNoise:
-        """Return the errors of predicted wrench and torques, except those from errors of the parameters."""
-        left_out, found = self.left_out, self.found
-        if not isinstance(left_out, str):
-            residual = np.where(left_out.samples[:, None], left_out.measured - left_out.wrench, np.nan)
-            share = 0.0
-        else:
-            measured = self.prepared.measured(found.fit.offset) - (found.plate_bias or 0.0) * np.array([1.0, 0.0, 0.0])
-            residual = np.where(found.fit.in_fit[:, None], measured - self.prepared.rows @ found.base, np.nan)
-            seconds = float(found.fit.in_fit.sum()) / self.prepared.recorded.rate
-            share = len(found.base) / max(3 * seconds / _CORRELATED, 1.0)
-        return estimate_residual_noise(
-            self.prepared, found, residual, centre_sd=self.centre_sd, of_poses=self.of_poses, parameters=share
-        )
+    # base parameters (f, b) of the chain and clock offsets (f,), s, of the f models of these predictions
+    held_out: tuple[FloatArray, FloatArray] | None
+    noise: PredictionNoise  # errors of predicted wrench and torques, except those from errors of the parameters
 
 
-def fit_segments(
+def fit_bodies(
     context: Context,
     bodies: MeasuredBodies,
     prepared: PreparedTrial,
@@ -623,21 +579,27 @@ def fit_segments(
     *,
     pinned: Identification,
     tables: ReferenceBodies,
-) -> SegmentFit:
-    """Return the identification of the bodies with their measured poses.
+) -> BodyFit:
+    """Return the identification of the bodies, pinned at the joints that hold, with their measured poses.
 
-    The bodies are pinned at the joints that hold. ``pinned`` is the identification of the pinned chain, and ``tables``
-    are the reference bodies with the chain.
+    ``pinned`` is the identification of the pinned chain, and ``tables`` are the reference bodies with the chain.
     """
     settings, recorded, reference = context.settings, prepared.recorded, tables.chosen.parameters
     mass = float(pinned.full[::4].sum()) if tables.chosen.mass is None else tables.chosen.mass
     prior = make_body_prior(bodies, recorded.q, movement, tables.chosen, mass)
     bands, bands_why, _ = choose_cutoffs(make_predictor(prepared, movement, bodies, prior))
     ready = prepare_bodies(bodies, recorded, prepared.settings, prior, bands)
+    count = len(bodies.names)
+    ends = bodies.poses.centroid[: count - 1].copy()
+    for joint in bodies.poses.joints:
+        ends[bodies.poses.body[joint]] = bodies.poses.centres[joint]
+    owner = np.repeat(np.arange(count), [len(each) for each in bodies.markers])
+    local = np.array([position for each in bodies.markers for position in each.values()])
+    grid = build_grid(ends, owner, local, settings.grid)
     found = identify(
         ready,
         movement.free,
-        grid := bodies.grid(settings.grid),
+        grid,
         prior.mean,
         KinematicError.none(recorded.q.shape[1]),
         consistency=settings.consistency or "cone",
@@ -696,8 +658,19 @@ def fit_segments(
     chosen = convert(tables.chosen)
     if not np.isfinite(reference).all():
         chosen = replace(chosen, parameters=np.full(len(chosen.parameters), np.nan))
-    return SegmentFit(
-        bodies=bodies,
+
+    # left-out repetitions, from whose residuals the errors of predictions follow; without them, those of the fit
+    left_out, held_out = validate(ready, movement, found, np.zeros((len(recorded.time), 3))), None
+    if not isinstance(left_out, str):
+        full = np.array([chain_map.apply(each) for each in left_out.base])
+        held_out = full @ prepared.base.regrouping.T, left_out.offset
+        rest, absorbed = np.where(left_out.samples[:, None], left_out.measured - left_out.wrench, np.nan), 0.0
+    else:
+        measured = ready.measured(found.fit.offset) - (found.plate_bias or 0.0) * np.array([1.0, 0.0, 0.0])
+        rest = np.where(found.fit.in_fit[:, None], measured - ready.rows @ found.base, np.nan)
+        seconds = float(found.fit.in_fit.sum()) / ready.recorded.rate
+        absorbed = len(found.base) / max(3 * seconds / _CORRELATED, 1.0)
+    return BodyFit(
         prepared=ready,
         found=found,
         in_chain=in_chain,
@@ -706,11 +679,10 @@ def fit_segments(
         bands_why=bands_why,
         references=ReferenceBodies(chosen, tuple(convert(each) for each in tables.every)),
         prior_share=np.clip(share, 0.0, 1.0),
-        chain_map=chain_map,
         grid=grid,
-        left_out=validate(ready, movement, found, np.zeros((len(recorded.time), 3))),
-        centre_sd=centre_sd,
-        of_poses=of_poses,
+        left_out=left_out,
+        held_out=held_out,
+        noise=estimate_residual_noise(ready, found, rest, centre_sd=centre_sd, of_poses=of_poses, parameters=absorbed),
     )
 
 
@@ -729,15 +701,11 @@ _CLOCKS_APART = 0.005  # s, largest difference; 5 ms changes a base parameter of
 
 
 def compare_motions(
-    prepared: PreparedTrial, pinned: Identification, movement: Movement, segments: SegmentFit, threshold: float
+    prepared: PreparedTrial, pinned: Identification, movement: Movement, bodies: BodyFit, threshold: float
 ) -> dict[str, Any]:
-    """Return the fact ``pins``: errors of chain and measured poses on the same samples, after the same low-pass.
-
-    ``prepared`` and ``pinned`` are the trial on the pinned chain and its identification. There is no centre of pressure
-    up to the vertical force ``threshold``, N.
-    """
+    """Return the fact ``pins``: errors of the pinned chain and of measured poses, after the same low-pass."""
     on_chain = validate(prepared, movement, pinned, np.zeros((len(prepared.recorded.time), 3)))
-    on_bodies, lowpass = segments.left_out, segments.prepared.lowpass
+    on_bodies, lowpass = bodies.left_out, bodies.prepared.lowpass
     offset = pinned.fit.total_offset if pinned.fit.offset_known else None
     if isinstance(on_chain, str) or isinstance(on_bodies, str):
         why = on_bodies if isinstance(on_bodies, str) else None
@@ -796,8 +764,7 @@ def explain_motion(out: Findings, facts: Mapping[str, Any]) -> None:
 def compare_torque(context: Context, dynamics: Mapping[str, FloatArray]) -> dict[str, Any] | None:
     """Return the difference of the model's torque from the torque in the encoder file; None if one of them is missing.
 
-    The result has ``bias`` and ``sd``, N·m, ``r2`` and the number of ``samples``. ``dynamics`` are the columns of
-    dynamics.parquet. The model's torque is interpolated at the encoder's times, with the clock offset of ukf-smooth.
+    ``dynamics`` are the columns of dynamics.parquet, of which the torque is interpolated at the encoder's times.
     """
     file = context.trial.encoder
     if file is None or "tau_1" not in dynamics:

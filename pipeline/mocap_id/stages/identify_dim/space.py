@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +11,8 @@ from mocap_id import recording
 from mocap_id.arrays import FloatArray, find_complete_rows
 from mocap_id.dynamics.cautions import WEAK, find_cautions_in_space
 from mocap_id.dynamics.fit import LEAST_SECONDS, determines_parameters, select_samples
-from mocap_id.dynamics.prediction import agreement, centre_of_pressure, centre_of_pressure_rows
-from mocap_id.dynamics.preparation import CoarseClock, FitSettings
+from mocap_id.dynamics.prediction import centre_of_pressure, centre_of_pressure_rows
+from mocap_id.dynamics.preparation import CoarseClock
 from mocap_id.dynamics.space.identification import (
     SpatialCalibration,
     identify_parameters_in_space,
@@ -37,7 +37,15 @@ from mocap_id.stages.identify_dim.dynamics_artefacts import (
     make_dynamics_columns,
 )
 from mocap_id.stages.identify_dim.events import make_events
-from mocap_id.stages.identify_dim.trial_data import NotIdentifiable, read_common_time, read_cop_threshold, read_wrench
+from mocap_id.stages.identify_dim.trial_data import (
+    NotIdentifiable,
+    describe_errors,
+    make_fit_settings,
+    read_common_time,
+    read_cop_threshold,
+    read_plate_position_sd,
+    read_wrench,
+)
 from mocap_id.store import Table, Tree
 from mocap_id.store.provenance import DYNAMICS_TABLE, DYNAMICS_TREE, PHASES
 from mocap_id.store.views import SpatialSkeleton
@@ -68,9 +76,9 @@ def identify_in_space(context: Context) -> Outputs:
 
         events = find_reach_events(context)
     if isinstance(trial, NotIdentifiable):
-        dynamics, tree = _explain_obstacle(context, skeleton, time, wrench, trial)
+        dynamics, tree = _describe_unidentified(context, skeleton, time, wrench, trial)
     else:
-        dynamics, tree = _identify(context, skeleton.chain, trial)
+        dynamics, tree = _describe_identified(context, skeleton.chain, trial)
     names, empty = np.zeros(0, dtype=object), np.zeros(0)
     averages = {"span": names, "percent": empty, "quantity": names, "unit": names, "mean": empty, "sd": empty}
     why = "the repetitions of a trial in space are not averaged"
@@ -78,11 +86,11 @@ def identify_in_space(context: Context) -> Outputs:
     return events, dynamics.with_columns(**torques), tree, phases
 
 
-def _identify(context: Context, chain: SpatialChain, trial: SpatialTrial) -> tuple[Table, Tree]:
-    """Return dynamics.parquet and dynamics.h5."""
+def _describe_identified(context: Context, chain: SpatialChain, trial: SpatialTrial) -> tuple[Table, Tree]:
+    """Identify the parameters; return dynamics.parquet and dynamics.h5."""
     settings: IdentifyDimSettings = context.settings
     threshold, structure, time = read_cop_threshold(context), trial.structure, trial.recorded.time
-    position = _POSITION_SD if settings.plate_position_sd_m is None else settings.plate_position_sd_m
+    position = read_plate_position_sd(context)
     calibration = SpatialCalibration(
         gain=settings.plate_gain_sd,
         moments=settings.plate_moments_sd,
@@ -96,16 +104,14 @@ def _identify(context: Context, chain: SpatialChain, trial: SpatialTrial) -> tup
     found = identify_parameters_in_space(trial, np.ones(len(time), dtype=np.bool_), calibration)
     excited = measure_excitation_in_space(trial, found, settings.weak_share or WEAK)
     model, fit = predict_in_space(trial, found), found.fit
-    cop = centre_of_pressure(model.measured[:, _PLANAR], threshold)
-    model_cop = centre_of_pressure(model.wrench[:, _PLANAR], threshold)
 
     # dynamics.parquet
     units = np.broadcast_to(np.eye(3), (len(time), 3, 3))
     change = centre_of_pressure_rows(units, model.wrench[:, _PLANAR], threshold)
     cop_sd = np.sqrt(np.sum((change * model.wrench_sd[:, _PLANAR]) ** 2, axis=1))
     series = {
-        "{}": (model.measured, cop),
-        "{}_model": (model.wrench, model_cop),
+        "{}": (model.measured, centre_of_pressure(model.measured[:, _PLANAR], threshold)),
+        "{}_model": (model.wrench, centre_of_pressure(model.wrench[:, _PLANAR], threshold)),
         "sd_{}_model": (model.wrench_sd, cop_sd),
     }
     columns = make_dynamics_columns(
@@ -125,16 +131,11 @@ def _identify(context: Context, chain: SpatialChain, trial: SpatialTrial) -> tup
         excitation=excited,
         prior_share=np.zeros(len(found.base)),
     )
-    compared = {
-        name: agreement(model.wrench[:, k], model.measured[:, k], fit.in_fit) for k, name in enumerate(COMPONENTS)
-    }
-    apart = agreement(model_cop, cop, fit.in_fit)
     facts = _make_common_facts(chain, None) | {
         "condition_number": fit.condition,
         "condition_number_scaled": fit.condition_scaled,
         **describe_fit(trial, found, "cone"),
-        "wrench": {name: None if one is None else asdict(one) for name, one in compared.items()},
-        "cop_rms_m": None if apart is None else float(np.hypot(apart.bias, apart.sd)),
+        **describe_errors(model.wrench, model.measured, fit.in_fit, threshold, COMPONENTS),
         "consistency": "cone",
         "reference_pulls": False,
         "plate_bias": {COMPONENTS[k]: float(value) for k, value in zip(trial.constants, found.plate_bias, strict=True)},
@@ -162,7 +163,7 @@ def _identify(context: Context, chain: SpatialChain, trial: SpatialTrial) -> tup
     return Table(DYNAMICS_TABLE, columns), Tree(DYNAMICS_TREE, data, facts, tuple(out.reasons))
 
 
-def _explain_obstacle(
+def _describe_unidentified(
     context: Context, skeleton: SpatialSkeleton, time: FloatArray, wrench: FloatArray, obstacle: NotIdentifiable
 ) -> tuple[Table, Tree]:
     """Return dynamics.parquet and dynamics.h5 of a trial without an identification."""
@@ -205,7 +206,6 @@ def _make_common_facts(chain: SpatialChain, why: str | None) -> dict[str, Any]:
 
 _AT_REST = 5e-3, np.radians(1.0)  # m and rad: a base at rest moves less than this in 95 % of the frames
 _PLATE_WIDTH = 0.5  # m: an error of a corner's position rotates the plate by twice this error divided by its width
-_POSITION_SD = 0.005  # m: default standard deviation of the plate's position
 _PERSON, _OF_PERSONS = "thorax", ("reach", "curl")
 
 
@@ -281,34 +281,21 @@ def _prepare(
         clock=clock,
     )
     record = replace(record, averaged=recording.compute_averaging_width(facts["analog_rate_hz"], record.rate))
-    fitted = FitSettings(
-        components=tuple(range(len(COMPONENTS))),
-        cutoff=settings.cutoff_hz,
-        offset_limit=clock.search,
-        apply_offset=settings.apply_clock_offset,
-        plate_bias=settings.plate_bias,
-        block=settings.block_s,
-        gravity=settings.gravity,
-    )
-    trial = prepare_in_space(record, fitted)
-    return _check_excitation(settings, trial) or trial
+    trial = prepare_in_space(record, make_fit_settings(settings, range(len(COMPONENTS)), clock.search))
 
-
-def _check_excitation(settings: IdentifyDimSettings, trial: SpatialTrial) -> NotIdentifiable | None:
-    """Return the reason why the usable samples do not determine the parameters; None if they do."""
+    # whether the usable samples determine the parameters
     everywhere = np.ones(len(trial.usable), dtype=np.bool_)
     chosen = select_samples(trial, everywhere)
-    recorded = trial.recorded
-    if chosen.sum() < LEAST_SECONDS * recorded.rate:
+    if chosen.sum() < LEAST_SECONDS * record.rate:
         return NotIdentifiable(
             "too-few-samples",
-            f"{chosen.sum() / recorded.rate:.2f} s are usable, expected at least {LEAST_SECONDS:g} s: in usable "
+            f"{chosen.sum() / record.rate:.2f} s are usable, expected at least {LEAST_SECONDS:g} s: in usable "
             "samples, all segments and the wrench of the plate are known, and gaps are at least "
             f"{trial.lowpass.reach:.2f} s away, because the low-pass spreads gaps. Record longer or with fewer gaps",
         )
-    mass = float(np.nanmedian(recorded.wrench[chosen, 1])) / settings.gravity
+    mass = float(np.nanmedian(record.wrench[chosen, 1])) / settings.gravity
     # range of rotation of each moving segment, from the 2.5 to the 97.5 % quantile
-    rotation = recorded.rotation[chosen]
+    rotation = record.rotation[chosen]
     turned = so3.log(np.swapaxes(rotation[:1], -1, -2) @ rotation)
     low, high = np.quantile(turned, [0.025, 0.975], axis=0)
     arc = float(np.degrees(np.linalg.norm(high - low, axis=-1).max()))
@@ -326,4 +313,4 @@ def _check_excitation(settings: IdentifyDimSettings, trial: SpatialTrial) -> Not
             "every joint",
             mass,
         )
-    return None
+    return trial

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, get_args
 
@@ -16,6 +16,7 @@ from mocap_id.dynamics.instrument_errors import KinematicError, propagate_to_par
 from mocap_id.dynamics.prediction import agreement, centre_of_pressure
 from mocap_id.dynamics.preparation import (
     CoarseClock,
+    FitSettings,
     PreparedTrial,
     SampledWrench,
     TrialData,
@@ -32,12 +33,14 @@ from mocap_id.protocols.movement import Movement, find_facing
 from mocap_id.protocols.repetitions import measure_standing_angles
 from mocap_id.stages import skin_motion
 from mocap_id.stages.base import Context, Findings
+from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.store import Table
 from mocap_id.store.views import Skeleton, joint_columns
 from mocap_id.verdict import Reason
 
 _SEARCH = 0.15  # s: range of the fit's search around the coarse offset, whose error is up to 0.04 s
 _VERTICAL = (1, 2)  # Fy and tauz
+_POSITION_SD, _ROBOT_POSITION_SD = 0.005, 0.001  # m, of the plate, and of one to which a robot is bolted
 _THIGH = "thigh"
 _THIGH_NUMBER = 2  # number of the thigh in a chain whose base is the foot
 
@@ -45,8 +48,7 @@ _THIGH_NUMBER = 2  # number of the thigh in a chain whose base is the foot
 def read_trial_data(context: Context, chain: Skeleton) -> TrialData:
     """Return the joint states and wrenches of a trial in the plane.
 
-    StoreError is raised if states and wrench have different times, ConfigError if a segment in the settings does not
-    exist.
+    Raises StoreError if states and wrench have different times, ConfigError if a segment does not exist.
     """
     states = context.table("states.parquet")
     wrench, clock = read_wrench(context)
@@ -87,8 +89,8 @@ def read_trial_data(context: Context, chain: Skeleton) -> TrialData:
     averaged = recording.compute_averaging_width(wrench.facts["analog_rate_hz"], recorded.rate)
     if board is None:
         return replace(recorded, averaged=averaged)
-    averaged, surface = float(np.hypot(averaged, board["averaged_s"])), float(board["cells_below_surface_m"])
-    return replace(recorded, averaged=averaged, surface=surface)
+    averaged = float(np.hypot(averaged, board["averaged_s"]))
+    return replace(recorded, averaged=averaged, surface=float(board["cells_below_surface_m"]))
 
 
 def read_wrench(context: Context) -> tuple[Table, CoarseClock]:
@@ -118,6 +120,27 @@ def read_wrench(context: Context) -> tuple[Table, CoarseClock]:
         kept = slice(max(-shift, 0), len(time) - max(shift, 0))
         columns[name][kept] = table[name][kept.start + shift : kept.stop + shift]
     return table.with_columns(**columns), CoarseClock(0.0, doubt, search)
+
+
+def make_fit_settings(settings: IdentifyDimSettings, components: Iterable[int], search: float) -> FitSettings:
+    """Return the settings of the fit of some components of the wrench; ``search`` is the largest clock offset, s."""
+    return FitSettings(
+        components=tuple(components),
+        cutoff=settings.cutoff_hz,
+        offset_limit=search,
+        apply_offset=settings.apply_clock_offset,
+        plate_bias=settings.plate_bias,
+        plate_zero=(settings.plate_zero_sd_n, settings.plate_zero_sd_nm),
+        block=settings.block_s,
+        gravity=settings.gravity,
+    )
+
+
+def read_plate_position_sd(context: Context) -> float:
+    """Return the standard deviation of the plate's position, m; a robot is bolted to its plate."""
+    given: float | None = context.settings.plate_position_sd_m
+    usual = _ROBOT_POSITION_SD if context.trial.protocol == "robot-joint" else _POSITION_SD
+    return usual if given is None else given
 
 
 def read_common_time(context: Context, file: str) -> FloatArray:
@@ -216,29 +239,34 @@ def compare_references(
 ) -> dict[str, Any] | None:
     """Return JSON about the reference bodies and the errors of their wrench, by table; None without reference bodies.
 
-    The full ``regressor`` (T, 3, 4(n + 1)) minus the ``external`` wrenches on the body (T, 3) is compared with the
-    ``measured`` wrench of the ground (T, 3), N and N·m, in some ``samples`` (T,). There is no centre of pressure up to
-    the vertical force ``threshold``, N.
+    The wrench by the full ``regressor`` (T, 3, 4(n + 1)) minus ``external`` (T, 3) is compared with that of the ground.
     """
-    if not bodies.every:
-        return None
-    found = {}
-    for body in bodies.every:
-        found[str(body.table)] = {
+    found = {
+        str(body.table): {
             "height_m": body.height,
             "mass_kg": body.mass,
             "assumed": list(body.assumed),
             **describe_errors(regressor @ body.parameters - external, measured, samples, threshold),
         }
-    return found
+        for body in bodies.every
+    }
+    return found or None
 
 
-def describe_errors(model: FloatArray, measured: FloatArray, samples: BoolArray, threshold: float) -> dict[str, Any]:
-    """Return JSON about the errors of a wrench (T, 3) and its centre of pressure in some samples (T,)."""
-    compared = {name: agreement(model[:, k], measured[:, k], samples) for k, name in enumerate(WRENCH_COMPONENTS)}
-    cop = agreement(centre_of_pressure(model, threshold), centre_of_pressure(measured, threshold), samples)
+def describe_errors(
+    model: FloatArray,
+    measured: FloatArray,
+    samples: BoolArray,
+    threshold: float,
+    components: Sequence[str] = WRENCH_COMPONENTS,
+) -> dict[str, Any]:
+    """Return JSON about the errors of a wrench (T, C) and its centre of pressure in some samples (T,)."""
+    planar = [components.index(name) for name in WRENCH_COMPONENTS]
+    wrench = {name: agreement(model[:, k], measured[:, k], samples) for k, name in enumerate(components)}
+    pressures = [centre_of_pressure(each[:, planar], threshold) for each in (model, measured)]
+    cop = agreement(pressures[0], pressures[1], samples)
     return {
-        "wrench": {name: None if one is None else asdict(one) for name, one in compared.items()},
+        "wrench": {name: None if one is None else asdict(one) for name, one in wrench.items()},
         "cop_rms_m": None if cop is None else float(np.hypot(cop.bias, cop.sd)),
     }
 
@@ -246,7 +274,8 @@ def describe_errors(model: FloatArray, measured: FloatArray, samples: BoolArray,
 _TAUZ = 2
 _INERTIA = 3  # index of Izz among the four parameters of a segment
 _ROUNDS = 2  # the response depends on the clock offset and the weights, so the shift is estimated twice
-_FOOT_SD = 0.001  # m: standard deviation of the foot's first moment divided by the body's mass
+FOOT_SD = 0.001
+"""Standard deviation of the foot's first moment divided by the body's mass, m; people's feet have 3 % of this mass."""
 _REPEATED_SD = 0.0025  # m: joint errors that are the same in all repetitions, from simulated trials
 _GIVEN_SD, _FEET_SD = 0.005, 0.03  # m: standard deviation of a position from the configuration, and from the feet
 _CLEARLY = 3.0  # smallest ratio of misfits of opposite and assumed direction for certainty; 2 to 200 simulated
@@ -331,7 +360,7 @@ def _estimate_shift(context: Context, prepared: PreparedTrial, movement: Movemen
     found, base = fit(prepared, movement.free), prepared.base.regrouping
     values, relative = found.problem.free_solution()[: found.base], context.settings.reference_sd
     deviations = compute_reference_sd(reference, relative)
-    deviations[:2] = compute_foot_sd(reference, _FOOT_SD * float(reference[::4].sum()), relative)[:2]
+    deviations[:2] = compute_foot_sd(reference, FOOT_SD * float(reference[::4].sum()), relative)[:2]
     skin = propagate_to_parameters(prepared, found, values, read_kinematic_error(context))[: found.base]
     spread = base @ np.diag(deviations**2) @ base.T + found.covariance[: found.base, : found.base] + skin @ skin.T
     kept = np.asarray(prepared.base.kept)
@@ -357,10 +386,7 @@ _SENSOR_LATE, _SENSOR_BETTER = 0.02, 1.2  # smallest offset that is reported, s,
 
 
 def check_chair(prepared: PreparedTrial) -> tuple[PreparedTrial, tuple[Reason, ...]]:
-    """Return the trial, without the chair's wrench if it contradicts the body's motion, and a note or caution.
-
-    Without a plate under the chair, the trial is unchanged and the tuple is empty.
-    """
+    """Return the trial, without the chair's wrench if it contradicts the body's motion, and a note or caution."""
     recorded = prepared.recorded
     if recorded.seat is None:
         return prepared, ()
@@ -437,8 +463,7 @@ def _check_clock(prepared: PreparedTrial, found: Fit, sensor: ExternalWrench) ->
     )
 
 
-def _compute_effect(gain: WrenchGain) -> float:
-    """Return the effect of the gain's deviation from 1, relative to its limit."""
+def _compute_effect(gain: WrenchGain) -> float:  # of the deviation from 1, relative to its limit
     return abs(gain.value - 1.0) * gain.size / gain.limit
 
 
@@ -508,12 +533,9 @@ def check_wrench(context: Context, recorded: TrialData) -> NotIdentifiable | Non
 
 
 def judge_mass(context: Context, mass: float | None) -> Reason | None:
-    """Return a caution if a mass, kg, does not fit the height of the person, or must be confirmed.
+    """Return a caution, with the body mass index, if a mass, kg, does not fit the person's height; None if unknown.
 
-    The value of the caution is the body mass index, kg/m².
-
-    The height is that in the configuration, or else follows from shank and thigh. Without one of these, or if the given
-    mass of the person confirms the mass, the result is None.
+    The height is that in the configuration, or else follows from shank and thigh. The given mass may confirm the mass.
     """
     subject, chain = context.trial.subject, Skeleton(context.tree("chain.h5"))
     if mass is None or context.trial.protocol == "robot-joint":
