@@ -178,18 +178,18 @@ def find_visited_region(postures: FloatArray, limits: FloatArray) -> tuple[Float
     slope = normals[:, 0]
     up, down = slope > _FLAT, slope < -_FLAT
     flat = ~up & ~down
-    scale = np.where(flat, 1.0, slope)  # faces as plane <= or >= bound - normals @ others
-    normals, bounds = ((each.T / scale).T.astype(np.float32) for each in (normals[:, 1:], bounds))
+    scale = np.where(flat, 1.0, slope)  # faces as plane <= or >= height - others_slope @ others
+    others_slope, height = ((each.T / scale).T.astype(np.float32) for each in (normals[:, 1:], bounds))
 
     def find_planes(elevation: FloatArray, axial: FloatArray, flexion: FloatArray) -> tuple[FloatArray, FloatArray]:
         low, high = np.empty(len(elevation)), np.empty(len(elevation))
         for first in range(0, len(elevation), _BLOCK):
             part = slice(first, first + _BLOCK)
             others = np.stack([elevation[part], axial[part], flexion[part]]).astype(np.float32)
-            high[part] = (bounds[up, None] - normals[up] @ others).min(axis=0)
-            low[part] = (bounds[down, None] - normals[down] @ others).max(axis=0)
+            high[part] = (height[up, None] - others_slope[up] @ others).min(axis=0)
+            low[part] = (height[down, None] - others_slope[down] @ others).max(axis=0)
             if flat.any():
-                outside = (bounds[flat, None] < normals[flat] @ others).any(axis=0)
+                outside = (height[flat, None] < others_slope[flat] @ others).any(axis=0)
                 low[part] = np.where(outside, np.inf, low[part])
         return low, high
 

@@ -13,7 +13,7 @@ from mocap_id.dynamics.fit import determines_parameters, fit
 from mocap_id.dynamics.preparation import LowPass, PreparedTrial
 from mocap_id.dynamics.regressor import SEAT
 from mocap_id.protocols.five_times import Attempt
-from mocap_id.protocols.repetitions import NAN, STANDING, SUPPORT_LIMIT, Posture, Repetition, RiseDetails
+from mocap_id.protocols.repetitions import NAN, QUIET, STANDING, SUPPORT_LIMIT, Posture, Repetition, RiseDetails
 from mocap_id.verdict import Reason
 
 ContactRule = Literal["seat-force", "weight", "knee"]
@@ -22,7 +22,6 @@ DecidingRule = Literal["seat-plate", "seat-force", "weight", "knee"]
 _SEATED = 0.5  # share of the rise: nobody sits higher
 _OFF_CHAIR = 0.4  # share of the rise; above it, the hips are surely off the chair
 _CHAIR_SHARE = 0.8  # share of the weight: if the feet carry less, a chair carries the rest
-_QUIET = 0.1  # share of the maximum speed; below it, a person stands quietly
 _THRESHOLD_SDS = 4.0  # threshold in standard deviations of the chair force without contact
 _THRESHOLD_RANGE = 0.005, 0.1  # lowest and highest threshold, as shares of the standing weight
 _LOADED = 0.95  # quantile of the chair force that counts as its full load
@@ -41,7 +40,7 @@ def measure_standing_weight(posture: Posture, vertical: FloatArray) -> float:
     upright = posture.upright & known
     if not upright.any():
         return float("nan")
-    quiet = upright & (posture.speed < _QUIET * np.max(posture.speed[known]))
+    quiet = upright & (posture.speed < QUIET * np.max(posture.speed[known]))
     return float(np.median(vertical[quiet if quiet.any() else upright]))
 
 

@@ -37,7 +37,6 @@ from mocap_id.protocols.five_times import (
 )
 from mocap_id.protocols.movement import (
     GRID,
-    Averaged,
     Movement,
     average_repetitions,
     compare_angles,
@@ -383,22 +382,22 @@ def average_signals(
             column, sign = given.removeprefix("-"), -1.0 if given.startswith("-") else 1.0
             number = names.index(joint_name) + 1
             values = interpolate_at(table.time, sign * table.angles[column], time)
-            agreement = compare_angles(angles[number], values)
-            known = bool(np.isfinite(agreement.r))
+            r, offset, rmse, samples = compare_angles(angles[number], values)
+            known = bool(np.isfinite(r))
             compared.append(
                 {
                     "joint": joint_name,
                     "column": given,
-                    "r": agreement.r if known else None,
-                    "offset_rad": agreement.offset if known else None,
-                    "rmse_rad": agreement.rmse if known else None,
-                    "samples": agreement.samples,
+                    "r": r if known else None,
+                    "offset_rad": offset if known else None,
+                    "rmse_rad": rmse if known else None,
+                    "samples": samples,
                     "why": None if known else "the two systems have no common time in which the joint moves",
                 }
             )
             signals.append((f"theta_{number}_other", "rad", time, values))
 
-    averages: list[tuple[str, str, str, Averaged]] = []
+    averages: list[tuple[str, str, str, tuple[FloatArray, FloatArray, FloatArray]]] = []
     counts: dict[str, int] = {}
     for span, (begin, finish) in SPANS.items():
         bounds = events.stack([begin, finish])
@@ -412,8 +411,8 @@ def average_signals(
     columns: dict[str, Any] = {"percent": np.tile(100 * GRID, len(averages))}
     for k, name in enumerate(("span", "quantity", "unit")):
         columns[name] = np.repeat(np.array([row[k] for row in averages], dtype=object), len(GRID))
-    for name in ("mean", "sd", "count"):
-        columns[name] = np.concatenate([np.zeros(0), *(getattr(each, name) for *_, each in averages)])
+    for k, name in enumerate(("mean", "sd", "count")):
+        columns[name] = np.concatenate([np.zeros(0), *(each[k] for *_, each in averages)])
     return Table(PHASES, columns, facts, reasons)
 
 
