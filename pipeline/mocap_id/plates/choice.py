@@ -248,18 +248,12 @@ _MIN_COMPARED_S = 2.0
 _OVERLAP = 0.6  # fraction of the samples that must be common at larger clock offsets
 
 
-@dataclass(frozen=True)
-class ForceCourse:
-    """Agreement of the vertical force with the vertical acceleration of the body, over time."""
-
-    correlation: float  # largest correlation of force and acceleration for clock offsets up to ± 1 s, 0 to 1
-    offset: float  # this clock offset, s; positive if the force is late
-    correlation_far: float  # largest correlation for all clock offsets for which enough samples are common
-    expected: float  # root mean square of the weight times the acceleration, divided by gravity, N
-
-
-def compare_courses(vertical: FloatArray, positions: FloatArray, rate: float) -> ForceCourse | None:
+def compare_courses(vertical: FloatArray, positions: FloatArray, rate: float) -> tuple[float, float, float] | None:
     """Compare the course of a vertical force (F,), N, with the vertical acceleration of a standing or rising body.
+
+    The results are the largest correlation of force and acceleration for clock offsets up to ± 1 s, 0 to 1; that for
+    all clock offsets for which enough samples are common; and the root mean square of the weight times the
+    acceleration, divided by gravity, N: the variation of the force that the movement needs.
 
     Only samples are compared in which the body has risen, so that no chair carries a part of it. The result is None if
     there are too few of them, or if the body does not move.
@@ -288,7 +282,7 @@ def compare_courses(vertical: FloatArray, positions: FloatArray, rate: float) ->
     expected = mass * float(np.sqrt(np.mean(parts.mean(axis=0)[risen] ** 2)))
     least, most = _MIN_COMPARED_S * rate, _OVERLAP * risen.sum()
     step, reach = max(1, round(_LAG_STEP_S * rate)), len(positions) - round(least)
-    best, far = (-1.0, 0.0), 0.0
+    best, far = -1.0, 0.0
     for lag in range(-reach // step * step, reach + 1, step):
         chosen = np.flatnonzero(risen)
         chosen = chosen[(chosen + lag >= 0) & (chosen + lag < len(force))]
@@ -304,10 +298,8 @@ def compare_courses(vertical: FloatArray, positions: FloatArray, rate: float) ->
         correlation = float(np.sqrt(max(0.0, 1.0 - (residual / max(size, 1e-300)) ** 2)))
         far = max(far, correlation)
         if near:
-            best = max(best, (correlation, lag / rate))
-    if best[0] < 0.0:
-        return None
-    return ForceCourse(best[0], best[1], far, expected)
+            best = max(best, correlation)
+    return None if best < 0.0 else (best, far, expected)
 
 
 def _find_rising_markers(positions: FloatArray) -> IntArray:

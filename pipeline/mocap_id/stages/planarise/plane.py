@@ -27,8 +27,6 @@ from mocap_id.stages.planarise import PlanariseSettings
 from mocap_id.stages.planarise.wrenches import (
     FOLLOWS,
     ExternalWrenches,
-    PlateCheck,
-    UsedFrames,
     check_registration,
     compute_ground_wrench,
     describe_losses,
@@ -189,7 +187,9 @@ def choose_on_one_clock(
     loaded = [source.plates[index] for index in (*choice.indices("feet"), *choice.indices("seat"))]
     clock = find_clock_offset(loaded, thinned.positions, thinned.time, thinned.rate, frame_s=1.0 / source.rate)
     if clock.offset_s:
-        source = replace(source, plates=clock.correct(source.plates))
+        source = replace(
+            source, plates=tuple(replace(plate, start=plate.start + clock.offset_s) for plate in source.plates)
+        )
         thinned, choice = choose(source.plates)
     return source, thinned, choice, clock
 
@@ -271,9 +271,9 @@ def planarise(context: Context) -> Outputs:
         samples = [recording.decimate(plate, part.time, source.rate)]
         thinned = replace(thinned, samples=(recording.decimate(plate, thinned.time, thinned.rate),))
         still = undo_in_frames(base, thinned)
-    used, external = UsedFrames(part.labels, part.positions, part.time, thinned, frame, base), ExternalWrenches()
-    measure_seat(external, used, samples, choice, settings.seat_zero)
-    measure_sensors(external, used, context.trial.external, source)
+    external = ExternalWrenches()
+    measure_seat(external, choice, samples, thinned, frame, zero=settings.seat_zero, time=part.time, base=base)
+    measure_sensors(external, context.trial.external, part, thinned, frame, base)
     if base is not None:
         part = replace(part, positions=base.undo_positions(part.positions, part.time))
     if plane.lean:
@@ -359,9 +359,9 @@ def planarise(context: Context) -> Outputs:
     if person and feet and find_standing_feet(thinned.positions, find_upright(thinned.positions)[0], None, 2):
         vertical = sum((thinned.samples[index].force[:, 2] for index in on_feet), external.vertical)
         course = compare_courses(np.asarray(vertical), thinned.positions, thinned.rate)
-    check = PlateCheck({}, ())  # a balance board has no position in the file
+    check, unusable, horizontal = Findings(), None, True  # a balance board has no position in the file
     if board is None:
-        check = check_registration(
+        check, unusable, horizontal = check_registration(
             feet,
             [thinned.samples[index] for index in on_feet],
             thinned.positions,
@@ -370,21 +370,21 @@ def planarise(context: Context) -> Outputs:
             yaw=frame.yaw,
             labels=part.labels,
             others=choice.list_unused(source.plates),
-            follows=course is not None and course.correlation >= FOLLOWS,
+            follows=course is not None and course[0] >= FOLLOWS,
         )
-        if check.unusable is not None:
+        if unusable is not None:
             wrench["plate_ok"] = np.zeros(len(part.time), np.bool_)
     else:
         ground.fact(board=board)
         ground.reasons += board_reasons
-    if board is not None or not check.horizontal:
+    if board is not None or not horizontal:
         wrench["Fx"] = np.full(len(part.time), np.nan)
     across = measure_lateral_cop(thinned.samples, frame, threshold)
     ground.fact(
         registration=check.facts,
         clock=clock.facts(),
-        unusable=check.unusable,
-        horizontal_measured=check.horizontal,
+        unusable=unusable,
+        horizontal_measured=horizontal,
         plates=[plate | {"across_m": each} for plate, each in zip(ground.facts["plates"], across, strict=True)],
     )
     describe_losses(ground, feet, part.time, missing, clock.offset_s)

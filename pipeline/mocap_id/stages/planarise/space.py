@@ -111,7 +111,7 @@ def planarise_in_space(context: Context) -> Outputs:
     person = (
         shows_standing(thinned.positions, upright) and len(find_standing_feet(thinned.positions, upright, None, 2)) == 2
     )
-    check = check_registration(
+    check, unusable, _ = check_registration(
         feet,
         [thinned.samples[index] for index in choice.indices("feet")],
         thinned.positions,
@@ -125,9 +125,9 @@ def planarise_in_space(context: Context) -> Outputs:
         clock=clock.facts(),
         centre_m=find_plates_centre(source.plates, choice, frame, mirrored=left),
         registration=check.facts,
-        unusable=check.unusable,
+        unusable=unusable,
     )
-    if check.unusable is not None:
+    if unusable is not None:
         columns["plate_ok"] = np.zeros(len(part.time), np.bool_)
     describe_losses(ground, feet, part.time, np.zeros(len(part.time), np.bool_), clock.offset_s)
     ground.reasons += check.reasons

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from mocap_id.kinematics.base_motion import BaseMotion
 from mocap_id.kinematics.plane import find_feet
 from mocap_id.plates.choice import (
     GRAVITY,
-    ForceCourse,
     ForceDirection,
     PlateChoice,
     ZeroRule,
@@ -40,6 +39,9 @@ from mocap_id.recording.sample_checks import describe_held, find_upright
 from mocap_id.stages.base import Findings, find_markers
 from mocap_id.stages.trial_keys import BalanceBoard, ExternalForce
 from mocap_id.verdict import Reason
+
+if TYPE_CHECKING:
+    from mocap_id.stages.planarise.plane import UsedPart
 
 # largest accepted distance of the force outside the outermost markers of a foot; up to 27 mm in good recordings
 _MARGIN_M = 0.05
@@ -66,16 +68,6 @@ _UNEVEN = 0.25
 _BODY_M, _BODY_SHARE = 0.035, 0.12
 
 
-@dataclass(frozen=True)
-class PlateCheck:
-    """Facts for wrench.parquet, and reasons to doubt the plates' positions."""
-
-    facts: dict[str, Any]
-    reasons: tuple[Reason, ...]
-    unusable: str | None = None  # reason why the moments are missing, so that no parameter can be identified
-    horizontal: bool = True  # whether the horizontal force in the motion plane is measured
-
-
 # faults that move the centre of pressure, so that it cannot be compared with the body
 _EXPLAIN = ("plate-misplaced", "plate-moments-missing")
 # distance of the centre of pressure from the feet above which nothing is identified: a unit or a position is wrong
@@ -93,8 +85,12 @@ def check_registration(
     labels: Sequence[str] = (),
     others: Sequence[str] = (),
     follows: bool = False,
-) -> PlateCheck:
+) -> tuple[Findings, str | None, bool]:
     """Compare the feet's plates with the markers.
+
+    The results are facts for wrench.parquet with reasons to doubt the plates' positions; the reason why the moments are
+    missing, so that no parameter can be identified, or None; and whether the horizontal force along the plane is
+    measured.
 
     ``samples`` are the plates' wrenches at the times of ``positions`` (F, M, 3), lab axes with Z up, m. ``person`` is
     False for a robot, which has no feet. ``yaw`` is the angle of the plane's x from the lab's X, rad; None in space,
@@ -102,14 +98,14 @@ def check_registration(
     that are not used and why, are for messages. If the vertical force ``follows`` the body, the size of the horizontal
     force is checked too.
     """
+    out = Findings()
     if not plates:
-        return PlateCheck({}, ())
+        return out, None, True
     total = np.sum([each.force for each in samples], axis=0)
     found = compare_with_feet(plates, samples, positions) if person else []
     lean = measure_lean(total, positions, rate) if person else None
     whole = compare_directions(total, positions, rate)
     alone = [compare_directions(each.force, positions, rate) for each in samples] if len(plates) > 1 else []
-    out = Findings()
     out.fact(
         plates=[
             {
@@ -178,7 +174,7 @@ def check_registration(
         _check_channels(out, plates, whole if weak else None, along=along, space=yaw is None)
         if yaw is None:
             unusable = unusable or out.reasons[-1].message
-    return PlateCheck(out.facts, tuple(out.reasons), unusable, not (weak or along))
+    return out, unusable, not (weak or along)
 
 
 def _check_placement(out: Findings, found: Sequence[PlatePlacement]) -> None:
@@ -474,31 +470,35 @@ def describe_losses(
 
 
 def judge_course(
-    course: ForceCourse | None, markers: Sequence[Path], forces: Path | BalanceBoard | None
+    course: tuple[float, float, float] | None, markers: Sequence[Path], forces: Path | BalanceBoard | None
 ) -> tuple[Reason, ...]:
-    """Return a caution if the vertical force hardly follows the body; raise Refused if it does not follow it at all."""
-    if course is None or course.expected < _MOVES_N or course.correlation >= FOLLOWS:
+    """Return a caution if the vertical force hardly follows the body; raise Refused if it does not follow it at all.
+
+    ``course`` is the result of :func:`mocap_id.plates.choice.compare_courses`.
+    """
+    if course is None:
         return ()
-    if course.correlation_far >= _BELONGS_LATE:
-        return ()  # the forces belong to the markers; the clock offset is estimated in identify-dim
+    correlation, correlation_far, expected = course
+    if expected < _MOVES_N or correlation >= FOLLOWS or correlation_far >= _BELONGS_LATE:
+        return ()  # if they fit late, the forces belong to the markers; the clock offset is estimated in identify-dim
     file = forces.balance_board if isinstance(forces, BalanceBoard) else forces
     of = f"{file.name} and {markers[0].name}" if file is not None else f"the forces and markers of {markers[0].name}"
     found = (
         "the vertical force does not follow the vertical acceleration of the body: their correlation is "
-        f"{course.correlation:.2f} for clock offsets up to 1 s, and at most {course.correlation_far:.2f} for all "
+        f"{correlation:.2f} for clock offsets up to 1 s, and at most {correlation_far:.2f} for all "
         "others, expected above 0.9"
     )
-    if course.correlation >= _UNRELATED:
+    if correlation >= _UNRELATED:
         text = (
             f"{found}. Check that {of} belong to the same recording, the rates of both, and whether something other "
             "than the plates carries the person"
         )
-        return (Reason("forces-unrelated", text, course.correlation, FOLLOWS),)
+        return (Reason("forces-unrelated", text, correlation, FOLLOWS),)
     raise Refused(
         "forces-unrelated",
         f"{of} do not belong together: {found}. Give the forces of this recording, check that both have the right "
         "rate, or leave the forces out to get the kinematics alone",
-        course.correlation,
+        correlation,
         _UNRELATED,
     )
 
@@ -525,18 +525,6 @@ class ExternalWrenches:
         self.facts.append({"name": name, "columns": suffix, **fact})
 
 
-@dataclass(frozen=True)
-class UsedFrames:
-    """Frames that are used, with the plane and the motion of the base."""
-
-    labels: Sequence[str]  # M names
-    positions: FloatArray  # (F, M, 3) in the lab, m
-    time: FloatArray  # (F,) s
-    thinned: ThinnedFrames
-    frame: PlaneFrame
-    base: BaseMotion | None = None  # None if the base is fixed
-
-
 def add_wrenches(
     samples: Sequence[PlateSamples], plates: Sequence[int], frame: PlaneFrame
 ) -> tuple[FloatArray, BoolArray]:
@@ -546,10 +534,21 @@ def add_wrenches(
 
 
 def measure_seat(
-    external: ExternalWrenches, used: UsedFrames, samples: Sequence[PlateSamples], choice: PlateChoice, zero: ZeroRule
+    external: ExternalWrenches,
+    choice: PlateChoice,
+    samples: Sequence[PlateSamples],
+    thinned: ThinnedFrames,
+    frame: PlaneFrame,
+    *,
+    zero: ZeroRule,
+    time: FloatArray,
+    base: BaseMotion | None = None,
 ) -> None:
-    """Add the chair's wrench on the body, measured by the plates under the chair; no columns if there are none."""
-    thinned = used.thinned
+    """Add the chair's wrench on the body, measured by the plates under the chair; no columns if there are none.
+
+    ``samples`` are the wrenches of all plates at the marker times ``time`` (F,), s; ``base`` is None if the base never
+    moves.
+    """
     doubts = find_contradictions(thinned.samples, choice, thinned.positions)
     for index, why in doubts.items():
         advice = "it looks like a chair's, but was added to the feet's; if a chair stands on it, name it under `seat:`"
@@ -562,9 +561,9 @@ def measure_seat(
     plates = [index for index in choice.indices("seat") if index not in doubts]
     if not plates:
         return
-    wrench, ok = add_wrenches(samples, plates, used.frame)
+    wrench, ok = add_wrenches(samples, plates, frame)
     reading, spread = measure_empty_chair(
-        *add_wrenches(thinned.samples, plates, used.frame), thinned.positions, thinned.rate, zero
+        *add_wrenches(thinned.samples, plates, frame), thinned.positions, thinned.rate, zero
     )
     if reading is None:
         text = (
@@ -575,53 +574,59 @@ def measure_seat(
         external.reasons.append(Reason("seat-zero-unknown", text))
     else:
         wrench = wrench - reading
-    if used.base is not None:  # the base moves, and the chair does not
+    if base is not None:  # the base moves, and the chair does not
         chair = np.zeros(3) if reading is None else reading
-        x, y, z = used.frame.axes
+        x, y, z = frame.axes
         weight = chair[0] * x + chair[1] * y
         force = sum((samples[index].force for index in plates), -weight)
-        moment = sum((samples[index].moment for index in plates), -chair[2] * z - np.cross(used.frame.origin, weight))
-        wrench = used.frame.wrench_to_plane(*used.base.undo_wrench(force, moment, used.time))
+        moment = sum((samples[index].moment for index in plates), -chair[2] * z - np.cross(frame.origin, weight))
+        wrench = frame.wrench_to_plane(*base.undo_wrench(force, moment, time))
     wrench[~ok] = np.nan
     named = [None if each is None else dict(zip(COMPONENTS, each.tolist(), strict=True)) for each in (reading, spread)]
     numbers = [index + 1 for index in plates]
     external.add("seat", "seat", wrench, clock="plates", plates=numbers, zero=named[0], zero_sd=named[1])
 
 
-def measure_sensors(
-    external: ExternalWrenches, used: UsedFrames, sensors: Sequence[ExternalForce], source: Recording
+def measure_sensors(  # noqa: PLR0917
+    external: ExternalWrenches,
+    sensors: Sequence[ExternalForce],
+    part: UsedPart,
+    thinned: ThinnedFrames,
+    frame: PlaneFrame,
+    base: BaseMotion | None,
 ) -> None:
     """Add the wrenches of the sensors in the configuration.
 
     Raises ConfigError if the marker at which a force acts does not exist. Raises RecordingError if a sensor's file is
     unusable or shares no time with the recording.
     """
+    time, to_z_up = part.time, recording.to_z_up(part.source.vertical)
     for number, sensor in enumerate(sensors, start=1):
         log, offset = recording.read_force_log(sensor.file), sensor.clock_offset_s
-        turn = recording.to_z_up(source.vertical) * (-1.0 if sensor.force == "on-sensor" else 1.0)
+        turn = to_z_up * (-1.0 if sensor.force == "on-sensor" else 1.0)
         ok = find_complete_rows(np.hstack([log.force, log.moment]))
         start = log.start + offset
         plate = Plate(0, "sensor", None, log.force @ turn.T, log.moment @ turn.T, ok, log.rate, start)
-        sampled = recording.decimate(plate, used.time, source.rate)
+        sampled = recording.decimate(plate, time, part.source.rate)
         if not sampled.ok.any():
             raise RecordingError(
-                f"{sensor.file}: it has no sample between {used.time[0]:g} and {used.time[-1]:g} s, the times of the "
+                f"{sensor.file}: it has no sample between {time[0]:g} and {time[-1]:g} s, the times of the "
                 f"recording; it runs from {start:g} to {log.end + offset:g} s on the same clock (with "
                 f"`clock_offset_s: {offset:g}`): check `time_s` and the offset"
             )
         if isinstance(sensor.at, str):
-            found = find_markers(used.labels, (sensor.at,), f"external: {sensor.name}: at")
+            found = find_markers(part.labels, (sensor.at,), f"external: {sensor.name}: at")
             if len(found) > 1:
                 raise ConfigError(
                     f"external: {sensor.name}: at: {sensor.at} matches {len(found)} markers, expected one"
                 )
-            point = used.positions[:, found[0]]
+            point = part.positions[:, found[0]]
         else:
-            point = np.asarray(recording.to_z_up(source.vertical) @ np.array(sensor.at))
+            point = np.asarray(to_z_up @ np.array(sensor.at))
         acting = sampled.force, sampled.moment + np.cross(point, sampled.force)
-        if used.base is not None:
-            acting = used.base.undo_wrench(*acting, used.time)
-        wrench = used.frame.wrench_to_plane(*acting)
+        if base is not None:
+            acting = base.undo_wrench(*acting, time)
+        wrench = frame.wrench_to_plane(*acting)
         known = find_complete_rows(wrench)
         wrench[~known] = np.nan
         external.add(
@@ -635,9 +640,9 @@ def measure_sensors(
             known_fraction=float(known.mean()),
             measures=sensor.measures,
         )
-        external.reasons += describe_held(log.held, used.time[0] - offset, used.time[-1] - offset)
+        external.reasons += describe_held(log.held, time[0] - offset, time[-1] - offset)
         if sensor.measures != "beyond":  # a force of the surroundings
-            vertical = recording.decimate(plate, used.thinned.time, used.thinned.rate).force[:, 2]
+            vertical = recording.decimate(plate, thinned.time, thinned.rate).force[:, 2]
             external.vertical = external.vertical + vertical
 
 
