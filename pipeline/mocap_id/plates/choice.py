@@ -232,7 +232,7 @@ _STEP_S = 0.1  # time step of the second differences that give the accelerations
 # Fraction of the usual load. If the load is smaller, a chair, for example, may also exert a horizontal force.
 _MIN_SHARE = 0.6
 _ANGLES = tuple(np.radians(np.arange(-175, 181, 5)).tolist())
-_DIRECTION_MIN_TOTAL_S = 1.0
+_MIN_JUDGED_S = 1.0
 _RISEN = 0.7  # fraction of the rise of the body above which no chair touches it
 # a mean over this time is subtracted from forces and accelerations: objects that the person takes or puts down, and
 # hands on a support, change the force more slowly
@@ -356,7 +356,7 @@ def compare_directions(force: FloatArray, positions: FloatArray, rate: float) ->
     with np.errstate(invalid="ignore"):
         known = np.isfinite(acceleration).all(axis=(0, 2))
         known &= averaged[:, 2] > _MIN_SHARE * np.nanpercentile(force[:, 2], 95)
-    if known.sum() < _DIRECTION_MIN_TOTAL_S * rate:
+    if known.sum() < _MIN_JUDGED_S * rate:
         return None
     kept = np.flatnonzero(known)[:: max(1, half // 4)]  # the averaged signals contain no higher frequencies
     measured, parts = averaged[kept, :2], acceleration[:, kept]

@@ -122,7 +122,7 @@ _SWAY_M_S = 0.03  # largest speed of the markers' mean while a person stands sti
 _PAUSE_S = 0.5  # shortest time of standing still. In a shorter time, the mean acceleration may differ from zero.
 _MIN_TOTAL_S = 1.0
 # a foot is beside a plate if the mean of its markers is farther than this outside the outline of the plate
-_PLACEMENT_BESIDE_M = 0.02
+_OFF_PLATE_M = 0.02
 # If the centre of pressure is not farther than this from one foot, towards the other foot, the force acts under that
 # foot alone: a length, and a fraction of the distance of the feet. People who load both feet have 0.4 to 0.6.
 _UNDER_M, _UNDER_SHARE = 0.035, 0.2
@@ -278,9 +278,9 @@ def find_foot_beside(
     if len(surfaces) == len(plates):
         beside = min(_measure_beside(centres[1 - loaded], plate) for plate in plates)
         own = min(_measure_beside(centres[loaded], plate) for plate in plates)
-        if own <= _PLACEMENT_BESIDE_M < beside and share < _UNDER_NEARER:
+        if own <= _OFF_PLATE_M < beside and share < _UNDER_NEARER:
             return feet[1 - loaded], beside, share
-        if len(plates) == 1 and beside <= _PLACEMENT_BESIDE_M:
+        if len(plates) == 1 and beside <= _OFF_PLATE_M:
             return None  # both feet are on the plate, so it measures both, even if one carries nearly all the load
     under = min(_UNDER_M, _UNDER_SHARE * width)
     return (feet[1 - loaded], beside, share) if abs(share) * width < under else None

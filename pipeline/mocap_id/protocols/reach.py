@@ -609,7 +609,7 @@ _BOX, _REGION = (12, 24, 16), (8, 16, 32)
 # grid for the changes of the volume by one standard deviation; their error is a few per cent
 _CHANGES = (9, 18, 12)
 _ENOUGH = 0.01, 0.02  # grids for the box and for a region are refined until the volume changes by less than this share
-_WORKSPACE_MOST = 4  # largest number of grids
+_MOST_GRIDS = 4  # largest number of grids
 
 
 def compute_workspace(
@@ -683,7 +683,7 @@ def _refine(arm: ReachArm, limits: FloatArray, planes: PlaneRange | None = None)
     """Return the volumes with finer and finer grids, at least two, m³."""
     grid, enough = (_BOX, _ENOUGH[0]) if planes is None else (_REGION, _ENOUGH[1])
     volumes = [compute_reachable_set(arm, limits, grid, planes).volume]
-    while len(volumes) < _WORKSPACE_MOST:
+    while len(volumes) < _MOST_GRIDS:
         distances, polar, turns = (int(np.ceil(1.5 * each)) for each in grid)
         grid = distances, polar, turns
         volumes.append(compute_reachable_set(arm, limits, grid, planes).volume)

@@ -206,7 +206,7 @@ def fit_anatomical_frames(
         segment["GH"] = fit.chain.joints[segment["GH"] - 1].parent
     if not segment:
         out.fact(frames="own")
-        return fit, fit.chain, _make_landmark_arrays({}, {}, {})
+        return fit, fit.chain, make_landmark_arrays({}, {}, {})
     tracks = view.read_positions(np.array(list(markers.values()), dtype=np.int64))
     points = view.read_positions(columns)
     given = None
@@ -302,7 +302,7 @@ def fit_anatomical_frames(
     shifts = np.zeros((len(names), 3))
     shifts[0] = frames.frames[names[0]].origin if names[0] in frames.frames else np.zeros(3)
     local = {name: turns[segment[name]].T @ (each.local - shifts[segment[name]]) for name, each in positions.items()}
-    landmarks = _make_landmark_arrays(local, segment, positions)
+    landmarks = make_landmark_arrays(local, segment, positions)
     return refined, change_frames(refined.chain, turns, shifts[0]), landmarks
 
 
@@ -383,7 +383,7 @@ def _fit_frames(
     return rotate_to_elbow_axis(frames, elbow.first_axis, elbow.axes_covariance[0])
 
 
-def _make_landmark_arrays(
+def make_landmark_arrays(
     local: Mapping[str, FloatArray], segment: Mapping[str, int], positions: Mapping[str, LandmarkPosition]
 ) -> dict[str, Any]:
     """Return the datasets of the group ``landmarks`` of chain.h5; ``local`` are their positions, m, by name."""

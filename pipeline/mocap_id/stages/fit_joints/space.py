@@ -21,6 +21,7 @@ from mocap_id.stages.fit_joints.anatomy import (
     check_lengths,
     find_points_near_joints,
     fit_anatomical_frames,
+    make_landmark_arrays,
     report_implausible_arm,
     report_unused_pointers,
 )
@@ -286,12 +287,7 @@ def fit_skeleton_chain(context: Context) -> Outputs:
             "skin": np.zeros(len(used)),
             "skin_sd": np.zeros(len(used)),
         },
-        "landmarks": {
-            "name": np.array([], dtype=object),
-            "segment": np.zeros(0, dtype=np.int64),
-            "local": np.zeros((0, 3)),
-            "sd": np.zeros(0),
-        },
+        "landmarks": make_landmark_arrays({}, {}, {}),
     }
     scale = float(np.clip(np.mean([bone.noise for bone in bones[:2]]) / _USUAL_NOISE, *_SCALES))
     frames = np.diag((scale * _FRAME_SD) ** 2)

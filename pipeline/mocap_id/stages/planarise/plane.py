@@ -32,7 +32,6 @@ from mocap_id.stages.planarise.wrenches import (
     describe_losses,
     describe_plates,
     judge_course,
-    measure_lateral_cop,
     measure_seat,
     measure_sensors,
     place_board,
@@ -43,7 +42,7 @@ from mocap_id.store import LongTable, Table
 from mocap_id.store.provenance import PLANAR, WRENCH
 from mocap_id.verdict import Reason
 
-_LISTED = 5  # largest number of swaps in the message; the facts contain all
+_LISTED = 5  # largest number of swaps, or of displacements of the feet, in a message; the facts contain all
 
 
 @dataclass(frozen=True)
@@ -194,41 +193,6 @@ def choose_on_one_clock(
     return source, thinned, choice, clock
 
 
-def check_swaps(out: Findings, part: UsedPart, *, repair: bool) -> tuple[FloatArray, list[dict[str, Any]]]:
-    """Find swapped labels, add a reason and, if ``repair``, correct them; return the positions and the swaps' facts."""
-    swaps = find_swaps(part.positions, part.source.rate)
-    if not swaps:
-        return part.positions, []
-    facts = [
-        {
-            "labels": [part.labels[swap.first], part.labels[swap.second]],
-            "first_frame": int(part.frames[swap.start]),
-            "last_frame": int(part.frames[swap.stop - 1]),
-            "first_s": float(part.time[swap.start]),
-            "last_s": float(part.time[swap.stop - 1]),
-            "repaired": repair,
-        }
-        for swap in swaps
-    ]
-    listed = "; ".join(
-        f"{part.labels[swap.first]} and {part.labels[swap.second]} in frames {part.frames[swap.start]} to "
-        f"{part.frames[swap.stop - 1]} ({part.time[swap.start]:.2f} to {part.time[swap.stop - 1]:.2f} s)"
-        for swap in swaps[:_LISTED]
-    )
-    rest = f"; and {len(swaps) - _LISTED} more" if len(swaps) > _LISTED else ""
-    times = "once" if len(swaps) == 1 else f"{len(swaps)} times"
-    outcome = (
-        "These frames were corrected in the results; the file was not changed."
-        if repair
-        else "Both markers are left out of the skeleton in these frames. To use them there, set "
-        "`planarise: {repair_swaps: true}`, or relabel them and export the trial again."
-    )
-    message = f"two markers have each other's label {times}: {listed}{rest}. {outcome}"
-    out.say("marker-swap", message, float(len(swaps)), level="ok" if repair else "caution")
-    return undo_swaps(part.positions, swaps) if repair else part.positions, facts
-
-
-_PLANE_LISTED = 5  # largest number of changes in the message; the facts contain all
 _HIGH_M = 1.1  # largest height of the centre of mass
 
 
@@ -240,8 +204,40 @@ def planarise(context: Context) -> Outputs:
     out = Findings()
     log, source = read_board_plate(files.forces, read_recording(files, settings))
     part = select_part(source, context.trial.window, settings.ignore)
-    positions, swaps = check_swaps(out, part, repair=settings.repair_swaps)
-    part = replace(part, positions=positions)
+
+    # markers that have each other's label for a while
+    repair, swaps = settings.repair_swaps, find_swaps(part.positions, part.source.rate)
+    swap_facts = [
+        {
+            "labels": [part.labels[swap.first], part.labels[swap.second]],
+            "first_frame": int(part.frames[swap.start]),
+            "last_frame": int(part.frames[swap.stop - 1]),
+            "first_s": float(part.time[swap.start]),
+            "last_s": float(part.time[swap.stop - 1]),
+            "repaired": repair,
+        }
+        for swap in swaps
+    ]
+    if swaps:
+        listed = "; ".join(
+            f"{part.labels[swap.first]} and {part.labels[swap.second]} in frames {part.frames[swap.start]} to "
+            f"{part.frames[swap.stop - 1]} ({part.time[swap.start]:.2f} to {part.time[swap.stop - 1]:.2f} s)"
+            for swap in swaps[:_LISTED]
+        )
+        rest = f"; and {len(swaps) - _LISTED} more" if len(swaps) > _LISTED else ""
+        times = "once" if len(swaps) == 1 else f"{len(swaps)} times"
+        outcome = (
+            "These frames were corrected in the results; the file was not changed."
+            if repair
+            else "Both markers are left out of the skeleton in these frames. To use them there, set "
+            "`planarise: {repair_swaps: true}`, or relabel them and export the trial again."
+        )
+        message = f"two markers have each other's label {times}: {listed}{rest}. {outcome}"
+        out.say("marker-swap", message, float(len(swaps)), level="ok" if repair else "caution")
+        if repair:
+            part = replace(part, positions=undo_swaps(part.positions, swaps))
+
+    # use of the plates, and motion of the base, which everything later is relative to
     source, thinned, choice, clock = choose_on_one_clock(source, part, feet=named.feet, seat=named.seat)
     on_feet = choice.indices("feet")
     samples = [recording.decimate(plate, part.time, source.rate) for plate in source.plates]
@@ -293,11 +289,53 @@ def planarise(context: Context) -> Outputs:
         },
         bursts=list_bursts(part, points),
         missing_fraction=float(1.0 - visible.mean()),
-        swaps=swaps,
+        swaps=swap_facts,
         base_motion=None,
     )
     if base is not None:
-        describe_base(out, base, part.labels, frame)
+        axes = frame.axes[[0, 2], :2]
+        stretches = [
+            {
+                "from_s": each.start,
+                "to_s": each.end,
+                "along_m": float(axes[0] @ each.shift),
+                "across_m": float(axes[1] @ each.shift),
+                "turn_deg": float(np.degrees(each.turn)),
+                "misfit_m": each.misfit,
+            }
+            for each in base.stretches
+        ]
+        path = [
+            {"time_s": float(time), "shift_m": pose[:2].tolist(), "turn_deg": float(np.degrees(pose[2]))}
+            for time, pose in zip(base.knots, base.poses, strict=True)
+        ]
+        out.fact(
+            base_motion={
+                "stretches": stretches,
+                "markers": [part.labels[marker] for marker in base.feet],
+                "fixed_markers": [label for label, fixed in zip(part.labels, base.fixed, strict=True) if fixed],
+                "centre_m": base.centre.tolist(),
+                "path": path,
+            }
+        )
+        changes = []
+        for before, after in pairwise(base.stretches):
+            shift = 1e2 * float(np.linalg.norm(after.shift - before.shift))
+            turn = abs(float(np.degrees(after.turn - before.turn)))
+            rotation = f" and rotated by {turn:.0f}°" if turn >= 1.0 else ""
+            changes.append(f"by {shift:.1f} cm{rotation} between {before.end:.1f} and {after.start:.1f} s")
+        rest = f"; and {len(changes) - _LISTED} more changes" if len(changes) > _LISTED else ""
+        moved = f"the feet moved to another position: {'; '.join(changes[:_LISTED])}{rest}. "
+        farthest, first = max(float(np.linalg.norm(each.shift)) for each in base.stretches), base.stretches[0]
+        outcome = (
+            "This was corrected: markers, forces and moments are expressed relative to the feet. x, tauz and "
+            f"the centre of pressure refer to the position of the feet from {first.start:.1f} to {first.end:.1f} s."
+            if base.rigid
+            else "They did not move together: their markers differ by "
+            f"{1e3 * max(each.misfit for each in base.stretches):.0f} mm rms from a common motion. Only their mean "
+            "displacement was corrected, so the joints are less exact: analyse each part alone with `window:`"
+        )
+        out.say("base-moved", moved + outcome, farthest, level="ok" if base.rigid else "caution")
     lift = find_heel_lift(thinned.positions, thinned.time, thinned.rate)
     out.fact(
         heel_lift=None
@@ -379,13 +417,18 @@ def planarise(context: Context) -> Outputs:
         ground.reasons += board_reasons
     if board is not None or not horizontal:
         wrench["Fx"] = np.full(len(part.time), np.nan)
-    across = measure_lateral_cop(thinned.samples, frame, threshold)
+    across: list[float | None] = []  # median centre of pressure of each plate along z, m; None if never loaded
+    for each in thinned.samples:
+        force = each.force @ frame.axes.T
+        moment = (each.moment - np.cross(frame.origin, each.force)) @ frame.axes.T
+        loaded = each.ok & (np.nan_to_num(force[:, 1]) > threshold)
+        across.append(float(np.median(-moment[loaded, 0] / force[loaded, 1])) if loaded.any() else None)
     ground.fact(
         registration=check.facts,
         clock=clock.facts(),
         unusable=unusable,
         horizontal_measured=horizontal,
-        plates=[plate | {"across_m": each} for plate, each in zip(ground.facts["plates"], across, strict=True)],
+        plates=[plate | {"across_m": z} for plate, z in zip(ground.facts["plates"], across, strict=True)],
     )
     describe_losses(ground, feet, part.time, missing, clock.offset_s)
     # the lean of the plane may explain a force beside the feet
@@ -413,50 +456,3 @@ def undo_in_frames(base: BaseMotion | None, thinned: ThinnedFrames) -> ThinnedFr
         return thinned
     positions = base.undo_positions(thinned.positions, thinned.time)
     return replace(thinned, positions=positions, samples=tuple(undo_in_samples(base, thinned.samples, thinned.time)))
-
-
-def describe_base(out: Findings, base: BaseMotion, labels: Sequence[str], frame: PlaneFrame) -> None:
-    """Add the fact ``base_motion`` and a reason; ``frame`` is the plane's frame before the base moved."""
-    axes = frame.axes[[0, 2], :2]
-    stretches = [
-        {
-            "from_s": each.start,
-            "to_s": each.end,
-            "along_m": float(axes[0] @ each.shift),
-            "across_m": float(axes[1] @ each.shift),
-            "turn_deg": float(np.degrees(each.turn)),
-            "misfit_m": each.misfit,
-        }
-        for each in base.stretches
-    ]
-    path = [
-        {"time_s": float(time), "shift_m": pose[:2].tolist(), "turn_deg": float(np.degrees(pose[2]))}
-        for time, pose in zip(base.knots, base.poses, strict=True)
-    ]
-    out.fact(
-        base_motion={
-            "stretches": stretches,
-            "markers": [labels[marker] for marker in base.feet],
-            "fixed_markers": [label for label, fixed in zip(labels, base.fixed, strict=True) if fixed],
-            "centre_m": base.centre.tolist(),
-            "path": path,
-        }
-    )
-    changes = []
-    for before, after in pairwise(base.stretches):
-        shift = 1e2 * float(np.linalg.norm(after.shift - before.shift))
-        turn = abs(float(np.degrees(after.turn - before.turn)))
-        rotation = f" and rotated by {turn:.0f}°" if turn >= 1.0 else ""
-        changes.append(f"by {shift:.1f} cm{rotation} between {before.end:.1f} and {after.start:.1f} s")
-    rest = f"; and {len(changes) - _PLANE_LISTED} more changes" if len(changes) > _PLANE_LISTED else ""
-    moved = f"the feet moved to another position: {'; '.join(changes[:_PLANE_LISTED])}{rest}. "
-    farthest, first = max(float(np.linalg.norm(each.shift)) for each in base.stretches), base.stretches[0]
-    outcome = (
-        "This was corrected: markers, forces and moments are expressed relative to the feet. x, tauz and "
-        f"the centre of pressure refer to the position of the feet from {first.start:.1f} to {first.end:.1f} s."
-        if base.rigid
-        else "They did not move together: their markers differ by "
-        f"{1e3 * max(each.misfit for each in base.stretches):.0f} mm rms from a common motion. Only their mean "
-        "displacement was corrected, so the joints are less exact: analyse each part alone with `window:`"
-    )
-    out.say("base-moved", moved + outcome, farthest, level="ok" if base.rigid else "caution")

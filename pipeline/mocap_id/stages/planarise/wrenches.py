@@ -710,23 +710,12 @@ def find_plates_centre(
     return [float(x) for x in (centre * [1.0, 1.0, -1.0] if mirrored else centre)]
 
 
-def measure_lateral_cop(samples: Sequence[PlateSamples], frame: PlaneFrame, threshold: float) -> list[float | None]:
-    """Return the median centre of pressure of each plate along z, m; None if never loaded above ``threshold``, N."""
-    medians: list[float | None] = []
-    for plate in samples:
-        force = plate.force @ frame.axes.T
-        moment = (plate.moment - np.cross(frame.origin, plate.force)) @ frame.axes.T
-        loaded = plate.ok & (np.nan_to_num(force[:, 1]) > threshold)
-        medians.append(float(np.median(-moment[loaded, 0] / force[loaded, 1])) if loaded.any() else None)
-    return medians
-
-
 _LOADED = 0.9  # fraction of the usual largest load above which the person is off the chair
 _SMOOTH_S = 0.15
-_WRENCHES_ALONG = 2.0  # smallest ratio of the movements of the centre of pressure along and across the motion
+_MOSTLY_ALONG = 2.0  # smallest ratio of the movements of the centre of pressure along and across the motion
 _EXPLAINED = 0.5  # smallest fraction of the variance of the centre of pressure that the movement of the body explains
 _DIRECTIONS = {"forwards": (1.0, 0.0), "backwards": (-1.0, 0.0), "left": (0.0, 1.0), "right": (0.0, -1.0)}
-_WRENCHES_FEW = 0.02
+_FEW_GAPS = 0.02
 _STANDS_N = 50.0
 
 
@@ -812,8 +801,8 @@ def place_board(
             f"the balance board sent no data {log.gaps} times for more than 0.15 s ({100 * share:.1f} % of its time): "
             "these samples are left out. Bring the receiver closer, and close other programs",
             share,
-            _WRENCHES_FEW,
-            "caution" if share > _WRENCHES_FEW else "ok",
+            _FEW_GAPS,
+            "caution" if share > _FEW_GAPS else "ok",
         )
     origin = np.array([0.0, 0.0, centre[2] - CELLS_BELOW_SURFACE_M])
     return replace(plate, moment=moment), origin, facts, tuple(out.reasons)
@@ -843,4 +832,4 @@ def _find_direction(pressure: FloatArray, load: FloatArray, along: FloatArray, r
     slope, *_ = np.linalg.lstsq(rows, series[:, axis], rcond=None)
     explained = 1.0 - float(np.var(series[:, axis] - rows @ slope)) / float(spread[axis] ** 2)
     name = (("left", "forwards") if slope[1] > 0.0 else ("right", "backwards"))[axis]
-    return name, bool(spread[axis] > _WRENCHES_ALONG * spread[1 - axis] and explained > _EXPLAINED)
+    return name, bool(spread[axis] > _MOSTLY_ALONG * spread[1 - axis] and explained > _EXPLAINED)

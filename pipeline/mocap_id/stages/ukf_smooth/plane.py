@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -58,9 +58,6 @@ from mocap_id.stages.ukf_smooth.checks import (
 from mocap_id.store import LongTable, Table
 from mocap_id.store.provenance import ANGLES, ENCODER, MARKERS, POSES, STATES
 from mocap_id.store.views import Skeleton, Trajectories
-
-if TYPE_CHECKING:
-    from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 
 _ENCODER_NOISE = "encoder noise"
 _SNAP_RATIO = 2.0  # in people, the hip, which moves fastest, has 1.5 to 1.8 times the median of the joints
@@ -144,7 +141,10 @@ def ukf_smooth(context: Context) -> Outputs:
     del observed
     labels = [skeleton.markers[k] for k in np.flatnonzero(moves)]
     if skin is None:
-        skin, basis = assume_skin(states, tree.array("markers/residual")[moves], skeleton.covariance), "the joint fit"
+        skin = assume_skin(
+            states.chain, states.mean[..., 0], tree.array("markers/residual")[moves], skeleton.covariance
+        )
+        basis = "the joint fit"
     else:
         labels, basis = [labels[k] for k in np.flatnonzero(np.any(states.used, axis=0))], "all frames"
 
@@ -275,17 +275,22 @@ def estimate_skin(states: States, used_markers: FloatArray, camera: float) -> Sk
         return None
     points = as_complex(used_markers)
     points = points if used.all() else points[:, used]
-    return fit_skin(points, chain.segment[used], _chain_state(states, used), np.flatnonzero(complete), camera)
+    angles = np.cumsum(interpolate_gaps(states.mean[..., 0]), axis=1)
+    state = ChainState(as_complex(chain.centres), as_complex(chain.local[used]), angles)
+    return fit_skin(points, chain.segment[used], state, np.flatnonzero(complete), camera)
 
 
-def assume_skin(states: States, residual: FloatArray, centre_covariance: FloatArray) -> SkinModel:
+def assume_skin(
+    chain: MarkerChain, angles: FloatArray, residual: FloatArray, centre_covariance: FloatArray
+) -> SkinModel:
     """Return a model of the skin in which all residuals of the markers in the fit of the joints are skin motion.
 
-    ``residual`` (M,) is the rms residual of each marker, m; ``centre_covariance`` (n, 2, 2) is the covariance of the
-    joint centres, m^2.
+    ``angles`` (F, n) are those of the joints, rad, ``residual`` (M,) is the rms residual of each marker, m, and
+    ``centre_covariance`` (n, 2, 2) the covariance of the joint centres, m^2.
     """
-    every = np.ones(len(states.chain.segment), dtype=np.bool_)
-    return skin_from_residuals(_chain_state(states, every), states.chain.segment, residual, centre_covariance)
+    summed = np.cumsum(interpolate_gaps(angles), axis=1)
+    state = ChainState(as_complex(chain.centres), as_complex(chain.local), summed)
+    return skin_from_residuals(state, chain.segment, residual, centre_covariance)
 
 
 def estimate_lasting_errors(
@@ -363,13 +368,6 @@ def _compute_stretch_variance(
         factor = min(usual, float(np.hypot(hidden, visible)) / rms)
         variance[:, :, order] = factor**2 * np.outer(nearby if order else np.full(len(frames), rms**2), joint)
     return variance
-
-
-def _chain_state(states: States, markers: BoolArray) -> ChainState:
-    """Return the chain in every frame, with the markers for which ``markers`` (M,) is true."""
-    chain = states.chain
-    angles = np.cumsum(interpolate_gaps(states.mean[..., 0]), axis=1)
-    return ChainState(as_complex(chain.centres), as_complex(chain.local[markers]), angles)
 
 
 OTHERS = "others"  # name of the body with all markers that are on no segment, for example on arms and head

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -57,7 +57,7 @@ _ANATOMICAL = {
 """Joints with angles of the ISB: the two segments of each, and the function of the angles."""
 
 
-def smooth_rotations(context: Context) -> Outputs:
+def smooth_trial_in_space(context: Context) -> Outputs:
     """Return the artefacts of the stage for a trial in space; skin.h5 and encoder.parquet are empty."""
     settings: UkfSmoothSettings = context.settings
     tree, bad = context.tree("chain.h5"), context.table("segments.parquet").facts.get("bad_stretches", ())
@@ -75,7 +75,7 @@ def smooth_rotations(context: Context) -> Outputs:
     from_skeleton = is_skeleton(view.planar.facts)
     sensors = Findings()
     if from_skeleton:
-        states = smooth_skeleton_states(tree, view, points, skeleton.chain, settings.gate)
+        states = _smooth_skeleton_states(tree, view, points, skeleton.chain, settings.gate)
     elif context.trial.imus:
         from mocap_id.estimation.space.skeleton_smoothing import fuse_in_space  # noqa: PLC0415  only with sensors
         from mocap_id.stages.ukf_smooth.inertial import describe_sensors, read_sensors  # noqa: PLC0415
@@ -92,8 +92,9 @@ def smooth_rotations(context: Context) -> Outputs:
     rejected = find_rejected_segments(skeleton.chain.segment, len(skeleton.segments), visible, states.used)
     observed = states.observed if from_skeleton else states.observed & ~rejected
     observed = bridge_repeated(observed, repeated, view.rate)
-    angles = _angles(states, skeleton, tree.facts)
-    angles = [limit_to_skeleton(each) for each in angles] if from_skeleton else angles
+    angles = _compute_angles(states, skeleton, tree.facts)
+    if from_skeleton:
+        angles = [_limit_to_skeleton(each) for each in angles]
     stretches = [] if from_skeleton else list_rejected(rejected, view.time, skeleton.segments)
     lost = {"rejected": stretches} if stretches else {}
     off = np.linalg.norm(points - states.predicted, axis=2)
@@ -123,6 +124,57 @@ def smooth_rotations(context: Context) -> Outputs:
         thorax = states.rotations[:, skeleton.segments.index("thorax"), :, 1]
     check_arm_motion(out, angles, thorax)
 
+    # the states of the hinges, numbered by joint
+    hinges: dict[str, FloatArray | BoolArray] = {"time": view.time}
+    for k, joint in enumerate(skeleton.chain.joints):
+        if joint.kind == "hinge":
+            for d, name in enumerate(("theta", "dtheta", "ddtheta")):
+                hinges[f"{name}_{k + 1}"] = states.coordinates[:, k, d, 0].copy()
+                hinges[f"sd_{name}_{k + 1}"] = states.sd_coordinates[:, k, d, 0].copy()
+            hinges[f"dddtheta_{k + 1}"] = states.jerk[:, k] @ (joint.offset.T @ joint.first_axis)
+            hinges[f"observed_{k + 1}"] = observed[:, k + 1].copy()
+
+    # the poses: the origin of the thorax is IJ (if it has this landmark), that of any other segment its joint's centre
+    poses: dict[str, FloatArray | BoolArray] = {"time": view.time}
+    for k, name in enumerate(skeleton.segments):
+        origin = states.origins[:, k]
+        if name == "thorax" and "IJ" in skeleton.landmarks:
+            origin = origin + states.rotations[:, k] @ skeleton.landmark_local[skeleton.landmarks.index("IJ")]
+        quaternion = so3.quaternion(states.rotations[:, k])
+        known = np.flatnonzero(np.isfinite(quaternion).all(axis=1))
+        if len(known):  # the sign does not jump between known samples; the first scalar part is positive
+            same = np.sum(quaternion[known[1:]] * quaternion[known[:-1]], axis=1) >= 0
+            first = 1.0 if quaternion[known[0], 0] >= 0 else -1.0
+            quaternion[known] *= (first * np.cumprod(np.concatenate([[1.0], np.where(same, 1.0, -1.0)])))[:, None]
+        poses |= {f"{name}_q{axis}": quaternion[:, i].copy() for i, axis in enumerate("wxyz")}
+        for i, axis in enumerate("xyz"):
+            poses |= {
+                f"{name}_{axis}": origin[:, i].copy(),
+                f"{name}_omega_{axis}": states.omega[:, k, i].copy(),
+                f"{name}_alpha_{axis}": states.alpha[:, k, i].copy(),
+            }
+        poses |= {
+            f"sd_{name}_rotation": states.sd_rotation[:, k].copy(),
+            f"sd_{name}_omega": states.sd_omega[:, k].copy(),
+            f"sd_{name}_alpha": states.sd_alpha[:, k].copy(),
+            f"{name}_observed": observed[:, k].copy(),
+        }
+
+    of_joints: dict[str, FloatArray] = {"time": view.time}
+    for each in angles:
+        for k, name in enumerate(each.names):
+            of_joints |= {
+                name: each.angle[:, k],
+                f"d{name}": each.rate[:, k],
+                f"dd{name}": each.acceleration[:, k],
+                f"sd_{name}": each.sd.angle[:, k],
+                f"sd_d{name}": each.sd.rate[:, k],
+                f"sd_dd{name}": each.sd.acceleration[:, k],
+                f"constant_sd_{name}": np.where(np.isfinite(each.angle[:, k]), each.constant_sd[k], np.nan),
+            }
+        if each.names == SHOULDER:
+            of_joints["isb_condition"] = each.condition
+
     markers = {axis: np.ascontiguousarray(states.predicted[..., i]) for i, axis in enumerate("xyz")}
     # skin.h5 has no markers: the standard deviations of the states include the errors from skin
     shapes = {
@@ -137,16 +189,16 @@ def smooth_rotations(context: Context) -> Outputs:
         kind = {"float64": np.float64, "int64": np.int64, "str": object}[node.dtype]
         skin.setdefault(group, {})[name] = np.zeros(shapes.get(node.name, (0,)), dtype=kind)
     return (
-        Table(STATES, _state_columns(states, skeleton, view.time, observed), out.facts, tuple(out.reasons)),
+        Table(STATES, hinges, out.facts, tuple(out.reasons)),
         LongTable(MARKERS, view.frames, view.time, skeleton.markers, {**markers, "residual": off, "used": states.used}),
         Tree(SKIN, skin, {"camera_sd_m": None, "basis": "not estimated for trials in space"}),
         empty_encoder_table("a trial in space has no encoder"),
-        Table(POSES, _pose_columns(states, skeleton, view.time, observed), lost),
-        Table(ANGLES, _angle_columns(angles, view.time)),
+        Table(POSES, poses, lost),
+        Table(ANGLES, of_joints),
     )
 
 
-def _angles(states: SpatialStates, skeleton: SpatialSkeleton, facts: Mapping[str, Any]) -> list[JointAngles]:
+def _compute_angles(states: SpatialStates, skeleton: SpatialSkeleton, facts: Mapping[str, Any]) -> list[JointAngles]:
     """Return the angles of the ISB for joints with known anatomical frames, and the coordinates of all other joints."""
     found: list[JointAngles] = []
     done: set[int] = set()
@@ -178,74 +230,6 @@ def _relative_motion(states: SpatialStates, k: int) -> RelativeMotion:
     )
 
 
-def _angle_columns(found: Sequence[JointAngles], time: FloatArray) -> dict[str, FloatArray]:
-    columns: dict[str, FloatArray] = {"time": time}
-    for angles in found:
-        for k, name in enumerate(angles.names):
-            columns |= {
-                name: angles.angle[:, k],
-                f"d{name}": angles.rate[:, k],
-                f"dd{name}": angles.acceleration[:, k],
-                f"sd_{name}": angles.sd.angle[:, k],
-                f"sd_d{name}": angles.sd.rate[:, k],
-                f"sd_dd{name}": angles.sd.acceleration[:, k],
-                f"constant_sd_{name}": np.where(np.isfinite(angles.angle[:, k]), angles.constant_sd[k], np.nan),
-            }
-        if angles.names == SHOULDER:
-            columns["isb_condition"] = angles.condition
-    return columns
-
-
-def _pose_columns(
-    states: SpatialStates, skeleton: SpatialSkeleton, time: FloatArray, observed: BoolArray
-) -> dict[str, FloatArray | BoolArray]:
-    """Return the columns of poses.parquet.
-
-    The origin of the thorax is IJ (if it has this landmark), that of any other segment is the centre of its joint.
-    """
-    columns: dict[str, FloatArray | BoolArray] = {"time": time}
-    for k, name in enumerate(skeleton.segments):
-        origin = states.origins[:, k]
-        if name == "thorax" and "IJ" in skeleton.landmarks:
-            origin = origin + states.rotations[:, k] @ skeleton.landmark_local[skeleton.landmarks.index("IJ")]
-        quaternion = so3.quaternion(states.rotations[:, k])
-        known = np.flatnonzero(np.isfinite(quaternion).all(axis=1))
-        if len(known):  # the sign does not jump between known samples; the first scalar part is positive
-            same = np.sum(quaternion[known[1:]] * quaternion[known[:-1]], axis=1) >= 0
-            first = 1.0 if quaternion[known[0], 0] >= 0 else -1.0
-            quaternion[known] *= (first * np.cumprod(np.concatenate([[1.0], np.where(same, 1.0, -1.0)])))[:, None]
-        columns |= {f"{name}_q{axis}": quaternion[:, i].copy() for i, axis in enumerate("wxyz")}
-        for i, axis in enumerate("xyz"):
-            columns |= {
-                f"{name}_{axis}": origin[:, i].copy(),
-                f"{name}_omega_{axis}": states.omega[:, k, i].copy(),
-                f"{name}_alpha_{axis}": states.alpha[:, k, i].copy(),
-            }
-        columns |= {
-            f"sd_{name}_rotation": states.sd_rotation[:, k].copy(),
-            f"sd_{name}_omega": states.sd_omega[:, k].copy(),
-            f"sd_{name}_alpha": states.sd_alpha[:, k].copy(),
-            f"{name}_observed": observed[:, k].copy(),
-        }
-    return columns
-
-
-def _state_columns(
-    states: SpatialStates, skeleton: SpatialSkeleton, time: FloatArray, observed: BoolArray
-) -> dict[str, FloatArray | BoolArray]:
-    """Return the states of the hinges as columns, numbered by joint."""
-    columns: dict[str, FloatArray | BoolArray] = {"time": time}
-    for k, joint in enumerate(skeleton.chain.joints):
-        if joint.kind != "hinge":
-            continue
-        for d, name in enumerate(("theta", "dtheta", "ddtheta")):
-            columns[f"{name}_{k + 1}"] = states.coordinates[:, k, d, 0].copy()
-            columns[f"sd_{name}_{k + 1}"] = states.sd_coordinates[:, k, d, 0].copy()
-        columns[f"dddtheta_{k + 1}"] = states.jerk[:, k] @ (joint.offset.T @ joint.first_axis)
-        columns[f"observed_{k + 1}"] = observed[:, k + 1].copy()
-    return columns
-
-
 _BRIDGED = 0.3  # s, longest gap that is filled to estimate the noise of the movement
 _GUESSED_SD = 0.03  # m, standard deviation of a joint whose position the sensor guessed
 _LASTING_SD = 0.009  # m, standard deviation of the part of a joint's lasting error that changes with the posture
@@ -255,14 +239,10 @@ _ELEVATION_BIAS = float(np.radians(13.0))
 _LARGEST_SD = 0.6  # rad; a more uncertain axial rotation is left out, because a straight elbow does not determine it
 
 
-def smooth_skeleton_states(
+def _smooth_skeleton_states(
     tree: Tree, view: Trajectories, points: FloatArray, chain: SpatialChain, gate: float
 ) -> SpatialStates:
-    """Return the smoothed states of the chain, from the joints ``points`` (F, M, 3) of a skeleton recording, m.
-
-    ``tree`` is the content of chain.h5. A sample farther than ``gate`` standard deviations from its prediction is left
-    out.
-    """
+    """Return the smoothed states of the chain from the joints ``points`` (F, M, 3) of a skeleton recording, m."""
     residual = tree.numbers("markers/residual")
     sd, trunk, facts = np.maximum(residual, 1e-3), chain.segment == 0, tree.facts["noise"]
     points = remove_jumps(points, gate * sd)
@@ -295,7 +275,7 @@ def smooth_skeleton_states(
     return smooth_skeleton(points, view.rate, chain, (rotations, origins), noise, gate=gate)
 
 
-def limit_to_skeleton(angles: JointAngles) -> JointAngles:
+def _limit_to_skeleton(angles: JointAngles) -> JointAngles:
     """Return the angles of a joint of a skeleton; only those of the shoulder change.
 
     The axial rotation of the shoulder becomes NaN where it is too uncertain, because the elbow is nearly straight. The
