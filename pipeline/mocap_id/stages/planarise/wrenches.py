@@ -17,7 +17,6 @@ from mocap_id.kinematics.base_motion import BaseMotion
 from mocap_id.kinematics.plane import find_feet
 from mocap_id.plates.choice import (
     GRAVITY,
-    ForceDirection,
     PlateChoice,
     ZeroRule,
     compare_directions,
@@ -27,7 +26,6 @@ from mocap_id.plates.choice import (
 )
 from mocap_id.plates.placement import (
     FootLoad,
-    PlatePlacement,
     compare_with_feet,
     find_foot_beside,
     find_pinned_pressure,
@@ -122,76 +120,27 @@ def check_registration(
         if whole is None
         else {"angle_deg": float(np.degrees(whole.angle)), "coherence": whole.coherence, "rms": whole.size},
     )
-    _check_placement(out, found)
-    _check_tilt(out, found, lean)
-    _check_rotation(out, plates, whole, alone)
-    unusable = None
+
+    # centres of pressure that only wrong moments explain: beside the feet, or never away from the plate's centre
     pinned = {
         plate.index: away
         for plate, each in zip(plates, samples, strict=True)
         if (person or yaw is None) and (away := find_pinned_pressure(plate, each, positions)) is not None
     }
-    if pinned:
-        out.reasons = [each for each in out.reasons if each.code != "plate-misplaced"]
-        unusable = (
-            f"the centre of pressure never leaves the centre of plate {' and '.join(map(str, pinned))} (it moves by at "
-            f"most {1e3 * max(pinned.values()):.1f} mm), expected some centimetres: the moments of the plate are "
-            "missing or a thousand times too small. Check the moment channels (Mx, My) and their unit, and set "
-            "`planarise: {moment_unit: …}` if the unit in the file is wrong"
-        )
-        out.say("plate-moments-missing", unusable, max(pinned.values()))
-    if person:
-        off = find_foot_beside(plates, samples, positions)
-        if off is not None:
-            foot, beside, share = off
-            out.fact(foot_beside={"beside_m": beside if np.isfinite(beside) else None, "share": share})
-            outside = f" stands {100 * beside:.0f} cm beside every plate that is used" if beside > 0 else ""
-            unused = f". Not used: {'; '.join(others)}" if others else ""
-            out.say(
-                "foot-off-plate",
-                "the plates do not measure one foot: the foot with the markers "
-                f"{_name_markers(foot, positions, labels)}{outside or ' carries no load'}, and the force acts under "
-                f"the other foot ({100 * abs(share):.0f} % of the way to this foot, expected 30 to 70 %){unused}. "
-                "Mass, wrench, torques and parameters are then far too small. Record with both feet on plates that "
-                "are used; check the unused plates, and `plates: {feet: …}`, and whether the file contains all plates",
-                abs(share),
-                0.3,
-            )
-        uneven = measure_load_share(plates, samples, positions)
-        if uneven is not None:
-            out.fact(load_share={"measured": uneven.measured, "expected": uneven.expected})
-            if off is None and not any(each.code in _EXPLAIN for each in out.reasons):
-                _check_load(out, plates, _name_markers(uneven.foot, positions, labels), uneven)
-        far = [each for each in out.reasons if each.code == "plate-misplaced" and (each.value or 0.0) > _FAR_OFF_M]
-        if far:
-            unusable = far[0].message
-    weak = whole is not None and whole.expected >= _EXPECTED_N and whole.size < _WEAK * whole.expected
-    direction = np.zeros(3) if yaw is None else np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    dead = [axis for plate in plates for _, axis in plate.dead]
-    along = any(yaw is None or abs(axis @ direction) > _ALONG for axis in dead)
-    weak = bool(follows and weak)
-    if weak or dead:
-        _check_channels(out, plates, whole if weak else None, along=along, space=yaw is None)
-        if yaw is None:
-            unusable = unusable or out.reasons[-1].message
-    return out, unusable, not (weak or along)
-
-
-def _check_placement(out: Findings, found: Sequence[PlatePlacement]) -> None:
-    """Add cautions about plates beside the feet or at another height, and a note if this could not be checked."""
+    unusable = None
     for each in found:
         limit, over = _MARGIN_M + each.allowance, each.over_surface
-        if each.off_feet is not None and each.off_feet > limit:
-            out.say(
-                "plate-misplaced",
+        if each.off_feet is not None and each.off_feet > limit and not pinned:
+            text = (
                 f"the centre of pressure of plate {each.index} lies up to {100 * each.off_feet:.0f} cm outside the "
                 f"markers of the feet that stand on it, expected at most {100 * limit:.0f} cm: the ground cannot push "
                 "there. The plate's corners (or its ORIGIN, moments or points of application) do not match the "
                 "cameras' axes; measure them again and correct the file. Until then tauz, the centre of pressure and "
-                "all parameters are wrong",
-                each.off_feet,
-                limit,
+                "all parameters are wrong"
             )
+            out.say("plate-misplaced", text, each.off_feet, limit)
+            if each.off_feet > _FAR_OFF_M:
+                unusable = unusable or text
         if over is not None and not -_SUNK_M <= over <= _HOVERING_M:
             sunk = over < 0
             out.say(
@@ -214,29 +163,43 @@ def _check_placement(out: Findings, found: Sequence[PlatePlacement]) -> None:
             level="ok",
         )
 
+    # corners that are not level, or a force under a standing person that is not vertical
+    inclined = max((each.inclined for each in found if each.inclined is not None), default=0.0)
+    steepest, limit = float(np.degrees(inclined)), float(np.degrees(_INCLINED))
+    leaning = 0.0 if lean is None else float(np.degrees(np.hypot(*lean)))
+    corners = f"the corners incline a plate by {steepest:.1f}°, expected under {limit:.1f}°"
+    confirmed = True  # whether the force leans as it would if the plates were level and their corners were wrong
+    if inclined > _INCLINED and lean is not None:
+        load = sum(each.load for each in found)
+        expected = sum((each.normal[:2] * each.load for each in found if each.normal is not None), np.zeros(2)) / load
+        confirmed = bool(lean @ expected > 0.5 * (expected @ expected))
+    if inclined > _INCLINED and confirmed:
+        evidence = ", and nobody stands still, so the force cannot confirm this"
+        if lean is not None:
+            evidence = (
+                ", and the force under the standing person leans in the same direction, by "
+                f"{leaning:.1f}°: the corners are wrong"
+            )
+        text = f"{corners}{evidence}. Measure them again; part of the weight may count as Fx and affect all parameters"
+        out.say("plate-tilted", text, steepest, limit)
+    elif lean is not None and np.hypot(*lean) > _LEAN:
+        text = (
+            f"the force under the standing person leans by {leaning:.1f}° from the vertical, expected under "
+            f"{np.degrees(_LEAN):.1f}°: a plate is tilted, has crosstalk, or was not zeroed. Level and zero it; part "
+            "of the weight counts as Fx, which makes all parameters wrong"
+        )
+        out.say("plate-tilted", text, leaning, float(np.degrees(_LEAN)))
+    elif inclined > _INCLINED:
+        text = f"{corners}; the force under the standing person is vertical, so the plate is assumed to be inclined"
+        out.say("plate-tilted", text, steepest, limit, "ok")
 
-def _check_rotation(
-    out: Findings, plates: Sequence[Plate], whole: ForceDirection | None, alone: Sequence[ForceDirection | None]
-) -> None:
-    """Add cautions about plates whose horizontal force does not point along the acceleration of the body.
-
-    If the sum of their forces points in a wrong direction, there is only one caution, for all plates together.
-    """
-
-    def points_away(found: ForceDirection, limit: float) -> bool:
-        return found.coherence >= _COHERENT and found.size >= _FORCE_N and abs(found.angle) > limit
-
-    turned: list[tuple[str, ForceDirection, float]]
-    if whole is not None and points_away(whole, _TURNED):
-        turned = [("the plates" if len(plates) > 1 else f"plate {plates[0].index}", whole, _TURNED)]
-    else:
-        turned = [
-            (f"plate {plate.index}", each, _TURNED_ALONE)
-            for plate, each in zip(plates, alone, strict=False)
-            if each is not None and points_away(each, _TURNED_ALONE)
-        ]
-    for name, found, limit in turned:
-        angle = float(np.degrees(found.angle))
+    # horizontal forces that do not point along the acceleration of the body; one caution if their sum does not
+    names = [("the plates" if len(plates) > 1 else f"plate {plates[0].index}", whole, _TURNED)]
+    names += [(f"plate {plate.index}", each, _TURNED_ALONE) for plate, each in zip(plates, alone, strict=False)]
+    for k, (name, force, limit) in enumerate(names):
+        if force is None or not (force.coherence >= _COHERENT and force.size >= _FORCE_N and abs(force.angle) > limit):
+            continue
+        angle = float(np.degrees(force.angle))
         out.say(
             "plate-turned",
             f"the horizontal force of {name} points {angle:.0f}° away from the acceleration of the body (about the "
@@ -246,6 +209,75 @@ def _check_rotation(
             abs(angle),
             float(np.degrees(limit)),
         )
+        if k == 0:
+            break
+
+    if pinned:
+        unusable = (
+            f"the centre of pressure never leaves the centre of plate {' and '.join(map(str, pinned))} (it moves by at "
+            f"most {1e3 * max(pinned.values()):.1f} mm), expected some centimetres: the moments of the plate are "
+            "missing or a thousand times too small. Check the moment channels (Mx, My) and their unit, and set "
+            "`planarise: {moment_unit: …}` if the unit in the file is wrong"
+        )
+        out.say("plate-moments-missing", unusable, max(pinned.values()))
+
+    # a foot beside the plates, or with a plate that reads too little
+    off = find_foot_beside(plates, samples, positions) if person else None
+    if off is not None:
+        foot, beside, share = off
+        out.fact(foot_beside={"beside_m": beside if np.isfinite(beside) else None, "share": share})
+        outside = f" stands {100 * beside:.0f} cm beside every plate that is used" if beside > 0 else ""
+        unused = f". Not used: {'; '.join(others)}" if others else ""
+        out.say(
+            "foot-off-plate",
+            "the plates do not measure one foot: the foot with the markers "
+            f"{_name_markers(foot, positions, labels)}{outside or ' carries no load'}, and the force acts under "
+            f"the other foot ({100 * abs(share):.0f} % of the way to this foot, expected 30 to 70 %){unused}. "
+            "Mass, wrench, torques and parameters are then far too small. Record with both feet on plates that "
+            "are used; check the unused plates, and `plates: {feet: …}`, and whether the file contains all plates",
+            abs(share),
+            0.3,
+        )
+    uneven = measure_load_share(plates, samples, positions) if person else None
+    if uneven is not None:
+        out.fact(load_share={"measured": uneven.measured, "expected": uneven.expected})
+        if off is None and not any(each.code in _EXPLAIN for each in out.reasons):
+            _check_load(out, plates, _name_markers(uneven.foot, positions, labels), uneven)
+
+    # horizontal channels that are dead; the results in the plane may not need them
+    weak = None
+    if follows and whole is not None and whole.expected >= _EXPECTED_N and whole.size < _WEAK * whole.expected:
+        weak = whole
+    direction = np.zeros(3) if yaw is None else np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    dead = {plate.index: plate.dead for plate in plates if plate.dead}
+    along = any(yaw is None or abs(axis @ direction) > _ALONG for pairs in dead.values() for _, axis in pairs)
+    listed = "; ".join(f"plate {index}: {', '.join(name for name, _ in pairs)}" for index, pairs in dead.items())
+    channels = f"channels of horizontal force read the same value in every sample ({listed})"
+    if weak is not None or along:
+        if not dead:
+            channels = "the horizontal force hardly varies"
+        if weak is not None:
+            channels += f" (it varies by {weak.size:.1f} N, expected about {weak.expected:.0f} N from the movement)"
+        effect = (
+            "A trial in space needs all components of the force, so no parameter can be identified"
+            if yaw is None
+            else "Fx is left out, as it is unmeasured. The parameters are fitted to Fy and tauz, and the moment "
+            "contains an error of Fx times the depth of the plate's sensors"
+        )
+        text = (
+            f"{channels}: a channel is dead, not connected or in a wrong unit. {effect}. Check cable, amplifier and "
+            "`force_unit`"
+        )
+        out.say("plate-channel-dead", text)
+        if yaw is None:
+            unusable = unusable or text
+    elif dead:
+        text = (
+            f"{channels}: they are dead. They measure across the motion, so the results in its plane do not depend on "
+            "them"
+        )
+        out.say("plate-channel-dead", text, level="ok")
+    return out, unusable, weak is None and not along
 
 
 def _name_markers(foot: FloatArray, positions: FloatArray, labels: Sequence[str]) -> str:
@@ -292,69 +324,6 @@ def _check_load(out: Findings, plates: Sequence[Plate], markers: str, load: Foot
             f"{100 * expected:.0f} %), so the person unloads this leg"
         )
         out.say("load-uneven", text, measured, _UNEVEN, "ok")
-
-
-def _check_channels(
-    out: Findings, plates: Sequence[Plate], weak: ForceDirection | None, *, along: bool, space: bool
-) -> None:
-    """Add a caution about horizontal channels that are dead, or a note if the motion plane does not need them."""
-    listed = "; ".join(
-        f"plate {plate.index}: {', '.join(name for name, _ in plate.dead)}" for plate in plates if plate.dead
-    )
-    found = f"channels of horizontal force read the same value in every sample ({listed})"
-    if weak is None and not along:
-        text = (
-            f"{found}: they are dead. They measure across the motion, so the results in its plane do not depend on them"
-        )
-        out.say("plate-channel-dead", text, level="ok")
-        return
-    if not listed:
-        found = "the horizontal force hardly varies"
-    if weak is not None:
-        found += f" (it varies by {weak.size:.1f} N, expected about {weak.expected:.0f} N from the movement)"
-    effect = (
-        "A trial in space needs all components of the force, so no parameter can be identified"
-        if space
-        else "Fx is left out, as it is unmeasured. The parameters are fitted to Fy and tauz, and the moment contains "
-        "an error of Fx times the depth of the plate's sensors"
-    )
-    out.say(
-        "plate-channel-dead",
-        f"{found}: a channel is dead, not connected or in a wrong unit. {effect}. Check cable, amplifier and "
-        "`force_unit`",
-    )
-
-
-def _check_tilt(out: Findings, found: Sequence[PlatePlacement], lean: FloatArray | None) -> None:
-    """Add a reason if the corners of a plate are not level, or the force under a standing person is not vertical."""
-    inclined = max((each.inclined for each in found if each.inclined is not None), default=0.0)
-    steepest, limit = float(np.degrees(inclined)), float(np.degrees(_INCLINED))
-    leaning = 0.0 if lean is None else float(np.degrees(np.hypot(*lean)))
-    corners = f"the corners incline a plate by {steepest:.1f}°, expected under {limit:.1f}°"
-    confirmed = True  # whether the force leans as it would if the plates were level and their corners were wrong
-    if inclined > _INCLINED and lean is not None:
-        total = sum(each.load for each in found)
-        expected = sum((each.normal[:2] * each.load for each in found if each.normal is not None), np.zeros(2)) / total
-        confirmed = bool(lean @ expected > 0.5 * (expected @ expected))
-    if inclined > _INCLINED and confirmed:
-        evidence = ", and nobody stands still, so the force cannot confirm this"
-        if lean is not None:
-            evidence = (
-                ", and the force under the standing person leans in the same direction, by "
-                f"{leaning:.1f}°: the corners are wrong"
-            )
-        text = f"{corners}{evidence}. Measure them again; part of the weight may count as Fx and affect all parameters"
-        out.say("plate-tilted", text, steepest, limit)
-    elif lean is not None and np.hypot(*lean) > _LEAN:
-        text = (
-            f"the force under the standing person leans by {leaning:.1f}° from the vertical, expected under "
-            f"{np.degrees(_LEAN):.1f}°: a plate is tilted, has crosstalk, or was not zeroed. Level and zero it; part "
-            "of the weight counts as Fx, which makes all parameters wrong"
-        )
-        out.say("plate-tilted", text, leaning, float(np.degrees(_LEAN)))
-    elif inclined > _INCLINED:
-        text = f"{corners}; the force under the standing person is vertical, so the plate is assumed to be inclined"
-        out.say("plate-tilted", text, steepest, limit, "ok")
 
 
 _UNRELATED, FOLLOWS = 0.62, 0.7

@@ -316,58 +316,40 @@ def estimate_lasting_errors(
     variance = np.maximum(variance, coloured) + spectrum.oscillating_variance(frames)
     moved = np.zeros_like(variance)
     if bend is not None:
-        moved = _compute_bend_variance(*bend, angles, frames, rate)
-    if stretch is not None:  # a trunk that bends also stretches the thigh
-        moved = np.maximum(moved, _compute_stretch_variance(*stretch, states.chain.centres, frames, rate))
+        # the turn of the thigh has noise: a smooth function of the posture replaces it, which has derivatives
+        hip, turn = bend
+        posture = np.column_stack([angles[:, hip], angles.sum(axis=1)])
+        posture -= posture.mean(axis=0)
+        shapes = np.column_stack([np.ones(len(angles)), posture, posture**2, posture.prod(axis=1)])
+        known = np.isfinite(turn)
+        course = (shapes @ np.linalg.lstsq(shapes[known], turn[known])[0])[frames]
+        course -= course.mean()
+        segment = np.zeros(angles.shape[1] + 1)
+        segment[hip - 1 : hip + 2] = _BENT
+        joint = segment[:-1] ** 2 + segment[1:] ** 2
+        for order in range(4):
+            moved[:, :, order] = np.outer((course**2 + np.mean(course**2)) / 2, joint)
+            course = np.gradient(course, (frames[1] - frames[0]) / rate) if len(course) > 1 else np.zeros_like(course)
+    if stretch is not None and stretch[1].above_noise != 0.0:
+        # The chain cannot follow a gap of the hip, so the angle of the thigh is wrong by about the gap divided by its
+        # length: the angle in every posture, its derivatives while the gap changes. A trunk that bends also stretches
+        # the thigh, so the larger of the two variances counts.
+        hip, gap = stretch
+        rms, centre = gap.above_noise, states.chain.centres[hip]
+        square = np.nan_to_num(gap.acceleration**2 - gap.noise**2, nan=rms**2)
+        wide = min(round(3 * _AROUND * rate), (len(square) - 1) // 2)
+        window = np.exp(-((np.arange(-wide, wide + 1) / (_AROUND * rate)) ** 2) / 2)
+        nearby = np.convolve(square, window, "same") / np.convolve(np.ones(len(square)), window, "same")
+        nearby = np.maximum(nearby, 0.0)[frames]
+        segment = np.zeros(angles.shape[1] + 1)
+        segment[hip - 1 : hip + 2] = _LOOSE
+        joint = (segment[:-1] ** 2 + segment[1:] ** 2) / float(centre @ centre)
+        for order, (usual, hidden, visible) in enumerate(zip(_OF_STRETCH, _HIDDEN, gap.visible, strict=True)):
+            factor = min(usual, float(np.hypot(hidden, visible)) / rms)
+            own = factor**2 * np.outer(nearby if order else np.full(len(frames), rms**2), joint)
+            moved[:, :, order] = np.maximum(moved[:, :, order], own)
     variance += moved
     return LastingErrors(camera, frames, variance)
-
-
-def _compute_bend_variance(hip: int, turn: FloatArray, angles: FloatArray, frames: IntArray, rate: float) -> FloatArray:
-    """Return the variance (T, n, 4) of joint angles and their derivatives due to a trunk that bends.
-
-    The turn (F,) of the thigh, rad, has noise. A smooth function of the posture replaces it, which has derivatives.
-    """
-    posture = np.column_stack([angles[:, hip], angles.sum(axis=1)])
-    posture -= posture.mean(axis=0)
-    shapes = np.column_stack([np.ones(len(angles)), posture, posture**2, posture.prod(axis=1)])
-    known = np.isfinite(turn)
-    course = (shapes @ np.linalg.lstsq(shapes[known], turn[known])[0])[frames]
-    course -= course.mean()
-    variance = np.zeros((len(frames), angles.shape[1], 4))
-    segment = np.zeros(angles.shape[1] + 1)
-    segment[hip - 1 : hip + 2] = _BENT
-    joint = segment[:-1] ** 2 + segment[1:] ** 2
-    for order in range(4):
-        variance[:, :, order] = np.outer((course**2 + np.mean(course**2)) / 2, joint)
-        course = np.gradient(course, (frames[1] - frames[0]) / rate) if len(course) > 1 else np.zeros_like(course)
-    return variance
-
-
-def _compute_stretch_variance(
-    hip: int, stretch: Stretch, centres: FloatArray, frames: IntArray, rate: float
-) -> FloatArray:
-    """Return the variance (T, n, 4) of joint angles and their derivatives due to a hip that gives way.
-
-    ``centres`` (n, 2) are the joint centres, m. The chain cannot follow a gap of the hip, so the angle of the thigh is
-    wrong by about the gap divided by its length: the angle in every posture, its derivatives while the gap changes.
-    """
-    joints, rms = len(centres), stretch.above_noise
-    variance = np.zeros((len(frames), joints, 4))
-    if rms == 0.0:
-        return variance
-    square = np.nan_to_num(stretch.acceleration**2 - stretch.noise**2, nan=rms**2)
-    wide = min(round(3 * _AROUND * rate), (len(square) - 1) // 2)
-    window = np.exp(-((np.arange(-wide, wide + 1) / (_AROUND * rate)) ** 2) / 2)
-    nearby = np.convolve(square, window, "same") / np.convolve(np.ones(len(square)), window, "same")
-    nearby = np.maximum(nearby, 0.0)[frames]
-    segment = np.zeros(joints + 1)
-    segment[hip - 1 : hip + 2] = _LOOSE
-    joint = (segment[:-1] ** 2 + segment[1:] ** 2) / float(centres[hip] @ centres[hip])
-    for order, (usual, hidden, visible) in enumerate(zip(_OF_STRETCH, _HIDDEN, stretch.visible, strict=True)):
-        factor = min(usual, float(np.hypot(hidden, visible)) / rms)
-        variance[:, :, order] = factor**2 * np.outer(nearby if order else np.full(len(frames), rms**2), joint)
-    return variance
 
 
 OTHERS = "others"  # name of the body with all markers that are on no segment, for example on arms and head
