@@ -23,20 +23,7 @@ from mocap_id.plates.placement import find_standing_feet
 from mocap_id.recording import Plate, PlateSamples, Recording, ThinnedFrames
 from mocap_id.recording.sample_checks import describe_held, find_body_facing, find_upright
 from mocap_id.stages.base import Context, Findings, Outputs, find_markers
-from mocap_id.stages.planarise import PlanariseSettings
-from mocap_id.stages.planarise.wrenches import (
-    FOLLOWS,
-    ExternalWrenches,
-    check_registration,
-    compute_ground_wrench,
-    describe_losses,
-    describe_plates,
-    judge_course,
-    measure_seat,
-    measure_sensors,
-    place_board,
-    read_board_plate,
-)
+from mocap_id.stages.planarise import PlanariseSettings, wrenches
 from mocap_id.stages.trial_keys import BalanceBoard, Files, get_recording
 from mocap_id.store import LongTable, Table
 from mocap_id.store.provenance import PLANAR, WRENCH
@@ -202,7 +189,7 @@ def planarise(context: Context) -> Outputs:
     threshold, person = settings.cop_threshold_N, context.trial.protocol != "robot-joint"
     files, named = get_recording(context.trial), context.trial.plates
     out = Findings()
-    log, source = read_board_plate(files.forces, read_recording(files, settings))
+    log, source = wrenches.read_board_plate(files.forces, read_recording(files, settings))
     part = select_part(source, context.trial.window, settings.ignore)
 
     # markers that have each other's label for a while
@@ -262,14 +249,14 @@ def planarise(context: Context) -> Outputs:
     board_reasons: tuple[Reason, ...] = ()
     if log is not None and not log.problem and isinstance(files.forces, BalanceBoard):
         faces = 1.0 if settings.facing == "+x" else -1.0
-        plate, origin, board, board_reasons = place_board(files.forces, log, source, still, frame, faces=faces)
+        plate, origin, board, board_reasons = wrenches.place_board(files.forces, log, source, still, frame, faces=faces)
         source, frame = replace(source, plates=(plate,)), replace(frame, origin=origin)
         samples = [recording.decimate(plate, part.time, source.rate)]
         thinned = replace(thinned, samples=(recording.decimate(plate, thinned.time, thinned.rate),))
         still = undo_in_frames(base, thinned)
-    external = ExternalWrenches()
-    measure_seat(external, choice, samples, thinned, frame, zero=settings.seat_zero, time=part.time, base=base)
-    measure_sensors(external, context.trial.external, part, thinned, frame, base)
+    external = wrenches.ExternalWrenches()
+    wrenches.measure_seat(external, choice, samples, thinned, frame, zero=settings.seat_zero, time=part.time, base=base)
+    wrenches.measure_sensors(external, context.trial.external, part, thinned, frame, base)
     if base is not None:
         part = replace(part, positions=base.undo_positions(part.positions, part.time))
     if plane.lean:
@@ -380,7 +367,7 @@ def planarise(context: Context) -> Outputs:
 
     # wrench of the ground; frames with no load under a standing person do not count
     ground = Findings()
-    describe_plates(ground, source, thinned, choice, external, threshold=threshold)
+    wrenches.describe_plates(ground, source, thinned, choice, external, threshold=threshold)
     missing, mass = np.zeros(len(part.time), np.bool_), ground.facts["mass_kg"]
     if mass is not None:
         load = sum((samples[index].force[:, 2] for index in on_feet), np.zeros(len(part.time)))
@@ -392,14 +379,14 @@ def planarise(context: Context) -> Outputs:
 
     thinned = replace(thinned, samples=mark_missing(thinned.samples, missing[:: thinned.step]))
     kept = mark_missing(samples, missing)
-    wrench = compute_ground_wrench(part.time, kept, choice, frame, threshold) | external.columns
+    wrench = wrenches.compute_ground_wrench(part.time, kept, choice, frame, threshold) | external.columns
     course = None
     if person and feet and find_standing_feet(thinned.positions, find_upright(thinned.positions)[0], None, 2):
         vertical = sum((thinned.samples[index].force[:, 2] for index in on_feet), external.vertical)
         course = compare_courses(np.asarray(vertical), thinned.positions, thinned.rate)
     check, unusable, horizontal = Findings(), None, True  # a balance board has no position in the file
     if board is None:
-        check, unusable, horizontal = check_registration(
+        check, unusable, horizontal = wrenches.check_registration(
             feet,
             [thinned.samples[index] for index in on_feet],
             thinned.positions,
@@ -408,7 +395,7 @@ def planarise(context: Context) -> Outputs:
             yaw=frame.yaw,
             labels=part.labels,
             others=choice.list_unused(source.plates),
-            follows=course is not None and course[0] >= FOLLOWS,
+            follows=course is not None and course[0] >= wrenches.FOLLOWS,
         )
         if unusable is not None:
             wrench["plate_ok"] = np.zeros(len(part.time), np.bool_)
@@ -430,7 +417,7 @@ def planarise(context: Context) -> Outputs:
         horizontal_measured=horizontal,
         plates=[plate | {"across_m": z} for plate, z in zip(ground.facts["plates"], across, strict=True)],
     )
-    describe_losses(ground, feet, part.time, missing, clock.offset_s)
+    wrenches.describe_losses(ground, feet, part.time, missing, clock.offset_s)
     # the lean of the plane may explain a force beside the feet
     beside = _HIGH_M * abs(np.sin(plane.lean))
     ground.reasons += (
@@ -438,7 +425,7 @@ def planarise(context: Context) -> Outputs:
         for each in check.reasons
         if each.code != "plate-misplaced" or (each.value or 0.0) - beside > (each.limit or 0.0)
     )
-    ground.reasons += judge_course(course, source.files, files.forces)
+    ground.reasons += wrenches.judge_course(course, source.files, files.forces)
     return planar, Table(WRENCH, wrench, ground.facts, (*ground.reasons, *external.reasons))
 
 

@@ -16,16 +16,7 @@ from mocap_id.kinematics.marker_faults import BadStretch, RecordedMarkers, find_
 from mocap_id.protocols.body_names import LONGEST, name_chain
 from mocap_id.protocols.movement import ELSEWHERE, recognise_movement
 from mocap_id.stages.base import Context, Findings, Outputs, find_markers
-from mocap_id.stages.segment import SegmentSettings
-from mocap_id.stages.segment.hints import (
-    UNSURE,
-    check_marker_names,
-    check_names,
-    describe_doubt,
-    limit_search,
-    make_constraints,
-    make_table,
-)
+from mocap_id.stages.segment import SegmentSettings, hints
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
@@ -45,8 +36,8 @@ def segment(context: Context) -> Outputs:
         _check_extent(np.delete(recorded.read_positions(axes="y")[..., 0], left_out, axis=1), unit_alone=True)
 
     # segments, without bad stretches and the markers that the user leaves out
-    rules = limit_search(settings, LONGEST[trial.protocol])
-    constraints = make_constraints(labels, settings)
+    rules = hints.limit_search(settings, LONGEST[trial.protocol])
+    constraints = hints.make_constraints(labels, settings)
     examined = np.setdiff1d(np.arange(len(labels)), left_out)
 
     def segment_into(count: int | None) -> Segmented:
@@ -106,9 +97,9 @@ def segment(context: Context) -> Outputs:
         raise Refused("not-planar", text, planarity, limit)
     foot = _is_foot_a_segment(lift, labels, found)
     usual, joint_names = name_chain(trial.protocol, found.count, foot_turns=foot)
-    names = usual if settings.names is None else check_names(settings.names, found.count)
+    names = usual if settings.names is None else hints.check_names(settings.names, found.count)
     sure = found.confidence.value
-    doubt = "" if sure >= UNSURE else describe_doubt(_find_gravest(found, joint_names))
+    doubt = "" if sure >= hints.UNSURE else hints.describe_doubt(_find_gravest(found, joint_names))
     counted = settings.count is not None and settings.count_alone is None  # by the user, not by a study
     given = counted or settings.names is not None or settings.together or settings.apart
     if sure < _WRONG and not given:
@@ -194,7 +185,7 @@ def segment(context: Context) -> Outputs:
         )
         out.say("not-planar", text, planarity, caution)
     if doubt:
-        out.say("segments-unsure", doubt, sure, UNSURE)
+        out.say("segments-unsure", doubt, sure, hints.UNSURE)
     apart = np.flatnonzero(asymmetries > settings.asymmetry_deg)
     if len(apart):  # one segment represents both sides
         worst = int(apart[np.argmax(asymmetries[apart])])
@@ -203,7 +194,7 @@ def segment(context: Context) -> Outputs:
             f"{asymmetries[worst]:.1f}° rms. One segment represents both; its angle is their mean."
         )
         out.say("segments-unsure", text, float(asymmetries[worst]), settings.asymmetry_deg)
-    check_marker_names(out, labels, found.segment, usual, sure)
+    hints.check_marker_names(out, labels, found.segment, usual, sure)
     base, last = (np.nanmean(points[:, found.segment == k, 1]) for k in (0, int(found.segment.max())))
     if not last >= base:
         text = (
@@ -239,7 +230,7 @@ def segment(context: Context) -> Outputs:
             if each["marker"] == label:
                 text += f"; left out from {each['first_s']:.2f} to {each['last_s']:.2f} s: {each['how']}"
         why.append(text)
-    return (make_table(out, labels, found.segment, found.residual, why),)
+    return (hints.make_table(out, labels, found.segment, found.residual, why),)
 
 
 def _plane(points: FloatArray, out: list[int]) -> ComplexArray:
@@ -379,7 +370,7 @@ def segment_without_bad_markers(
             other = segment_without(every)
         except Refused:  # the other markers do not form a chain
             break
-        if other[0].confidence.value < UNSURE <= found.confidence.value:  # more certain with the bad samples
+        if other[0].confidence.value < hints.UNSURE <= found.confidence.value:  # more certain with the bad samples
             return found, *other[1:]
         found, view, points = other
     return found, view, points

@@ -43,18 +43,7 @@ from mocap_id.recording.sensor_logs import DEGREES
 from mocap_id.stages import skin_motion
 from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.trial_keys import list_sensors
-from mocap_id.stages.ukf_smooth import UkfSmoothSettings
-from mocap_id.stages.ukf_smooth.checks import (
-    UNKNOWN_SD_HZ,
-    bridge_repeated,
-    check_uniform_times,
-    find_repeated_frames,
-    list_rejected,
-    report_gaps,
-    report_rejected,
-    report_repeated_frames,
-    report_residuals,
-)
+from mocap_id.stages.ukf_smooth import UkfSmoothSettings, checks
 from mocap_id.store import LongTable, Table
 from mocap_id.store.provenance import ANGLES, ENCODER, MARKERS, POSES, STATES
 from mocap_id.store.views import Skeleton, Trajectories
@@ -69,13 +58,13 @@ def ukf_smooth(context: Context) -> Outputs:
     settings: UkfSmoothSettings = context.settings
     tree, bad = context.tree("chain.h5"), context.table("segments.parquet").facts.get("bad_stretches", ())
     view = Trajectories(context.long("planar.parquet"), bad)
-    check_uniform_times(view, context.trial.trial)
+    checks.check_uniform_times(view, context.trial.trial)
     skeleton = Skeleton.from_tree(tree)
     chain = MarkerChain(skeleton.centres, skeleton.marker_segment, skeleton.local)
     columns = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
     moves = chain.segment > 0
     observed = np.ascontiguousarray(view.read_positions(columns[moves], axes="xy"))  # the filter would copy it
-    repeated = find_repeated_frames(observed)
+    repeated = checks.find_repeated_frames(observed)
     observed[repeated] = np.nan
     moving = MarkerChain(chain.centres, chain.segment[moves], chain.local[moves])
     visible: BoolArray = np.asarray(np.isfinite(observed).all(axis=-1))
@@ -123,7 +112,7 @@ def ukf_smooth(context: Context) -> Outputs:
     sd_holds = SKIN
     if settings.method in FRAMEWISE:  # the errors of these methods are unknown
         sd_holds = UNKNOWN
-    elif spectrum.cut_off is not None and spectrum.cut_off < UNKNOWN_SD_HZ:
+    elif spectrum.cut_off is not None and spectrum.cut_off < checks.UNKNOWN_SD_HZ:
         states, sd_holds = replace(states, sd=np.full_like(states.sd, np.nan)), UNKNOWN
     elif skin is None or settings.method == "two-filter":
         sd_holds = NOISE
@@ -150,8 +139,8 @@ def ukf_smooth(context: Context) -> Outputs:
 
     # artefacts
     rejected = find_rejected_segments(moving.segment - 1, len(moving.centres), visible, states.used)
-    stretches = list_rejected(rejected, view.time, skeleton.segments[1:])
-    states = replace(states, observed=bridge_repeated(states.observed & ~rejected, repeated, view.rate))
+    stretches = checks.list_rejected(rejected, view.time, skeleton.segments[1:])
+    states = replace(states, observed=checks.bridge_repeated(states.observed & ~rejected, repeated, view.rate))
     encoder = read_encoder_states(context.trial.encoder, states, view.time, settings)
     if settings.method == "encoder":
         mean, sd = np.full(states.mean.shape, np.nan), np.full(states.sd.shape, np.nan)  # the jerk stays unknown
@@ -194,7 +183,7 @@ def ukf_smooth(context: Context) -> Outputs:
         stretches = []
     if stretches:
         out.fact(rejected=stretches)
-    report_gaps(
+    checks.report_gaps(
         out, np.isnan(states.mean[:, :, 0]), view.time, skeleton.joint_names, quantity="angle", settings=settings
     )
     if settings.method != "rts":
@@ -204,9 +193,9 @@ def ukf_smooth(context: Context) -> Outputs:
             f"the states are estimated by `{settings.method}`, which is only meant for comparison{no_sd}. Remove "
             "`ukf-smooth: {method: …}` to use the default, filter and smoother.",
         )
-    report_rejected(out, stretches, view.time)
-    report_repeated_frames(out, repeated)
-    report_residuals(out, spectrum, skeleton.segments, from_markers=settings.method != "encoder")
+    checks.report_rejected(out, stretches, view.time)
+    checks.report_repeated_frames(out, repeated)
+    checks.report_residuals(out, spectrum, skeleton.segments, from_markers=settings.method != "encoder")
     if bends:
         out.say(
             "trunk-bends",

@@ -31,17 +31,7 @@ from mocap_id.kinematics.space.skeleton import SensorNoise
 from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.skin_motion import add_axial_rotation_errors, correct_axial_rotation, correct_cluster_slides
 from mocap_id.stages.trial_keys import list_sensors
-from mocap_id.stages.ukf_smooth import UkfSmoothSettings
-from mocap_id.stages.ukf_smooth.checks import (
-    bridge_repeated,
-    check_arm_motion,
-    check_uniform_times,
-    find_repeated_frames,
-    list_rejected,
-    report_gaps,
-    report_rejected,
-    report_repeated_frames,
-)
+from mocap_id.stages.ukf_smooth import UkfSmoothSettings, checks
 from mocap_id.stages.ukf_smooth.plane import empty_encoder_table
 from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.provenance import ANGLES, MARKERS, POSES, SKIN, STATES
@@ -62,11 +52,11 @@ def smooth_trial_in_space(context: Context) -> Outputs:
     settings: UkfSmoothSettings = context.settings
     tree, bad = context.tree("chain.h5"), context.table("segments.parquet").facts.get("bad_stretches", ())
     view = Trajectories(context.long("planar.parquet"), bad)
-    check_uniform_times(view, context.trial.trial)
+    checks.check_uniform_times(view, context.trial.trial)
     skeleton = SpatialSkeleton.from_tree(tree)
     columns = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
     points = view.read_positions(columns)
-    repeated = find_repeated_frames(points)
+    repeated = checks.find_repeated_frames(points)
     points[repeated] = np.nan
     points = correct_cluster_slides(correct_axial_rotation(points, skeleton.chain), skeleton.chain, view.rate)
     given = SpatialSettings(
@@ -91,11 +81,11 @@ def smooth_trial_in_space(context: Context) -> Outputs:
     visible: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
     rejected = find_rejected_segments(skeleton.chain.segment, len(skeleton.segments), visible, states.used)
     observed = states.observed if from_skeleton else states.observed & ~rejected
-    observed = bridge_repeated(observed, repeated, view.rate)
+    observed = checks.bridge_repeated(observed, repeated, view.rate)
     angles = _compute_angles(states, skeleton, tree.facts)
     if from_skeleton:
         angles = [_limit_to_skeleton(each) for each in angles]
-    stretches = [] if from_skeleton else list_rejected(rejected, view.time, skeleton.segments)
+    stretches = [] if from_skeleton else checks.list_rejected(rejected, view.time, skeleton.segments)
     lost = {"rejected": stretches} if stretches else {}
     off = np.linalg.norm(points - states.predicted, axis=2)
     square = np.sum((points - states.predicted) ** 2, axis=2)
@@ -115,14 +105,14 @@ def smooth_trial_in_space(context: Context) -> Outputs:
         out.fact(imus=sensors.facts)
     out.fact(**lost)
     segments = [name.replace("_", " ") for name in skeleton.segments]
-    report_gaps(out, np.isnan(states.omega[:, :, 0]), view.time, segments, quantity="pose", settings=settings)
-    report_repeated_frames(out, repeated)
+    checks.report_gaps(out, np.isnan(states.omega[:, :, 0]), view.time, segments, quantity="pose", settings=settings)
+    checks.report_repeated_frames(out, repeated)
     out.reasons += sensors.reasons
-    report_rejected(out, stretches, view.time)
+    checks.report_rejected(out, stretches, view.time)
     thorax = np.zeros((0, 3))  # no rows if the frame of the thorax is not anatomical
     if tree.facts["frames"] != "own" and "thorax" in skeleton.segments:
         thorax = states.rotations[:, skeleton.segments.index("thorax"), :, 1]
-    check_arm_motion(out, angles, thorax)
+    checks.check_arm_motion(out, angles, thorax)
 
     # the states of the hinges, numbered by joint
     hinges: dict[str, FloatArray | BoolArray] = {"time": view.time}
