@@ -258,7 +258,21 @@ def compare_courses(vertical: FloatArray, positions: FloatArray, rate: float) ->
     Only samples are compared in which the body has risen, so that no chair carries a part of it. The result is None if
     there are too few of them, or if the body does not move.
     """
-    positions = positions[:, _find_rising_markers(positions)]
+    # The markers that rise and lower with the highest quarter of them; all if none does. Markers on objects, such as a
+    # box that the person lifts or a table, do not belong to the body.
+    thinned = positions[:: max(1, len(positions) // _FRAMES), :, 2]
+    usual = np.array([np.median(z[np.isfinite(z)]) if np.isfinite(z).any() else -np.inf for z in thinned.T])
+    top = np.argsort(-usual)[: max(2, len(usual) // 4)]
+    away = thinned[:, top] - usual[top]
+    known = np.isfinite(away)
+    common = np.where(known, away, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    rising = []
+    for marker, height in enumerate(thinned.T):
+        both = np.isfinite(height) & known.any(axis=1)
+        moves = both.sum() > 2 and np.ptp(height[both]) > 0.0 and np.ptp(common[both]) > 0.0
+        if moves and np.corrcoef(height[both], common[both])[0, 1] > _WITH_BODY:
+            rising.append(marker)
+    positions = positions[:, np.array(rising or range(positions.shape[1]), dtype=np.int64)]
     half, groups = max(1, round(_COURSE_STEP_S * rate)), group_by_height(positions)
     if len(positions) < 4 * half or not groups or np.isfinite(vertical).sum() < _MIN_COMPARED_S * rate:
         return None
@@ -300,26 +314,6 @@ def compare_courses(vertical: FloatArray, positions: FloatArray, rate: float) ->
         if near:
             best = max(best, correlation)
     return None if best < 0.0 else (best, far, expected)
-
-
-def _find_rising_markers(positions: FloatArray) -> IntArray:
-    """Return the indices of the markers that rise and lower with the highest quarter of the markers; all if none does.
-
-    Markers on objects, such as a box that the person lifts or a table, do not belong to the body.
-    """
-    heights = positions[:: max(1, len(positions) // _FRAMES), :, 2]
-    usual = np.array([np.median(z[np.isfinite(z)]) if np.isfinite(z).any() else -np.inf for z in heights.T])
-    top = np.argsort(-usual)[: max(2, len(usual) // 4)]
-    away = heights[:, top] - usual[top]
-    known = np.isfinite(away)
-    common = np.where(known, away, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-    kept = []
-    for marker, height in enumerate(heights.T):
-        both = np.isfinite(height) & known.any(axis=1)
-        moves = both.sum() > 2 and np.ptp(height[both]) > 0.0 and np.ptp(common[both]) > 0.0
-        if moves and np.corrcoef(height[both], common[both])[0, 1] > _WITH_BODY:
-            kept.append(marker)
-    return np.array(kept or range(positions.shape[1]), dtype=np.int64)
 
 
 def _subtract_mean(values: FloatArray, width: int) -> FloatArray:

@@ -13,7 +13,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.kinematics import Constraints
 from mocap_id.kinematics.space.bodies import rigid_poses
 from mocap_id.kinematics.space.segmentation import SpatialSegmentation, segment_in_space
-from mocap_id.stages.base import Context, Outputs, find_markers
+from mocap_id.stages.base import Context, Findings, Outputs, find_markers
 from mocap_id.stages.calibration_trial import read_chain
 from mocap_id.stages.segment import SegmentSettings, hints
 from mocap_id.stages.segment.plane import explain_bad_markers, remove_repeats
@@ -105,12 +105,7 @@ def segment_bodies(context: Context) -> Outputs:
         ],
         bad_stretches=list(view.bad),
     )
-    if confidence.value < hints.UNSURE:
-        gravest = max(confidence.against, key=lambda evidence: confidence.against[evidence])
-        out.say("segments-unsure", hints.describe_doubt(_WHY[gravest]), confidence.value, hints.UNSURE)
-    elif _splits_arm(names):
-        why_doubtful = "a segment without landmarks is between the landmarks of elbow and wrist"
-        out.say("segments-unsure", hints.describe_doubt(why_doubtful))
+    _explain_doubts(out, found, names)
     if found.branches:
         groups = "; ".join(", ".join(labels[m] for m in branch) for branch in found.branches)
         text = f"{len(found.branches)} rigid bodies were left out, because the chain cannot have branches: {groups}."
@@ -164,6 +159,17 @@ def _name_segments(context: Context, labels: Sequence[str], found: SpatialSegmen
 def _name_joints(names: Sequence[str]) -> list[str]:
     """Return the name of the joint before each segment except the base; ``names`` are the names of the segments."""
     return [_ARM_JOINTS.get(name, f"joint {k}") for k, name in enumerate(names[1:], start=1)]
+
+
+def _explain_doubts(out: Findings, found: SpatialSegmentation, names: Sequence[str]) -> None:
+    """Add a caution if the segments are more likely wrong than right, or if a segment splits the arm."""
+    confidence = found.confidence
+    if confidence.value < hints.UNSURE:
+        gravest = max(confidence.against, key=lambda evidence: confidence.against[evidence])
+        out.say("segments-unsure", hints.describe_doubt(_WHY[gravest]), confidence.value, hints.UNSURE)
+    elif _splits_arm(names):
+        why = "a segment without landmarks is between the landmarks of elbow and wrist"
+        out.say("segments-unsure", hints.describe_doubt(why))
 
 
 def _use_calibration(calibration: Calibration, settings: SegmentSettings, view: Trajectories) -> Table:
