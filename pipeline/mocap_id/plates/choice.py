@@ -1,4 +1,4 @@
-"""Use of each force plate (feet, chair, none), and what it measures while the person stands."""
+"""Use of each force plate (feet, chair, none), and comparison of its forces with standing and with the movement."""
 
 from __future__ import annotations
 

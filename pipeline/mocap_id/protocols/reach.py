@@ -1,4 +1,4 @@
-"""Reaches in a recording: times, target, and the distance by which the hand missed the target.
+"""Reaches in a recording: times and targets, ranges of the angles, and the volume that the wrist can reach.
 
 The targets on the body and the heights come from tables of body proportions (Drillis and Contini 1966), relative to the
 sternal notch; the shoulders are measured. The targets have errors of a few centimetres, because no marker is on hip,

@@ -307,7 +307,7 @@ def estimate_event_sd(
     The first three follow from the speed: half the difference between the events with the speed raised and lowered by
     its standard deviation ``speed_sd`` (T,), rad/s. An event lies up to one frame before or after the sample that is
     given for it. For `seat_on`, the chair's force is extrapolated from the first sample with a force above the noise
-    (``above_noise``, as in :class:`~mocap_id.protocols.chair_contact.Contact`); the standard deviation is the length of
+    (``above_noise``, as in :class:`Contact`); the standard deviation is the length of
     the extrapolation. A rule without a threshold gives none.
     """
     frame = float(np.median(np.diff(time))) ** 2 / 3  # of an error between 0 and one frame
