@@ -115,10 +115,10 @@ def compare_angles(done: Run, curls: Sequence[dict[str, float]]) -> tuple[FloatA
     bent, axial, in_step, flexion = elbow[:, 0], shoulder[:, 2], make_missing(3), make_missing(3)
     if found is not None:
         first = [Curl(curls[0]["start"], curls[0]["top"], curls[0]["end"], 1.0, complete=True)]
-        exact = fit_part_in_step(time, axial, np.zeros(len(time)), bent, None, first)
+        _, _, exact, _ = fit_part_in_step(time, axial, np.zeros(len(time)), bent, None, first)
         low, high = found["interval_rad"]
-        covered = low <= exact.range <= high
-        in_step[:] = np.degrees(found["range_rad"] - exact.range), covered, np.degrees(high - low)
+        covered = low <= exact <= high
+        in_step[:] = np.degrees(found["range_rad"] - exact), covered, np.degrees(high - low)
     if "elbow_flexion" in angles.names:
         used = (time >= curls[0]["start"]) & (time <= curls[-1]["end"])
         error, sd = (angles["elbow_flexion"] - bent)[used], angles["sd_elbow_flexion"][used]

@@ -19,9 +19,9 @@ from mocap_id.plates.choice import choose_plates, compare_directions
 from mocap_id.plates.placement import compare_with_feet, find_standing_feet, measure_lean, measure_outside
 from mocap_id.recording import Plate, PlateSamples, Recording
 from mocap_id.recording.lab_plates import compute_centre_of_pressure, compute_plate_axes
-from mocap_id.stages.base import Context
+from mocap_id.stages.base import Context, Findings
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
-from mocap_id.stages.planarise.wrenches import PlateCheck, check_registration
+from mocap_id.stages.planarise.wrenches import check_registration
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id_simulation import Options, generate
 
@@ -124,7 +124,7 @@ def test_a_plate_above_the_feet_is_found(tmp_path: Path, seed: int) -> None:
 @pytest.mark.parametrize("name", GOOD)
 def test_good_recordings_have_no_caution(recordings: Path, name: str) -> None:
     found = checked(read(recordings, name))
-    assert found.reasons == ()
+    assert found.reasons == []
     assert all(fact["cop_off_feet_m"] is not None for fact in found.facts["plates"])
 
 
@@ -151,7 +151,7 @@ def test_a_moved_plate_of_a_real_recording_is_found(recordings: Path, name: str,
 
 def test_only_the_direction_is_checked_for_a_robot(recordings: Path) -> None:
     source = read(recordings, "simulated/ur5-elbow-fast/trial.c3d")
-    assert checked(source, person=False).reasons == ()
+    assert checked(source, person=False).reasons == []
     turned_ = checked(source, lambda plate: moved(plate, axis="z", degrees=180.0), person=False)
     assert [reason.code for reason in turned_.reasons] == ["plate-turned"]
     assert turned_.facts["plates"] == []
@@ -187,7 +187,7 @@ def test_foot_markers_that_show_no_outline_give_a_note(kept: tuple[str, ...]) ->
     labels, positions, plates, samples = standing()
     used = [k for k, label in enumerate(labels) if label in kept or label not in FEET]
     codes = [
-        reason.code for reason in check_registration(plates, samples, positions[:, used], 100.0, person=True).reasons
+        reason.code for reason in check_registration(plates, samples, positions[:, used], 100.0, person=True)[0].reasons
     ]
     assert codes in ([], ["plate-unchecked"])
     if len(kept) == len(FEET):
@@ -206,9 +206,10 @@ def test_a_chair_on_the_plate_of_the_feet_is_no_misplacement() -> None:
     pressure = compute_centre_of_pressure(plates[0], both)
     behind_heels = (pressure - heel[:2]) @ behind[:2] / 0.3
     assert np.mean(behind_heels > 0.1) > 0.2
-    assert check_registration(plates[:1], [both], positions, 100.0, person=True).reasons == ()
+    assert check_registration(plates[:1], [both], positions, 100.0, person=True)[0].reasons == []
     away = np.cross([0.0, 0.3, 0.0], both.force)
-    moved_ = check_registration(plates[:1], [replace(both, moment=both.moment + away)], positions, 100.0, person=True)
+    other = replace(both, moment=both.moment + away)
+    moved_ = check_registration(plates[:1], [other], positions, 100.0, person=True)[0]
     assert "plate-misplaced" in [reason.code for reason in moved_.reasons]
 
 
@@ -261,7 +262,8 @@ def test_without_enough_data_there_is_no_result() -> None:
     assert compare_directions(force, positions, 100.0) is None
     assert measure_lean(force, positions, 100.0) is None
     assert compare_with_feet([], [], positions) == []
-    assert check_registration([], [], positions, 100.0, person=True) == PlateCheck({}, ())
+    found, *unusable = check_registration([], [], positions, 100.0, person=True)
+    assert (found.facts, found.reasons, unusable) == ({}, [], [None, True])
 
 
 @cache
@@ -293,7 +295,7 @@ def test_moving_a_plate_equals_moving_its_corners(tmp_path: Path) -> None:
 
 def checked(
     source: Recording, move: Callable[[Plate], Plate] = lambda plate: plate, *, only: int = -1, person: bool = True
-) -> PlateCheck:
+) -> Findings:
     """Check a recording with one or all of the plates under the feet moved."""
     first, stop = propose_window(source.positions, source.rate)
     part = slice(first, stop, max(1, round(source.rate / 120)))
@@ -301,6 +303,5 @@ def checked(
     rate = 1.0 / float(np.median(np.diff(time)))
     use = choose_plates(source.plates, [recording.decimate(plate, time, rate) for plate in source.plates], positions)
     moved = [move(source.plates[i]) if only in (-1, k) else source.plates[i] for k, i in enumerate(use.indices("feet"))]
-    return check_registration(
-        moved, [recording.decimate(plate, time, rate) for plate in moved], positions, rate, person=person
-    )
+    samples = [recording.decimate(plate, time, rate) for plate in moved]
+    return check_registration(moved, samples, positions, rate, person=person)[0]

@@ -9,7 +9,7 @@ from test_plate_choice import CHAIR, FEET, RATE, RISE, TIME, WEIGHT, carrying, c
 from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.plates.choice import PlateChoice, choose_plates, find_contradictions, measure_empty_chair
 from mocap_id.recording import PlateSamples, ThinnedFrames
-from mocap_id.stages.planarise.wrenches import ExternalWrenches, UsedFrames, measure_seat
+from mocap_id.stages.planarise.wrenches import ExternalWrenches, measure_seat
 
 ON_CHAIR = 0.75 * WEIGHT * np.clip(1 - RISE / 0.6, 0, 1)
 EMPTY = np.array([3.0, 60.0, 24.0])
@@ -43,11 +43,10 @@ def seated(rise: np.ndarray = RISE, rule: str = "standing", every: int = 1) -> t
     samples, positions = PlateSamples(force, moment, ok), person(rise)
     looked = PlateSamples(force[::every], moment[::every], ok[::every])
     thinned = ThinnedFrames(every, positions[::every], TIME[::every], RATE / every, (looked,))
-    seen = UsedFrames([], positions, TIME, thinned, PlaneFrame(0.0))
     choice = PlateChoice(("seat",), (500.0,), ("it is one",))
     assert rule in ("standing", "none")
     external = ExternalWrenches()
-    measure_seat(external, seen, [samples], choice, rule)
+    measure_seat(external, choice, [samples], thinned, PlaneFrame(0.0), zero=rule, time=TIME)
     return found, external
 
 

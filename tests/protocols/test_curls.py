@@ -60,9 +60,9 @@ def test_a_failed_attempt_does_not_count_and_ends_the_trial() -> None:
     curls = found([1.9] * 6 + [0.6])
     assert [curl.complete for curl in curls] == [True] * 6 + [False]
     assert "rises by 34°" in curls[-1].why
-    end = find_trial_end(TIME, AXIS, curls, RULES)
-    assert end.rule == "stopped"
-    assert end.time == pytest.approx(15.0, abs=0.1)
+    end, rule, _ = find_trial_end(TIME, AXIS, curls, RULES)
+    assert rule == "stopped"
+    assert end == pytest.approx(15.0, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_an_event_where_the_arm_is_not_measured_is_unknown(hole: tuple[float, fl
         assert curls[k].amplitude == pytest.approx(1.9, abs=0.01)
     assert not any(curl.unknown for curl in curls)
     assert [curl.complete for curl in curls] == [True] * 4
-    assert find_trial_end(TIME, AXIS, curls, RULES).rule == "recording"
+    assert find_trial_end(TIME, AXIS, curls, RULES)[1] == "recording"
 
 
 def test_a_curl_that_may_be_complete_is_no_failed_attempt() -> None:
@@ -93,26 +93,26 @@ def test_a_curl_that_may_be_complete_is_no_failed_attempt() -> None:
     bridged = np.minimum(angle, np.where(high, 1.0, np.inf))
     curls = find_curls(TIME, bridged, np.full(len(TIME), 1e-4), RULES, ~high)
     assert [(curl.complete, curl.unknown) for curl in curls] == [(True, False)] * 3 + [(False, True)]
-    assert find_trial_end(TIME, AXIS, curls, RULES).rule == "recording"
+    assert find_trial_end(TIME, AXIS, curls, RULES)[1] == "recording"
 
 
 def test_a_slow_curl_breaks_the_tempo() -> None:
     curls = (*found([1.9] * 3), Curl(9.0, 11.0, 13.0, 1.9, complete=True))
-    assert find_trial_end(TIME, AXIS, curls, RULES).rule == "tempo"
-    assert find_trial_end(TIME, AXIS, curls, replace(RULES, metronome=None)).rule == "recording"
+    assert find_trial_end(TIME, AXIS, curls, RULES)[1] == "tempo"
+    assert find_trial_end(TIME, AXIS, curls, replace(RULES, metronome=None))[1] == "recording"
 
 
 def test_a_pause_ends_the_trial() -> None:
     curls = (*found([1.9] * 3), Curl(16.0, 17.0, 18.0, 1.9, complete=True))
-    end = find_trial_end(TIME, AXIS, curls, RULES)
-    assert (end.rule, round(end.time)) == ("stopped", 9)
+    end, rule, _ = find_trial_end(TIME, AXIS, curls, RULES)
+    assert (rule, round(end)) == ("stopped", 9)
 
 
 @pytest.mark.parametrize(("seconds", "rule"), [(0.1, "recording"), (0.5, "plane")])
 def test_only_a_sustained_motion_out_of_the_plane_ends_the_trial(seconds: float, rule: str) -> None:
     out = np.where((TIME > 8) & (8 + seconds > TIME), np.radians(30), 0.0)
     axis = np.stack([np.sin(out), np.zeros(len(TIME)), np.cos(out)], axis=1)
-    assert find_trial_end(TIME, axis, found([1.9] * 8), RULES).rule == rule
+    assert find_trial_end(TIME, axis, found([1.9] * 8), RULES)[1] == rule
 
 
 def test_compensation_has_range_offset_and_floor() -> None:
@@ -120,15 +120,15 @@ def test_compensation_has_range_offset_and_floor() -> None:
     sway = np.zeros(len(TIME))
     sway += np.radians(12) * (step((TIME - 7) / 0.5) - step((TIME - 8.4) / 0.5))
     measured = measure_compensation(TIME, sway, np.full(len(TIME), 0.01), curls, RULES)
-    ranges = [one.range if one else np.nan for one in measured]
+    ranges = [one["range_rad"] if one else np.nan for one in measured]
     np.testing.assert_allclose(np.degrees(ranges), [0, 0, 12, 0], atol=0.1)
     still, moved = measured[0], measured[2]
     assert still is not None
     assert moved is not None
-    assert still.range < still.floor
-    assert moved.range_interval[0] > 0
-    assert moved.sustained > 0.5
-    assert still.sustained == 0
+    assert still["range_rad"] < still["floor_rad"]
+    assert moved["interval_rad"][0] > 0
+    assert moved["sustained_s"] > 0.5
+    assert still["sustained_s"] == 0
 
 
 def test_a_part_in_step_with_the_flexion_is_stated_apart() -> None:
@@ -139,15 +139,16 @@ def test_a_part_in_step_with_the_flexion_is_stated_apart() -> None:
     sd = np.full(len(TIME), 0.02)
     apart = fit_part_in_step(TIME, 0.06 * np.sin(q) - 0.02 * np.cos(q) + added, sd, q, spread, curls)
     assert apart is not None
-    np.testing.assert_allclose(np.ptp(apart.curve - 0.06 * np.sin(q) + 0.02 * np.cos(q)), 0, atol=1e-9)
+    curve, rest_sd, size, interval = apart
+    np.testing.assert_allclose(np.ptp(curve - 0.06 * np.sin(q) + 0.02 * np.cos(q)), 0, atol=1e-9)
     inside = slice(*np.searchsorted(TIME, [curls[0].start, curls[0].end]))
     turned = np.sin(q[inside]) - np.sin(q[inside].min())
-    assert apart.interval[1] - apart.range == pytest.approx(1.96 * 0.05 * np.abs(turned).max(), rel=1e-6)
-    assert apart.interval[0] == max(0.0, 2 * apart.range - apart.interval[1])
-    measured = measure_compensation(TIME, added, apart.rest_sd, curls, RULES)
+    assert interval[1] - size == pytest.approx(1.96 * 0.05 * np.abs(turned).max(), rel=1e-6)
+    assert interval[0] == max(0.0, 2 * size - interval[1])
+    measured = measure_compensation(TIME, added, rest_sd, curls, RULES)
     assert measured[2] is not None
-    assert np.degrees(measured[2].range) == pytest.approx(4, abs=0.1)
-    assert measured[2].range_interval[0] > 0
+    assert np.degrees(measured[2]["range_rad"]) == pytest.approx(4, abs=0.1)
+    assert measured[2]["interval_rad"][0] > 0
 
 
 def test_no_part_in_step_without_a_curl() -> None:
@@ -158,7 +159,7 @@ def test_no_part_in_step_without_a_curl() -> None:
 
 def test_compensation_of_an_unknown_angle_is_none() -> None:
     curls = found([1.9] * 3)
-    assert measure_compensation(TIME, np.full(len(TIME), np.nan), np.ones(len(TIME)), curls, RULES) == (None,) * 3
+    assert measure_compensation(TIME, np.full(len(TIME), np.nan), np.ones(len(TIME)), curls, RULES) == [None] * 3
 
 
 def test_torque_is_that_of_a_pendulum() -> None:
@@ -171,9 +172,9 @@ def test_torque_is_that_of_a_pendulum() -> None:
     body = Mass(mass, np.array([0.0, -length, 0.0]), np.zeros(3), 0.02)
     still = np.zeros((len(TIME), 3))
     motion = SegmentMotion(still, turn, AXIS * omega[:, None], AXIS * alpha[:, None], np.full(len(TIME), 0.2), [body])
-    got = compute_elbow_torque(TIME, AXIS, [motion], tilt=0.01)
-    np.testing.assert_allclose(got.torque, mass * length**2 * alpha + mass * 9.81 * length * np.sin(q), atol=1e-9)
-    assert (got.sd > mass * length**2 * 0.2).all()
+    torque, sd = compute_elbow_torque(TIME, AXIS, [motion], tilt=0.01)
+    np.testing.assert_allclose(torque, mass * length**2 * alpha + mass * 9.81 * length * np.sin(q), atol=1e-9)
+    assert (sd > mass * length**2 * 0.2).all()
 
 
 def test_a_divided_body_has_the_torque_of_the_whole() -> None:
@@ -194,8 +195,8 @@ def test_a_divided_body_has_the_torque_of_the_whole() -> None:
         motion(origin, whole[:1]),
         motion(wrist, [Mass(4.0, far - [0.0, -0.25, 0.0], inertia, 0.0)]),
     ]
-    one = compute_elbow_torque(TIME, AXIS, [motion(origin, whole)], tilt=0.0).torque
-    np.testing.assert_allclose(compute_elbow_torque(TIME, AXIS, parts, tilt=0.0).torque, one, atol=1e-9)
+    one = compute_elbow_torque(TIME, AXIS, [motion(origin, whole)], tilt=0.0)[0]
+    np.testing.assert_allclose(compute_elbow_torque(TIME, AXIS, parts, tilt=0.0)[0], one, atol=1e-9)
 
 
 def test_a_trend_needs_four_curls_and_holds_the_slope() -> None:
@@ -203,5 +204,5 @@ def test_a_trend_needs_four_curls_and_holds_the_slope() -> None:
     values = 0.2 * np.arange(12) + rng.normal(0, 0.1, 12)
     found_trend = fit_trend(values)
     assert found_trend is not None
-    assert found_trend.interval[0] < 0.2 < found_trend.interval[1]
+    assert found_trend["interval"][0] < 0.2 < found_trend["interval"][1]
     assert fit_trend(values[:3]) is None

@@ -99,15 +99,15 @@ def test_the_geometry_is_that_of_the_chain() -> None:
 def test_the_interval_grows_with_the_errors() -> None:
     angles, poses, skeleton = views(SpatialTrial(frames=2500))
     arm, ranges = measure_arm(angles, poses, skeleton), measure_ranges(angles, poses)
-    found = compute_workspace(arm, ranges, None)
-    assert found.visited is None
-    low, high = found.box.interval
-    assert low < found.box.volume < high
-    assert sum(found.sources.values()) == pytest.approx(1)
+    box, visited, sd, sources = compute_workspace(arm, ranges, None)
+    assert visited is None
+    low, high = box["interval_m3"]
+    assert low < box["volume_m3"] < high
+    assert sum(sources.values()) == pytest.approx(1)
     worse = {name: replace(one, low_sd=2 * one.low_sd, high_sd=2 * one.high_sd) for name, one in ranges.items()}
-    assert compute_workspace(arm, worse, None).sd > 1.1 * found.sd
+    assert compute_workspace(arm, worse, None)[2] > 1.1 * sd
     longer = compute_workspace(replace(arm, forearm_sd=0.02), ranges, None)
-    assert longer.sources["forearm"] > found.sources["forearm"]
+    assert longer[3]["forearm"] > sources["forearm"]
 
 
 def test_ranges_without_a_volume_are_refused() -> None:

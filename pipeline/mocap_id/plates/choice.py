@@ -1,4 +1,4 @@
-"""Use of each force plate (feet, chair, none), and what it measures while the person stands."""
+"""Use of each force plate (feet, chair, none), and comparison of its forces with standing and with the movement."""
 
 from __future__ import annotations
 
@@ -232,7 +232,7 @@ _STEP_S = 0.1  # time step of the second differences that give the accelerations
 # Fraction of the usual load. If the load is smaller, a chair, for example, may also exert a horizontal force.
 _MIN_SHARE = 0.6
 _ANGLES = tuple(np.radians(np.arange(-175, 181, 5)).tolist())
-_DIRECTION_MIN_TOTAL_S = 1.0
+_MIN_JUDGED_S = 1.0
 _RISEN = 0.7  # fraction of the rise of the body above which no chair touches it
 # a mean over this time is subtracted from forces and accelerations: objects that the person takes or puts down, and
 # hands on a support, change the force more slowly
@@ -248,23 +248,31 @@ _MIN_COMPARED_S = 2.0
 _OVERLAP = 0.6  # fraction of the samples that must be common at larger clock offsets
 
 
-@dataclass(frozen=True)
-class ForceCourse:
-    """Agreement of the vertical force with the vertical acceleration of the body, over time."""
-
-    correlation: float  # largest correlation of force and acceleration for clock offsets up to ± 1 s, 0 to 1
-    offset: float  # this clock offset, s; positive if the force is late
-    correlation_far: float  # largest correlation for all clock offsets for which enough samples are common
-    expected: float  # root mean square of the weight times the acceleration, divided by gravity, N
-
-
-def compare_courses(vertical: FloatArray, positions: FloatArray, rate: float) -> ForceCourse | None:
+def compare_courses(vertical: FloatArray, positions: FloatArray, rate: float) -> tuple[float, float, float] | None:
     """Compare the course of a vertical force (F,), N, with the vertical acceleration of a standing or rising body.
+
+    The results are the largest correlation of force and acceleration for clock offsets up to ± 1 s, 0 to 1; that for
+    all clock offsets for which enough samples are common; and the root mean square of the weight times the
+    acceleration, divided by gravity, N: the variation of the force that the movement needs.
 
     Only samples are compared in which the body has risen, so that no chair carries a part of it. The result is None if
     there are too few of them, or if the body does not move.
     """
-    positions = positions[:, _find_rising_markers(positions)]
+    # The markers that rise and lower with the highest quarter of them; all if none does. Markers on objects, such as a
+    # box that the person lifts or a table, do not belong to the body.
+    thinned = positions[:: max(1, len(positions) // _FRAMES), :, 2]
+    usual = np.array([np.median(z[np.isfinite(z)]) if np.isfinite(z).any() else -np.inf for z in thinned.T])
+    top = np.argsort(-usual)[: max(2, len(usual) // 4)]
+    away = thinned[:, top] - usual[top]
+    known = np.isfinite(away)
+    common = np.where(known, away, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    rising = []
+    for marker, height in enumerate(thinned.T):
+        both = np.isfinite(height) & known.any(axis=1)
+        moves = both.sum() > 2 and np.ptp(height[both]) > 0.0 and np.ptp(common[both]) > 0.0
+        if moves and np.corrcoef(height[both], common[both])[0, 1] > _WITH_BODY:
+            rising.append(marker)
+    positions = positions[:, np.array(rising or range(positions.shape[1]), dtype=np.int64)]
     half, groups = max(1, round(_COURSE_STEP_S * rate)), group_by_height(positions)
     if len(positions) < 4 * half or not groups or np.isfinite(vertical).sum() < _MIN_COMPARED_S * rate:
         return None
@@ -288,7 +296,7 @@ def compare_courses(vertical: FloatArray, positions: FloatArray, rate: float) ->
     expected = mass * float(np.sqrt(np.mean(parts.mean(axis=0)[risen] ** 2)))
     least, most = _MIN_COMPARED_S * rate, _OVERLAP * risen.sum()
     step, reach = max(1, round(_LAG_STEP_S * rate)), len(positions) - round(least)
-    best, far = (-1.0, 0.0), 0.0
+    best, far = -1.0, 0.0
     for lag in range(-reach // step * step, reach + 1, step):
         chosen = np.flatnonzero(risen)
         chosen = chosen[(chosen + lag >= 0) & (chosen + lag < len(force))]
@@ -304,30 +312,8 @@ def compare_courses(vertical: FloatArray, positions: FloatArray, rate: float) ->
         correlation = float(np.sqrt(max(0.0, 1.0 - (residual / max(size, 1e-300)) ** 2)))
         far = max(far, correlation)
         if near:
-            best = max(best, (correlation, lag / rate))
-    if best[0] < 0.0:
-        return None
-    return ForceCourse(best[0], best[1], far, expected)
-
-
-def _find_rising_markers(positions: FloatArray) -> IntArray:
-    """Return the indices of the markers that rise and lower with the highest quarter of the markers; all if none does.
-
-    Markers on objects, such as a box that the person lifts or a table, do not belong to the body.
-    """
-    heights = positions[:: max(1, len(positions) // _FRAMES), :, 2]
-    usual = np.array([np.median(z[np.isfinite(z)]) if np.isfinite(z).any() else -np.inf for z in heights.T])
-    top = np.argsort(-usual)[: max(2, len(usual) // 4)]
-    away = heights[:, top] - usual[top]
-    known = np.isfinite(away)
-    common = np.where(known, away, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-    kept = []
-    for marker, height in enumerate(heights.T):
-        both = np.isfinite(height) & known.any(axis=1)
-        moves = both.sum() > 2 and np.ptp(height[both]) > 0.0 and np.ptp(common[both]) > 0.0
-        if moves and np.corrcoef(height[both], common[both])[0, 1] > _WITH_BODY:
-            kept.append(marker)
-    return np.array(kept or range(positions.shape[1]), dtype=np.int64)
+            best = max(best, correlation)
+    return None if best < 0.0 else (best, far, expected)
 
 
 def _subtract_mean(values: FloatArray, width: int) -> FloatArray:
@@ -364,7 +350,7 @@ def compare_directions(force: FloatArray, positions: FloatArray, rate: float) ->
     with np.errstate(invalid="ignore"):
         known = np.isfinite(acceleration).all(axis=(0, 2))
         known &= averaged[:, 2] > _MIN_SHARE * np.nanpercentile(force[:, 2], 95)
-    if known.sum() < _DIRECTION_MIN_TOTAL_S * rate:
+    if known.sum() < _MIN_JUDGED_S * rate:
         return None
     kept = np.flatnonzero(known)[:: max(1, half // 4)]  # the averaged signals contain no higher frequencies
     measured, parts = averaged[kept, :2], acceleration[:, kept]

@@ -63,10 +63,6 @@ class ClockSearch:
     rivals_s: tuple[float, ...] = ()  # other offsets that explain the forces equally well, s
     why: str | None = None  # reason why the offset is not known; None if it is known, or if nothing moves
 
-    def correct(self, plates: Sequence[Plate]) -> tuple[Plate, ...]:
-        """Return the plates with their samples at the times of the cameras' clock, as far as the offset is known."""
-        return tuple(replace(plate, start=plate.start + self.offset_s) for plate in plates)
-
     def facts(self) -> dict[str, Any]:
         """Return the fact ``clock`` of wrench.parquet."""
         return asdict(self) | {"rivals_s": list(self.rivals_s)}

@@ -122,7 +122,7 @@ _SWAY_M_S = 0.03  # largest speed of the markers' mean while a person stands sti
 _PAUSE_S = 0.5  # shortest time of standing still. In a shorter time, the mean acceleration may differ from zero.
 _MIN_TOTAL_S = 1.0
 # a foot is beside a plate if the mean of its markers is farther than this outside the outline of the plate
-_PLACEMENT_BESIDE_M = 0.02
+_OFF_PLATE_M = 0.02
 # If the centre of pressure is not farther than this from one foot, towards the other foot, the force acts under that
 # foot alone: a length, and a fraction of the distance of the feet. People who load both feet have 0.4 to 0.6.
 _UNDER_M, _UNDER_SHARE = 0.035, 0.2
@@ -271,35 +271,30 @@ def find_foot_beside(
     load = _measure_load(surfaces, samples, positions)
     if load is None:
         return None
-    feet, centres, width, share = load.feet, load.centres, load.width, load.share
+    _, feet, centres, share = load
+    width = float(np.linalg.norm(centres[1] - centres[0]))
     loaded, share = 0 if share < 0.5 else 1, min(share, 1.0 - share)
     beside = float("nan")
     if len(surfaces) == len(plates):
         beside = min(_measure_beside(centres[1 - loaded], plate) for plate in plates)
         own = min(_measure_beside(centres[loaded], plate) for plate in plates)
-        if own <= _PLACEMENT_BESIDE_M < beside and share < _UNDER_NEARER:
+        if own <= _OFF_PLATE_M < beside and share < _UNDER_NEARER:
             return feet[1 - loaded], beside, share
-        if len(plates) == 1 and beside <= _PLACEMENT_BESIDE_M:
+        if len(plates) == 1 and beside <= _OFF_PLATE_M:
             return None  # both feet are on the plate, so it measures both, even if one carries nearly all the load
     under = min(_UNDER_M, _UNDER_SHARE * width)
     return (feet[1 - loaded], beside, share) if abs(share) * width < under else None
 
 
-@dataclass(frozen=True)
-class _LoadOfFeet:
-    """Position of the centre of pressure of all plates between two standing feet."""
-
-    stands: BoolArray  # (F,) samples in which the person stands on the plates
-    feet: list[FloatArray]  # mean positions of the markers on each foot, (K, 3), m
-    centres: list[FloatArray]  # mean (2,) of each, m
-    width: float  # distance of the centres, m
-    share: float  # distance of the centre of pressure from the first foot, divided by the width
-
-
 def _measure_load(
     surfaces: Sequence[float], samples: Sequence[PlateSamples], positions: FloatArray
-) -> _LoadOfFeet | None:
-    """Return the load of two feet that stand side by side; None if the markers do not show such feet."""
+) -> tuple[BoolArray, list[FloatArray], list[FloatArray], float] | None:
+    """Return where the load of two feet acts that stand side by side; None if the markers do not show such feet.
+
+    The results are the samples (F,) in which the person stands on the plates; the mean marker positions (K, 3) of each
+    foot, m, and their mean (2,); and the distance of the centre of pressure from the first foot as a share of that of
+    the feet.
+    """
     force = np.sum([each.force for each in samples], axis=0)
     moment = np.sum([each.moment for each in samples], axis=0)
     surface = float(np.mean(surfaces)) if surfaces else 0.0  # without corners, the floor of the lab
@@ -320,8 +315,7 @@ def _measure_load(
             along = np.linalg.svd(foot[:, :2] - foot[:, :2].mean(axis=0), full_matrices=False)[2][0]
             if abs(along @ apart) > _BEHIND * width:
                 return None  # not side by side: a foot and an object behind it, such as a chair, or a long step
-    share = float((pressure - centres[0]) @ apart) / width**2
-    return _LoadOfFeet(stands, feet, centres, width, share)
+    return stands, feet, centres, float((pressure - centres[0]) @ apart) / width**2
 
 
 @dataclass(frozen=True)
@@ -347,13 +341,17 @@ def measure_load_share(
     feet. The result is None for fewer than two plates, or if the markers do not show a person who stands on two feet.
     """
     load = _measure_load([each.centre[2] for each in plates if each.centre is not None], samples, positions)
-    if load is None or len(plates) < 2 or not shows_standing(positions, load.stands):
+    if load is None or len(plates) < 2:
         return None
-    known = np.isfinite(positions[load.stands]).all(axis=2).any(axis=0)
-    middle = np.nanmedian(positions[load.stands][:, known], axis=0)
-    height = middle[:, 2] - min(foot[:, 2].min() for foot in load.feet)
-    x, y = (load.centres[1] - load.centres[0]) / load.width
-    upper = middle[height > _UPPER_BODY * height.max()] - [*load.centres[0], 0.0]
+    stands, feet, centres, share = load
+    if not shows_standing(positions, stands):
+        return None
+    known = np.isfinite(positions[stands]).all(axis=2).any(axis=0)
+    middle = np.nanmedian(positions[stands][:, known], axis=0)
+    height = middle[:, 2] - min(foot[:, 2].min() for foot in feet)
+    width = float(np.linalg.norm(centres[1] - centres[0]))
+    x, y = (centres[1] - centres[0]) / width
+    upper = middle[height > _UPPER_BODY * height.max()] - [*centres[0], 0.0]
     upper = upper @ np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]])  # from foot to foot, forwards, up
     best: tuple[float, float] = (0.0, 0.0)
     body: float | None = None
@@ -362,12 +360,12 @@ def measure_load_share(
         away = np.linalg.norm(image[:, None] - upper[None], axis=-1).min(axis=1)
         found = float(np.mean(away < _MIRRORED_M)), -float(np.mean(np.minimum(away, _MIRRORED_M)))
         if found > best or body is None:
-            best, body = found, float(centre) / load.width
+            best, body = found, float(centre) / width
     body = body if best[0] >= _MIRRORED else None
-    loads = tuple(float(np.median(each.force[load.stands, 2])) for each in samples)
-    if load.share < 0.5:  # the centre of pressure is nearer to the first foot
-        return FootLoad(load.feet[1], load.share, body, load.width, loads)
-    return FootLoad(load.feet[0], 1.0 - load.share, None if body is None else 1.0 - body, load.width, loads)
+    loads = tuple(float(np.median(each.force[stands, 2])) for each in samples)
+    if share < 0.5:  # the centre of pressure is nearer to the first foot
+        return FootLoad(feet[1], share, body, width, loads)
+    return FootLoad(feet[0], 1.0 - share, None if body is None else 1.0 - body, width, loads)
 
 
 def _measure_beside(point: FloatArray, plate: Plate) -> float:

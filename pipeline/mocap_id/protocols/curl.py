@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.special import stdtrit
@@ -164,21 +165,15 @@ def _find_samples_near(values: FloatArray, turn: int, near: float) -> IntArray:
     return np.arange(first, last)
 
 
-@dataclass(frozen=True)
-class Trend:
-    """Linear trend of a quantity over the curls."""
+def fit_trend(values: FloatArray) -> dict[str, Any] | None:
+    """Return the linear trend of a quantity (n,) over n curls by least squares, as facts of events.parquet.
 
-    slope: float  # change from one curl to the next, in the unit of the quantity
-    interval: tuple[float, float]  # 95 % interval of the slope by Student's t
-    count: int  # number of curls with a known value
-
-
-def fit_trend(values: FloatArray) -> Trend | None:
-    """Fit the linear trend of a quantity (n,) over n curls by least squares; None with fewer than four known values.
+    ``slope`` is the change from one curl to the next, ``interval`` its 95 % interval by Student's t, and ``count`` the
+    number of known values; the result is None for fewer than four.
 
     Examples
     --------
-    >>> fit_trend(np.array([1.0, 2.0, 3.0, 4.0])).slope
+    >>> fit_trend(np.array([1.0, 2.0, 3.0, 4.0]))["slope"]
     1.0
     """
     known = np.flatnonzero(np.isfinite(values))
@@ -189,31 +184,25 @@ def fit_trend(values: FloatArray) -> Trend | None:
     rest = values[known] - values[known].mean() - slope * number
     free = len(known) - 2
     half = float(stdtrit(free, 0.975) * np.sqrt(rest @ rest / free / (number @ number)))
-    return Trend(slope, (slope - half, slope + half), len(known))
+    return {"slope": slope, "interval": [slope - half, slope + half], "count": len(known)}
 
 
-@dataclass(frozen=True)
-class TrialEnd:
-    """End of a trial of curls."""
+def find_trial_end(
+    time: FloatArray, axis: FloatArray, curls: tuple[Curl, ...], rules: CurlRules
+) -> tuple[float, str, str]:
+    """Return the earliest time at which one of the rules ends a trial, s, the rule, and what was observed.
 
-    time: float  # time of the end, s
-    # rule that ends the trial: ``stopped``, ``tempo``, ``plane``, or ``recording`` if the recording ends first
-    rule: str
-    why: str  # observation to which the rule was applied, for the report
-
-
-def find_trial_end(time: FloatArray, axis: FloatArray, curls: tuple[Curl, ...], rules: CurlRules) -> TrialEnd:
-    """Find the end of a trial: the earliest time at which one of the rules ends it.
-
-    ``time`` (T,) are the sample times, s. ``axis`` (T, 3) is the unit vector of the elbow's axis in the trial's axes,
-    towards the right; NaN where unknown.
+    The rule is ``stopped``, ``tempo``, ``plane``, or ``recording`` if no other rule ends the trial. ``time`` (T,) are
+    the sample times, s. ``axis`` (T, 3) is the unit vector of the elbow's axis in the trial's axes, towards the right;
+    NaN where unknown.
     """
-    done, ends = [curl for curl in curls if curl.complete], []
+    ends: list[tuple[float, str, str]] = []
+    done = [curl for curl in curls if curl.complete]
     # the first failed attempt after the last complete curl
     complete = [k for k, curl in enumerate(curls) if curl.complete]
     rest = [curl for curl in (curls[complete[-1] + 1 :] if complete else curls) if not curl.unknown]
     if rest:
-        ends.append(TrialEnd(rest[0].start, "stopped", f"the next attempt fails: {rest[0].why}"))
+        ends.append((rest[0].start, "stopped", f"the next attempt fails: {rest[0].why}"))
     # the first pause between curls that is too long
     period = 1 / rules.metronome if rules.metronome else None
     durations = np.array([curl.end - curl.start for curl in done])
@@ -223,14 +212,14 @@ def find_trial_end(time: FloatArray, axis: FloatArray, curls: tuple[Curl, ...], 
             pause = following.start - curl.end
             if pause > longest:
                 why = f"a pause of {pause:.1f} s follows, expected at most {longest:.1f} s"
-                ends.append(TrialEnd(curl.end, "stopped", why))
+                ends.append((curl.end, "stopped", why))
                 break
     # before the first complete curl that is out of the metronome's tempo
     for curl in done:
         duration = curl.end - curl.start
         if period is not None and abs(duration - period) > rules.tempo * period:
             why = f"the next curl takes {duration:.2f} s, expected {period:.2f} s ± {100 * rules.tempo:.0f} %"
-            ends.append(TrialEnd(curl.start, "tempo", why))
+            ends.append((curl.start, "tempo", why))
             break
     # the first sustained rotation of the elbow's axis from its direction in the first curl
     timed = [curl for curl in done if curl.timed]
@@ -244,38 +233,20 @@ def find_trial_end(time: FloatArray, axis: FloatArray, curls: tuple[Curl, ...], 
             if time[run.stop - 1] - time[run.start] >= rules.sustained:
                 degrees = np.degrees(np.nanmax(turned[run]))
                 why = f"the elbow's axis rotates by {degrees:.0f}°, expected at most {np.degrees(rules.plane):.0f}°"
-                ends.append(TrialEnd(float(time[run.start]), "plane", why))
+                ends.append((float(time[run.start]), "plane", why))
                 break
     ends_known = [curl.end for curl in done if np.isfinite(curl.end)]
     last = ends_known[-1] if ends_known else float(time[-1])
-    default = TrialEnd(last, "recording", "no rule ends the trial earlier")
-    return min(ends, key=lambda end: end.time, default=default)
+    return min(ends, key=lambda end: end[0], default=(last, "recording", "no rule ends the trial earlier"))
 
 
 _VARIES = 0.25  # share of the error of the angle's changes that differs from curl to curl
 
 
-@dataclass(frozen=True)
-class Compensation:
-    """Motion of one angle of shoulder or thorax during one curl."""
-
-    range: float  # highest minus lowest value within the curl, rad
-    range_interval: tuple[float, float]  # 95 % interval of the range, rad; the lower end is not negative
-    # offset, offset_sd: mean of the angle in this curl minus its mean in the first complete curl, and its standard
-    # deviation, rad
-    offset: float
-    offset_sd: float
-    # 95 % quantile of the range that errors of the angle alone cause, rad. A smaller range may be no motion at all.
-    floor: float
-    # longest time in which the angle differs from its value at the start of the curls by more than
-    # ``rules.compensation``, s; 0 if this time is shorter than ``rules.sustained``
-    sustained: float
-
-
 def measure_compensation(
     time: FloatArray, angle: FloatArray, sd: FloatArray, curls: tuple[Curl, ...], rules: CurlRules
-) -> tuple[Compensation | None, ...]:
-    """Measure the motion of an angle of shoulder or thorax during every curl.
+) -> list[dict[str, Any] | None]:
+    """Return the motion of an angle of shoulder or thorax during every curl, as facts of events.parquet.
 
     The entry of a curl is None if it is a failed attempt or if the angle is unknown in it. ``time`` (T,) are the sample
     times, s; ``angle`` and ``sd`` (T,) are the angle and the standard deviation of its changes, rad; NaN where unknown.
@@ -283,9 +254,9 @@ def measure_compensation(
     spans = [slice(*np.searchsorted(time, [curl.start, curl.end])) if curl.timed else None for curl in curls]
     used = [span for span in spans if span is not None and np.isfinite(angle[span]).all() and span.stop > span.start]
     if not used:
-        return tuple(None for _ in spans)
+        return [None for _ in spans]
     first, start = float(angle[used[0]].mean()), float(angle[used[0].start])
-    found: list[Compensation | None] = []
+    found: list[dict[str, Any] | None] = []
     for span in spans:
         if span is None or span not in used:
             found.append(None)
@@ -296,27 +267,19 @@ def measure_compensation(
         away = find_runs(np.abs(change) > rules.compensation)
         longest = max((float(time[span][run.stop - 1] - time[span][run.start]) for run in away), default=0.0)
         found.append(
-            Compensation(
-                range=size,
-                range_interval=(max(size - half, 0.0), size + half),
-                offset=float(change.mean()) - (first - start),
-                offset_sd=np.sqrt(2) * error,
-                floor=half,
-                sustained=longest if longest >= rules.sustained else 0.0,
-            )
+            {
+                "range_rad": size,
+                "interval_rad": [max(size - half, 0.0), size + half],
+                # mean of the angle in this curl minus its mean in the first complete curl
+                "offset_rad": float(change.mean()) - (first - start),
+                "offset_sd_rad": np.sqrt(2) * error,
+                # 95 % quantile of the range that errors of the angle alone cause: a smaller one may be no motion at all
+                "floor_rad": half,
+                # longest time in which the angle differs from its value at the start of the curls by too much
+                "sustained_s": longest if longest >= rules.sustained else 0.0,
+            }
         )
-    return tuple(found)
-
-
-@dataclass(frozen=True)
-class InStep:
-    """Part of an angle that depends on the flexion alone, fitted to the first complete curl with a known angle."""
-
-    curve: FloatArray  # (T,) this part at all times, up to a constant, rad
-    range: float  # highest minus lowest value of the curve within this curl, rad
-    # 95 % interval of the person's motion in ``range``, rad; the lower end is not negative
-    interval: tuple[float, float]
-    rest_sd: FloatArray  # (T,) standard deviation of the changes of the angle minus the curve, rad
+    return found
 
 
 def fit_part_in_step(  # noqa: PLR0917
@@ -326,8 +289,12 @@ def fit_part_in_step(  # noqa: PLR0917
     flexion: FloatArray,
     axis: FloatArray | None,
     curls: Sequence[Curl],
-) -> InStep | None:
-    """Fit the part of an angle that depends on the flexion alone; None if the angle is known in no complete curl.
+) -> tuple[FloatArray, FloatArray, float, list[float]] | None:
+    """Fit the part of an angle that depends on the flexion alone to the first complete curl with a known angle.
+
+    Return this part at all times (T,), up to a constant, rad; the standard deviation (T,) of the changes of the rest;
+    the range of the part within this curl; and the 95 % interval of the person's motion in this range. The result is
+    None if the angle is known in no complete curl.
 
     ``time`` (T,) are the sample times, s; ``angle``, ``sd`` and ``flexion`` (T,) are the angle, the standard deviation
     of its changes, and the flexion of the elbow, rad; NaN where unknown. ``axis`` (2, 2) is the covariance of the
@@ -350,7 +317,7 @@ def fit_part_in_step(  # noqa: PLR0917
         change = basis[first] - basis[first][int(np.argmax(basis[first][:, 0]))]
         half = NORMAL_95 * float(np.sqrt(np.einsum("ti,ij,tj->t", change, axis, change).max()))
     rest = np.sqrt(left**2 + (_VARIES * sd) ** 2 / 2)
-    return InStep(curve, size, (max(size - float(half), 0.0), size + float(half)), rest)
+    return curve, rest, size, [max(size - float(half), 0.0), size + float(half)]
 
 
 _GRAVITY = 9.81  # m/s²
@@ -380,22 +347,15 @@ class SegmentMotion:
     bodies: Sequence[Mass]  # bodies with this motion
 
 
-@dataclass(frozen=True)
-class ElbowTorque:
-    """Torque about the elbow's axis and its standard deviation, (T,) N·m; NaN where the motion is unknown."""
-
-    torque: FloatArray
-    sd: FloatArray
-
-
 def compute_elbow_torque(
     time: FloatArray, axis: FloatArray, segments: Sequence[SegmentMotion], *, tilt: float
-) -> ElbowTorque:
-    """Return the torque of all muscles and devices about the elbow's axis.
+) -> tuple[FloatArray, FloatArray]:
+    """Return the torque of all muscles and devices about the elbow's axis, and its standard deviation, (T,) N·m.
 
     ``time`` (T,) are the sample times with constant step, s. ``axis`` (T, 3) is the unit vector of the elbow's axis in
     the trial's axes; a positive rotation about it is flexion. ``segments`` are the forearm, whose origin is the elbow,
-    and the hand. ``tilt`` is the standard deviation of the forearm's direction, rad. Gravity is along -y.
+    and the hand. ``tilt`` is the standard deviation of the forearm's direction, rad. Gravity is along -y. The
+    results are NaN where the motion is unknown.
     """
     rate = (len(time) - 1) / (time[-1] - time[0])
     elbow = segments[0].origin
@@ -423,7 +383,7 @@ def compute_elbow_torque(
             total += torque
             weight_moment += body.mass * _GRAVITY * np.linalg.norm(lever, axis=1)
             variance += (body.relative_sd * torque) ** 2 + (about_elbow * motion.sd_alpha) ** 2
-    return ElbowTorque(total, np.sqrt(variance + (weight_moment * tilt) ** 2))
+    return total, np.sqrt(variance + (weight_moment * tilt) ** 2)
 
 
 def _relative_acceleration(motion: SegmentMotion, out: FloatArray) -> FloatArray:

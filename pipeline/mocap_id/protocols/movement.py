@@ -1,4 +1,4 @@
-"""Repetitions of a trial in the plane by protocol, samples for its identification, and averages over repetitions."""
+"""Movement of a trial: its repetitions by protocol, averages over them, and the kind of movement in a recording."""
 
 from __future__ import annotations
 
@@ -99,8 +99,8 @@ def find_movement(
         return Movement(everything, find_robot_cycles(recorded.time, recorded.q), None, None, (), ~everything)
     if protocol != "sit-to-stand":
         return Movement(everything, (), None, None, (), ~everything)
-    body = compute_posture(recorded.q, recorded.dq, recorded.centres)
-    if not body.moves:
+    posture = compute_posture(recorded.q, recorded.dq, recorded.centres)
+    if not posture.moves:
         seated = recorded.seat is not None
         consequence = "it is not certain that the person stands, so a chair may carry part of the body in every sample"
         if stands:
@@ -108,18 +108,45 @@ def find_movement(
         elif seated:
             consequence = "the force of the chair is measured, so all samples are used for identification"
         text = (
-            f"no rise was found: the hip moves {100 * body.rise:.1f} cm up and down, too little for a "
+            f"no rise was found: the hip moves {100 * posture.rise:.1f} cm up and down, too little for a "
             f"sit-to-stand; {consequence}. If the window contains only part of the movement, widen it. For another "
             "movement without a chair, set `protocol: free`"
         )
         free = everything & (stands or seated)
-        return Movement(free, (), None, body, (Reason("no-repetitions", text, body.rise),), ~free)
+        return Movement(free, (), None, posture, (Reason("no-repetitions", text, posture.rise),), ~free)
     if prepared is None:
-        repetitions = find_sit_to_stand_repetitions(recorded.time, body, None, chair=True)
-        return Movement(everything, repetitions, None, body, (), ~find_samples_off_chair(body))
-    contact = find_contact(prepared, body, rule, weight_share=weight_share, knee_bend=knee_bend)
-    repetitions = find_sit_to_stand_repetitions(recorded.time, body, contact.touching, chair=contact.chair)
-    return Movement(contact.free, repetitions, contact, body, _explain_contact(contact, rule), contact.carried)
+        repetitions = find_sit_to_stand_repetitions(recorded.time, posture, None, chair=True)
+        return Movement(everything, repetitions, None, posture, (), ~find_samples_off_chair(posture))
+    contact = find_contact(prepared, posture, rule, weight_share=weight_share, knee_bend=knee_bend)
+    repetitions = find_sit_to_stand_repetitions(recorded.time, posture, contact.touching, chair=contact.chair)
+    reasons: tuple[Reason, ...] = ()
+    if contact.chair is None:
+        text = (
+            "chair contact is unknown: the plates were not recorded while the person stands, or while the hips are "
+            "low. Samples for identification were selected by the knee angle alone (rule `knee`), as if a chair were "
+            "used"
+        )
+        reasons = (Reason("contact-unknown", text),)
+    elif not contact.chair:
+        text = (
+            "the feet carry the whole weight all the time: no chair is used, and all samples are used for "
+            "identification"
+        )
+        reasons = (Reason("no-chair", text, level="ok"),)
+    elif contact.rule not in (rule, "seat-plate"):
+        text = (
+            f"the rule `{rule}` needs Fy among the fitted components and enough samples clearly off the chair; "
+            f"contact was found from the weight under the feet instead (rule `{contact.rule}`), which misses some "
+            "contact"
+        )
+        reasons = (Reason("contact-rule", text),)
+    elif contact.converged is False:
+        text = (
+            "the iteration between the model and the chair contact did not converge; samples with contact in either of "
+            "the last two iterations were excluded, unless too few samples would remain"
+        )
+        reasons = (Reason("contact-unsettled", text),)
+    return Movement(contact.free, repetitions, contact, posture, reasons, contact.carried)
 
 
 def find_facing(recorded: TrialData) -> int:
@@ -129,59 +156,7 @@ def find_facing(recorded: TrialData) -> int:
     return 1 if len(known) and known.mean() > 0.0 else -1
 
 
-def _explain_contact(contact: Contact, requested: ContactRule) -> tuple[Reason, ...]:
-    if contact.chair is None:
-        text = (
-            "chair contact is unknown: the plates were not recorded while the person stands, or while the hips are "
-            "low. Samples for identification were selected by the knee angle alone (rule `knee`), as if a chair were "
-            "used"
-        )
-        return (Reason("contact-unknown", text),)
-    if not contact.chair:
-        text = (
-            "the feet carry the whole weight all the time: no chair is used, and all samples are used for "
-            "identification"
-        )
-        return (Reason("no-chair", text, level="ok"),)
-    if contact.rule not in (requested, "seat-plate"):
-        text = (
-            f"the rule `{requested}` needs Fy among the fitted components and enough samples clearly off the chair; "
-            f"contact was found from the weight under the feet instead (rule `{contact.rule}`), which misses some "
-            "contact"
-        )
-        return (Reason("contact-rule", text),)
-    if contact.converged is False:
-        text = (
-            "the iteration between the model and the chair contact did not converge; samples with contact in either of "
-            "the last two iterations were excluded, unless too few samples would remain"
-        )
-        return (Reason("contact-unsettled", text),)
-    return ()
-
-
 GRID = np.linspace(0.0, 1.0, 101)
-
-
-@dataclass(frozen=True)
-class Averaged:
-    """Mean, standard deviation and number of known repetitions at each point of the cycle, (P,) arrays.
-
-    The standard deviation is NaN for fewer than two repetitions.
-    """
-
-    mean: FloatArray
-    sd: FloatArray
-    count: FloatArray
-
-
-@dataclass(frozen=True)
-class AngleAgreement:
-    """Agreement of an angle with the same angle from another system, over the samples where both are known."""
-
-    r: float  # correlation; negative if the two angles have opposite signs
-    offset: float  # mean difference, other system minus this program, rad
-    rmse: float  # rms difference after removing the offset, rad
-    samples: int  # number of samples where both are known
 
 
 def resample_repetitions(time: FloatArray, values: FloatArray, bounds: FloatArray) -> FloatArray:
@@ -198,27 +173,32 @@ def interpolate_at(time: FloatArray, values: FloatArray, at: FloatArray) -> Floa
     return np.where(gap, np.nan, np.interp(at, time, values, np.nan, np.nan))
 
 
-def average_repetitions(curves: FloatArray) -> Averaged:
-    """Average curves (R, P) over the R repetitions; NaN counts as missing."""
+def average_repetitions(curves: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return mean, standard deviation and number of the known values of curves (R, P) over the repetitions, (P,).
+
+    The standard deviation is NaN for fewer than two repetitions.
+    """
     known = np.isfinite(curves)
     count = known.sum(axis=0).astype(np.float64)
     mean = np.where(known, curves, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)
     square = np.where(known, (curves - mean) ** 2, 0.0).sum(axis=0)
-    return Averaged(mean, np.sqrt(square / np.where(count > 1, count - 1, np.nan)), count)
+    return mean, np.sqrt(square / np.where(count > 1, count - 1, np.nan)), count
 
 
-def compare_angles(ours: FloatArray, other: FloatArray) -> AngleAgreement:
+def compare_angles(ours: FloatArray, other: FloatArray) -> tuple[float, float, float, int]:
     """Compare an angle (T,), rad, with the same angle (T,) from another system; NaN where unknown.
 
-    All numbers except ``samples`` are NaN if fewer than three samples have both angles, or if an angle is constant.
+    Return the correlation, negative if the angles have opposite signs; the mean difference, other minus ours, rad; the
+    rms difference without it, rad; and the number of samples with both angles. All but the last are NaN if fewer than
+    three samples have both angles, or if an angle is constant.
     """
     both = np.isfinite(ours) & np.isfinite(other)
     count = int(both.sum())
     if count < 3 or np.ptp(ours[both]) == 0.0 or np.ptp(other[both]) == 0.0:
-        return AngleAgreement(np.nan, np.nan, np.nan, count)
+        return np.nan, np.nan, np.nan, count
     difference = other[both] - ours[both]
     r = float(np.corrcoef(ours[both], other[both])[0, 1])
-    return AngleAgreement(r, float(difference.mean()), float(difference.std()), count)
+    return r, float(difference.mean()), float(difference.std()), count
 
 
 Kind: TypeAlias = Literal["sit-to-stand", "walking", "jumping", "reach", "curl", "still", "one-body", "unknown"]
@@ -257,16 +237,12 @@ ELSEWHERE = {
 """Advice for movements without a base that stands."""
 
 
-@dataclass(frozen=True)
-class RecognisedMovement:
-    """The kind of movement in a recording, and what shows it."""
-
-    kind: Kind
-    evidence: str  # what was seen, as a clause
+Recognised: TypeAlias = tuple[Kind, str]
+"""Kind of movement in a recording, and what was seen, as a clause."""
 
 
-def recognise_movement(labels: Sequence[str], positions: FloatArray, rate: float) -> RecognisedMovement:
-    """Return the kind of movement that the markers show.
+def recognise_movement(labels: Sequence[str], positions: FloatArray, rate: float) -> Recognised:
+    """Return the kind of movement that the markers show, and what was seen.
 
     The kinds are ``sit-to-stand`` (also squats and lifts: feet that stand under a trunk that goes up and down),
     ``walking``, ``jumping``, ``reach`` and ``curl`` (landmarks of an arm that moves beside a thorax that stays),
@@ -281,45 +257,36 @@ def recognise_movement(labels: Sequence[str], positions: FloatArray, rate: float
         part = positions[slice(*propose_window(positions, rate))]
         seen = np.isfinite(part).all(axis=2).sum(axis=0) > _SEEN * len(part)
         if seen.sum() < 2 or len(part) < 4:
-            return RecognisedMovement("unknown", "too few markers are visible")
-        tracks = _Tracks.of([label for label, kept in zip(labels, seen, strict=True) if kept], part[:, seen], rate)
+            return "unknown", "too few markers are visible"
+        tracks = _Tracks([label for label, kept in zip(labels, seen, strict=True) if kept], part[:, seen], rate)
         if np.percentile(tracks.way, 90) < _STILL * tracks.height:
-            return RecognisedMovement("still", f"no marker moves farther than {100 * tracks.way.max():.0f} cm")
+            return "still", f"no marker moves farther than {100 * tracks.way.max():.0f} cm"
         found = _find_steps(tracks) or _find_flight(tracks)
         if found is not None:
             return found
         time = np.arange(len(part)) / rate
         base = find_base_motion(part, time, rate)
         if base is not None:  # feet that stand, step and stand again
-            tracks = _Tracks.of(tracks.labels, base.undo_positions(part, time)[:, seen], rate)
+            tracks = _Tracks(tracks.labels, base.undo_positions(part, time)[:, seen], rate)
         return _find_one_body(tracks) or _find_rise(tracks) or _recognise_arm(tracks)
 
 
-@dataclass(frozen=True)
 class _Tracks:
-    """Markers with their ranges; 2 % of the frames at either end do not count."""
+    """Markers (F, M, 3), lab axes with Z up, m, with their ranges; 2 % of the frames at either end do not count."""
 
-    labels: Sequence[str]
-    points: FloatArray  # (F, M, 3) lab axes with Z up, m
-    rate: float  # frames per second
-    range: FloatArray  # (M, 3) range of every marker along the axes, m
-    way: FloatArray  # (M,) range of every marker, m
-    across: FloatArray  # (M,) horizontal range of every marker, m
-    middle: FloatArray  # (M, 3) median position of every marker, m
-    height: float  # height of the set of markers, m
-    above: FloatArray  # (M,) height of every marker above the lowest one, as share of the height
-
-    @classmethod
-    def of(cls, labels: Sequence[str], points: FloatArray, rate: float) -> _Tracks:
+    def __init__(self, labels: Sequence[str], points: FloatArray, rate: float) -> None:
+        self.labels, self.points, self.rate = labels, points, rate
         low, high = np.nanpercentile(points, [2, 98], axis=0)
-        extent, middle = high - low, np.nanmedian(points, axis=0)
-        height = float(high[:, 2].max() - low[:, 2].min())
-        way, across = np.linalg.norm(extent, axis=1), np.hypot(extent[:, 0], extent[:, 1])
-        above = (middle[:, 2] - middle[:, 2].min()) / height
-        return cls(labels, points, rate, extent, way, across, middle, height, above)
+        self.range = high - low  # (M, 3) range of every marker along the axes, m
+        self.way = np.linalg.norm(self.range, axis=1)  # (M,) range of every marker, m
+        self.across = np.hypot(self.range[:, 0], self.range[:, 1])  # (M,) horizontal range of every marker, m
+        self.middle = np.nanmedian(points, axis=0)  # (M, 3) median position of every marker, m
+        self.height = high[:, 2].max() - low[:, 2].min()  # height of the set of markers, m
+        # height of every marker above the lowest one, as share of the height of the set
+        self.above = (self.middle[:, 2] - self.middle[:, 2].min()) / self.height
 
 
-def _find_steps(tracks: _Tracks) -> RecognisedMovement | None:
+def _find_steps(tracks: _Tracks) -> Recognised | None:
     """Return walking if the feet stop and go while the body travels, or alternate under a trunk that stays."""
     points, low = tracks.points, tracks.above < _LOW
     if np.median(tracks.across) > _TRAVELS * tracks.height:
@@ -331,7 +298,7 @@ def _find_steps(tracks: _Tracks) -> RecognisedMovement | None:
         if ((np.mean(share < _STOP, axis=0) > 0.1) & (np.mean(share > _GO, axis=0) > 0.1)).sum() < 2:
             return None
         text = f"the body travels by {np.median(tracks.across):.1f} m, and the feet stand and swing in turn"
-        return RecognisedMovement("walking", text)
+        return "walking", text
     stepping, upper = low & (tracks.across > _STEPS * tracks.height), tracks.above > _UPPER
     if stepping.sum() < 2 or not upper.any() or np.median(tracks.across[upper]) > _STEPS * tracks.height:
         return None
@@ -340,10 +307,10 @@ def _find_steps(tracks: _Tracks) -> RecognisedMovement | None:
     if np.corrcoef(np.nan_to_num(plan @ forwards), rowvar=False).min() > _ALTERNATE:
         return None
     text = "the feet move forwards and backwards in turn under a trunk that stays, as on a treadmill"
-    return RecognisedMovement("walking", text)
+    return "walking", text
 
 
-def _find_flight(tracks: _Tracks) -> RecognisedMovement | None:
+def _find_flight(tracks: _Tracks) -> Recognised | None:
     """Return jumping if all markers near the ground and the trunk rise together and the body falls freely."""
     heights, low, upper = tracks.points[..., 2], tracks.above < _LOW, tracks.above > _UPPER
     feet = heights[:, low] - np.nanpercentile(heights[:, low], 10, axis=0)
@@ -359,11 +326,11 @@ def _find_flight(tracks: _Tracks) -> RecognisedMovement | None:
             continue
         if _FALLS[0] < 2 * np.polyfit(seconds, body.mean(axis=1), 2)[0] < _FALLS[1]:
             text = f"all markers near the ground leave it together, and the body falls freely for {seconds[-1]:.2f} s"
-            return RecognisedMovement("jumping", text)
+            return "jumping", text
     return None
 
 
-def _find_one_body(tracks: _Tracks) -> RecognisedMovement | None:
+def _find_one_body(tracks: _Tracks) -> Recognised | None:
     """Return one-body if the markers that move, at least three, keep all their distances beside markers that stand."""
     moving = tracks.way > _STILL * tracks.height
     if moving.sum() < 3 or (~moving).sum() < 2:
@@ -373,10 +340,10 @@ def _find_one_body(tracks: _Tracks) -> RecognisedMovement | None:
     spread = np.subtract(*np.nanpercentile(apart, [95, 5], axis=0)) / 3.3
     if np.nanmax(spread) > _RIGID * tracks.height:
         return None
-    return RecognisedMovement("one-body", f"the {int(moving.sum())} markers that move are one rigid body")
+    return "one-body", f"the {int(moving.sum())} markers that move are one rigid body"
 
 
-def _find_rise(tracks: _Tracks) -> RecognisedMovement | None:
+def _find_rise(tracks: _Tracks) -> Recognised | None:
     """Return sit-to-stand if feet stand under legs that bend and a trunk that goes up and down."""
     up, above, middle = tracks.range[:, 2], tracks.above, tracks.middle
     stands = (above < _LOW) & (tracks.way < min(_STILL * tracks.height, _STILL_M))
@@ -399,16 +366,16 @@ def _find_rise(tracks: _Tracks) -> RecognisedMovement | None:
         or beside > _BESIDE * tracks.height
     ):
         return None
-    return RecognisedMovement(
+    return (
         "sit-to-stand",
         f"{int(stands.sum())} markers near the ground stand, and the trunk goes up and down by {100 * rise:.0f} cm",
     )
 
 
-def _recognise_arm(tracks: _Tracks) -> RecognisedMovement:
+def _recognise_arm(tracks: _Tracks) -> Recognised:
     """Return reach or curl if landmarks or joints of an arm move beside a thorax that stays, else unknown."""
     if any("wheel" in label.lower() for label in tracks.labels):
-        return RecognisedMovement("unknown", "the markers name a wheel, and no protocol is for wheelchairs")
+        return "unknown", "the markers name a wheel, and no protocol is for wheelchairs"
     landmarks = find_landmarks(tracks.labels).markers
     arms = [find_roles(tracks.labels, side) for side in _SIDES]
     roles = max(arms, key=lambda arm: tracks.way[arm["wrist"]] if "wrist" in arm else 0.0)
@@ -420,7 +387,7 @@ def _recognise_arm(tracks: _Tracks) -> RecognisedMovement:
         thorax = [roles[name] for name in ("spine_top", "neck", "near_shoulder", "far_shoulder") if name in roles]
     else:
         known = ", ".join(name for name in landmarks if name in SEGMENTS)
-        return RecognisedMovement(
+        return (
             "unknown",
             "no feet stand under a trunk that goes up and down, no feet step or leave the ground, and the names of the "
             f"markers are not those of a whole arm{f' (only {known})' if known else ''}",
@@ -429,5 +396,5 @@ def _recognise_arm(tracks: _Tracks) -> RecognisedMovement:
     far, bends, stays = (float(np.median(ways[at])) if at else 0.0 for at in (wrist, elbow, thorax))
     text = f"the wrist moves by {100 * far:.0f} cm, elbow and thorax by {100 * bends:.0f} and {100 * stays:.0f} cm"
     if far < _REACHES_M or stays > _TRUNK_STAYS * far:
-        return RecognisedMovement("unknown", f"an arm is named, but {text}")
-    return RecognisedMovement("curl" if bends < _ELBOW_STAYS * far else "reach", text)
+        return "unknown", f"an arm is named, but {text}"
+    return "curl" if bends < _ELBOW_STAYS * far else "reach", text

@@ -1,4 +1,4 @@
-"""Reaches in a recording: times, target, and the distance by which the hand missed the target.
+"""Reaches in a recording: times and targets, ranges of the angles, and the volume that the wrist can reach.
 
 The targets on the body and the heights come from tables of body proportions (Drillis and Contini 1966), relative to the
 sternal notch; the shoulders are measured. The targets have errors of a few centimetres, because no marker is on hip,
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -147,44 +147,18 @@ _BLOCK = 8192  # postures computed at once, to limit the memory
 _FLAT = 1e-9  # slope of a face that does not limit the plane
 
 
-@dataclass(frozen=True)
-class VisitedRegion:
-    """Convex hull of postures x (plane, elevation, axial, flexion), rad.
+PlaneRange: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+"""Function from elevation, axial rotation and flexion to the lowest and highest plane, (K,) arrays, rad.
 
-    The postures x with ``normals`` (F, 4) x <= ``bounds`` (F,) are inside; ``limits`` (4, 2) is the box around them.
-    """
-
-    normals: FloatArray
-    bounds: FloatArray
-    limits: FloatArray
-
-    def planes(self, elevation: FloatArray, axial: FloatArray, flexion: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the lowest and highest plane (K,) for the three other angles (K,), rad.
-
-        Outside the region, the lowest plane is above the highest one.
-        """
-        low, high = np.empty(len(elevation)), np.empty(len(elevation))
-        slope = self.normals[:, 0]
-        up, down = slope > _FLAT, slope < -_FLAT
-        flat = ~up & ~down
-        size = np.where(flat, 1.0, slope)  # faces as plane <= or >= bound - normals @ others
-        normals, bounds = ((each.T / size).T.astype(np.float32) for each in (self.normals[:, 1:], self.bounds))
-        for first in range(0, len(elevation), _BLOCK):
-            part = slice(first, first + _BLOCK)
-            others = np.stack([elevation[part], axial[part], flexion[part]]).astype(np.float32)
-            high[part] = (bounds[up, None] - normals[up] @ others).min(axis=0)
-            low[part] = (bounds[down, None] - normals[down] @ others).max(axis=0)
-            if flat.any():
-                outside = (bounds[flat, None] < normals[flat] @ others).any(axis=0)
-                low[part] = np.where(outside, np.inf, low[part])
-        return low, high
+If the lowest plane is above the highest one, the posture is not possible."""
 
 
-def find_visited_region(postures: FloatArray, limits: FloatArray) -> VisitedRegion | None:
-    """Return the region of the visited postures; None if the postures are too few or if the hull has no volume.
+def find_visited_region(postures: FloatArray, limits: FloatArray) -> tuple[FloatArray, PlaneRange] | None:
+    """Return the box (4, 2) around the convex hull of the visited postures, rad, and the hull's range of planes.
 
-    ``postures`` (T, 4) are plane, elevation, axial rotation and flexion, rad. ``limits`` (4, 2) are the robust ranges
-    of these angles, rad; postures outside are moved to the limit.
+    The result is None if the postures are too few or if the hull has no volume. ``postures`` (T, 4) are plane,
+    elevation, axial rotation and flexion, rad. ``limits`` (4, 2) are the robust ranges of these angles, rad; postures
+    outside are moved to the limit.
     """
     from scipy.spatial import ConvexHull, QhullError  # noqa: PLC0415  only a reach needs it
 
@@ -197,16 +171,31 @@ def find_visited_region(postures: FloatArray, limits: FloatArray) -> VisitedRegi
         hull = ConvexHull(share)
     except QhullError:
         return None
+    # the postures x with normals (F, 4) @ x <= bounds (F,) are inside; each face then limits the plane from one side
     faces = np.unique(np.round(hull.equations, 9), axis=0)
     normals = faces[:, :4] / size
+    bounds = normals @ limits[:, 0] - faces[:, 4]
+    slope = normals[:, 0]
+    up, down = slope > _FLAT, slope < -_FLAT
+    flat = ~up & ~down
+    scale = np.where(flat, 1.0, slope)  # faces as plane <= or >= height - others_slope @ others
+    others_slope, height = ((each.T / scale).T.astype(np.float32) for each in (normals[:, 1:], bounds))
+
+    def find_planes(elevation: FloatArray, axial: FloatArray, flexion: FloatArray) -> tuple[FloatArray, FloatArray]:
+        low, high = np.empty(len(elevation)), np.empty(len(elevation))
+        for first in range(0, len(elevation), _BLOCK):
+            part = slice(first, first + _BLOCK)
+            others = np.stack([elevation[part], axial[part], flexion[part]]).astype(np.float32)
+            high[part] = (height[up, None] - others_slope[up] @ others).min(axis=0)
+            low[part] = (height[down, None] - others_slope[down] @ others).max(axis=0)
+            if flat.any():
+                outside = (height[flat, None] < others_slope[flat] @ others).any(axis=0)
+                low[part] = np.where(outside, np.inf, low[part])
+        return low, high
+
     around = np.stack([share.min(axis=0), share.max(axis=0)], axis=1)
-    return VisitedRegion(normals, normals @ limits[:, 0] - faces[:, 4], limits[:, :1] + around * size[:, None])
+    return limits[:, :1] + around * size[:, None], find_planes
 
-
-PlaneRange: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
-"""Function from elevation, axial rotation and flexion to the lowest and highest plane, (K,) arrays, rad.
-
-If the lowest plane is above the highest one, the posture is not possible."""
 
 _FULL = 2 * np.pi
 _CURVE = 400  # flexions at which the position of the wrist is computed
@@ -235,17 +224,8 @@ class ReachArm:
         return float(np.linalg.norm(self.elbow) + self.forearm)
 
 
-@dataclass(frozen=True)
-class CellGrid:
-    """Numbers of distances and polar angles; ``turns`` is the number of elevations and also of axial rotations."""
-
-    distances: int
-    polar: int
-    turns: int
-
-    def refined(self) -> CellGrid:
-        """Return a grid with 1.5 times as many values in every direction."""
-        return CellGrid(*(int(np.ceil(1.5 * each)) for each in (self.distances, self.polar, self.turns)))
+CellGrid: TypeAlias = tuple[int, int, int]
+"""Numbers of distances, of polar angles, and of turns, which are the elevations and also the axial rotations."""
 
 
 @dataclass(frozen=True)
@@ -270,16 +250,6 @@ class ReachableSet:
         cell = np.diff(self.distance**3)[:, None] / 3 * np.diff(self.cosine)
         return float(np.sum(np.minimum(covered, _FULL) * cell))
 
-    def radius(self, azimuth: FloatArray) -> FloatArray:
-        """Return the largest distance (C, K), m, in each polar cell at azimuths (K,), rad; NaN for an empty cell."""
-        far = np.full((len(self.cosine) - 1, len(azimuth)), np.nan)
-        for k, angle in enumerate(azimuth):
-            inside = ((self.start <= angle) & (angle <= self.end)) | (angle + _FULL <= self.end)
-            there = (inside & (self.end > self.start)).any(axis=-1)
-            last = len(there) - 1 - there[::-1].argmax(axis=0)
-            far[:, k] = np.where(there.any(axis=0), self.distance[1:][last], np.nan)
-        return far
-
 
 def compute_reachable_set(
     arm: ReachArm, limits: FloatArray, grid: CellGrid, planes: PlaneRange | None = None
@@ -295,10 +265,11 @@ def compute_reachable_set(
     reach = np.linalg.norm(wrist, axis=1)
     longest = int(reach.argmax())  # smaller flexions only repeat distances
     reach, flexions, wrist = reach[longest:][::-1], flexions[longest:][::-1], wrist[longest:][::-1]
+    distances, polar_angles, turns = grid
     slack = abs(arm.rise) / 2
     near, far = max(reach[0] - slack, 0.0), reach[-1] + slack
-    distance = np.cbrt(np.linspace(near**3, far**3, grid.distances + 1))
-    cosine = np.linspace(-1.0, 1.0, grid.polar + 1)
+    distance = np.cbrt(np.linspace(near**3, far**3, distances + 1))
+    cosine = np.linspace(-1.0, 1.0, polar_angles + 1)
     # distance from the vertical axis and height (R, C, 1) of the middle of every cell, m
     r = np.cbrt((distance[1:] ** 3 + distance[:-1] ** 3) / 2)[:, None, None]
     c = ((cosine[1:] + cosine[:-1]) / 2)[:, None]
@@ -317,7 +288,7 @@ def compute_reachable_set(
     # azimuth at plane 0, elevation, axial rotation, flexion, and True where the limits allow them, (R, C, A) arrays
     solutions: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray, BoolArray]] = []
     # the two axial rotations at every elevation of the grid
-    elevation = np.linspace(limits[1, 0], limits[1, 1], grid.turns)
+    elevation = np.linspace(limits[1, 0], limits[1, 1], turns)
     sine = np.maximum(np.sin(elevation), 1e-9)
     height = level - shoulder_height(elevation)
     x, y, z, flexion, possible = bend_arm(height)
@@ -329,7 +300,7 @@ def compute_reachable_set(
         azimuth = np.arctan2(x * np.cos(axial) + z * np.sin(axial), np.cos(elevation) * forward - sine * y)
         solutions.append((azimuth, np.broadcast_to(elevation, axial.shape), axial, flexion, valid))
     # the two elevations at every axial rotation of the grid
-    axial = np.linspace(limits[2, 0], limits[2, 1], grid.turns)
+    axial = np.linspace(limits[2, 0], limits[2, 1], turns)
     for sign in (-1.0, 1.0):
         elevation = np.full((*level.shape[:2], len(axial)), limits[1].mean())
         for _ in range(2 if arm.rise else 1):  # the height of the shoulder changes a little with the elevation
@@ -355,51 +326,46 @@ def compute_reachable_set(
     return ReachableSet(distance, cosine, start, end)
 
 
-SURFACE_GRID = CellGrid(48, 24, 16)
-"""CellGrid of the surface, with many distances because the distance is the radius of the surface."""
-AZIMUTHS = 48
-QUADRANTS = ("upper_medial", "upper_lateral", "lower_medial", "lower_lateral")
+_SURFACE = (48, 24, 16)  # cells of the surface; many distances, because the distance is the radius of the surface
+_AZIMUTHS = 48
+_QUADRANTS = ("upper_medial", "upper_lateral", "lower_medial", "lower_lateral")
 
 
-@dataclass(frozen=True)
-class Surface:
-    """Largest distance of the wrist from the shoulder in each direction."""
+def compute_reach_surface(
+    arm: ReachArm, limits: FloatArray, planes: PlaneRange | None = None
+) -> tuple[FloatArray, FloatArray, FloatArray, dict[str, float]]:
+    """Return the largest distance of the wrist from the shoulder in each direction.
 
-    polar: FloatArray  # (C,) angles from the upward axis of the thorax, ascending, rad
-    azimuth: FloatArray  # (K,) angles about this axis, rad: 0 is lateral, π/2 forward
-    radius: FloatArray  # (C, K) largest distance, m; NaN where nothing is reached
-    # relative areas: ``total`` and :data:`QUADRANTS` in front of the shoulder, ``behind`` for the other half
-    areas: dict[str, float]
-
-    def points(self) -> FloatArray:
-        """Return the points (C, K, 3) of the surface relative to the shoulder, in the axes of the thorax, m."""
-        across = np.sin(self.polar)[:, None]
-        along = np.broadcast_to(np.cos(self.polar)[:, None], self.radius.shape)
-        direction = np.stack([across * np.sin(self.azimuth), along, across * np.cos(self.azimuth)], axis=-1)
-        return np.asarray(self.radius[..., None] * direction)
-
-
-def compute_reach_surface(arm: ReachArm, limits: FloatArray, planes: PlaneRange | None = None) -> Surface:
-    """Return the surface of the reachable set; :func:`compute_reachable_set` explains the arguments."""
-    reachable = compute_reachable_set(arm, limits, SURFACE_GRID, planes)
-    azimuth = 2 * np.pi * (np.arange(AZIMUTHS) + 0.5) / AZIMUTHS
-    radius = reachable.radius(azimuth)[::-1]
+    The results are the angles (C,) from the upward axis of the thorax, ascending, and (K,) about this axis, 0 lateral
+    and π/2 forward, rad; the distances (C, K), m, NaN where nothing is reached; and relative areas: ``total`` and the
+    quadrants in front of the shoulder, ``behind`` for the other half. The arguments are those of
+    :func:`compute_reachable_set`.
+    """
+    reachable = compute_reachable_set(arm, limits, _SURFACE, planes)
+    azimuth = 2 * np.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
+    radius = np.full((len(reachable.cosine) - 1, len(azimuth)), np.nan)
+    for k, angle in enumerate(azimuth):
+        inside = ((reachable.start <= angle) & (angle <= reachable.end)) | (angle + _FULL <= reachable.end)
+        reached = (inside & (reachable.end > reachable.start)).any(axis=-1)
+        last = len(reached) - 1 - reached[::-1].argmax(axis=0)
+        radius[:, k] = np.where(reached.any(axis=0), reachable.distance[1:][last], np.nan)
+    radius = radius[::-1]
     polar = np.arccos((reachable.cosine[1:] + reachable.cosine[:-1]) / 2)[::-1]
     # relative areas; all cells have the same solid angle
     each = np.nan_to_num(radius / arm.length) ** 2 * 2 / radius.size
     front, lateral, upper = np.sin(azimuth) > 0, np.cos(azimuth) > 0, np.cos(polar)[:, None] > 0
     areas = {"total": float(each[:, front].sum())}
-    for name in QUADRANTS:
+    for name in _QUADRANTS:
         height, side = name.split("_")
         there = (upper == (height == "upper")) & front & (lateral == (side == "lateral"))
         areas[name] = float(each[there].sum())
     areas["behind"] = float(each[:, ~front].sum())
-    return Surface(polar, azimuth, radius, areas)
+    return polar, azimuth, radius, areas
 
 
 SEGMENTS = ("thorax", "upper_arm", "forearm")
 ANGLES = ("shoulder_plane", "shoulder_elevation", "shoulder_axial", "elbow_flexion")
-"""Angles that move the wrist, in the order of the limits of :func:`~.reachable_set.compute_reachable_set`."""
+"""Angles that move the wrist, in the order of the limits of :func:`compute_reachable_set`."""
 
 _WRIST_SD = 0.003  # m, standard deviation of the wrist's position along the forearm without a joint there
 _RISE_SD = 0.008  # m, standard deviation of the shoulder's rise at 180° if the motion does not determine it
@@ -588,15 +554,6 @@ class AngleRange:
     # share of the samples that are used: observed and, for plane and axial rotation, more than 15° from the poles
     used_share: float
 
-    @property
-    def width_sd(self) -> float:
-        """Standard deviation of the width of the range, rad.
-
-        The errors of both ends are added, because a tilt of the thorax or sliding skin often moves the ends in
-        opposite directions.
-        """
-        return self.low_sd + self.high_sd
-
 
 def find_usable_samples(angles: SpatialAngles, poses: MeasuredPoses, name: str) -> BoolArray:
     """Return True (T,) for the samples in which the angle ``name`` is defined, known, and measured by markers."""
@@ -648,47 +605,28 @@ def _find_low_end(values: FloatArray, sd: FloatArray, rank: int) -> tuple[float,
 
 
 # first grids for the box and for a region, which needs more axial rotations
-_BOX, _REGION = CellGrid(12, 24, 16), CellGrid(8, 16, 32)
-# CellGrid for the changes of the volume by one standard deviation; their error is a few per cent
-_CHANGES = CellGrid(9, 18, 12)
+_BOX, _REGION = (12, 24, 16), (8, 16, 32)
+# grid for the changes of the volume by one standard deviation; their error is a few per cent
+_CHANGES = (9, 18, 12)
 _ENOUGH = 0.01, 0.02  # grids for the box and for a region are refined until the volume changes by less than this share
-_WORKSPACE_MOST = 4  # largest number of grids
+_MOST_GRIDS = 4  # largest number of grids
 
 
-@dataclass(frozen=True)
-class Volume:
-    """A reachable volume, m³."""
+def compute_workspace(
+    arm: RecordedArm, ranges: Mapping[str, AngleRange], region: tuple[FloatArray, PlaneRange] | None
+) -> tuple[dict[str, Any], dict[str, Any] | None, float, dict[str, float]]:
+    """Return the reachable volume of an arm, as facts of events.parquet, and the sources of its variance.
 
-    volume: float  # volume with the finest grid, m³
-    discretisation: float  # change of the volume by the last refinement of the grid, m³
-    interval: tuple[float, float]  # 95 % interval, m³
-    convergence: tuple[float, ...]  # volumes with finer and finer grids, m³
-
-
-@dataclass(frozen=True)
-class Workspace:
-    """Reachable volume within the box of the ranges, and within the visited region."""
-
-    box: Volume  # volume within the box
-    visited: Volume | None  # volume within the visited region; None without a region
-    limits: FloatArray  # (4, 2) ends of the box: plane, elevation, axial rotation, flexion, rad
-    sd: float  # standard deviation of the volume within the box, m³
-    sources: dict[str, float]  # share of each range and dimension in the variance of this volume, by name
-
-    def relative(self, arm: ReachArm) -> float:
-        """Return the volume within the box as a share of a sphere with the arm's length as radius."""
-        return self.box.volume / (4 / 3 * np.pi * arm.length**3)
-
-
-def compute_workspace(arm: RecordedArm, ranges: Mapping[str, AngleRange], region: VisitedRegion | None) -> Workspace:
-    """Return the reachable volume of an arm, its 95 % interval and the sources of its variance.
+    The results are the facts of the volume within the box of the ranges, and within the visited region, None without a
+    region; the standard deviation of the volume within the box, m³; and the share of each range and dimension in its
+    variance, by name.
 
     The interval contains the errors of the ends of the ranges, of the lengths and of the shoulder's rise, the constant
     errors of the angles from the landmarks, and the error of the grid. A constant error of the plane is left out
     because it only rotates the set.
 
-    ``ranges`` are those of the four angles of :data:`ANGLES`, by name; ``region`` is None if the motion has no visited
-    region. Raises UnknownReach if the ranges are too small for a volume.
+    ``ranges`` are those of the four angles of :data:`ANGLES`, by name; ``region`` is the result of
+    :func:`find_visited_region`. Raises UnknownReach if the ranges are too small for a volume.
     """
     limits = np.array([(ranges[name].low, ranges[name].high) for name in ANGLES])
     volumes = _refine(arm.arm, limits)
@@ -723,30 +661,32 @@ def compute_workspace(arm: RecordedArm, ranges: Mapping[str, AngleRange], region
     sd = float(np.sqrt(sum(effect**2 for effect in effects.values())))
     visited = None
     if region is not None:
-        visited_volumes = _refine(arm.arm, region.limits, region.planes)
-        visited = _add_interval(visited_volumes, visited_volumes[-1] * sd / volumes[-1])
-    return Workspace(
-        box=_add_interval(volumes, sd),
-        visited=visited,
-        limits=limits,
-        sd=sd,
-        sources={name: (effect / sd) ** 2 if sd else 0.0 for name, effect in effects.items()},
-    )
+        visited_volumes = _refine(arm.arm, *region)
+        visited = _describe_volume(visited_volumes, visited_volumes[-1] * sd / volumes[-1])
+    sources = {name: (effect / sd) ** 2 if sd else 0.0 for name, effect in effects.items()}
+    return _describe_volume(volumes, sd), visited, sd, sources
 
 
-def _add_interval(volumes: tuple[float, ...], sd: float) -> Volume:
+def _describe_volume(volumes: list[float], sd: float) -> dict[str, Any]:
+    """Return the facts of the last one of ``volumes`` with finer and finer grids, m³."""
     volume, change = volumes[-1], abs(volumes[-1] - volumes[-2])
     half = NORMAL_95 * sd + change
-    return Volume(volume, change, (max(volume - half, 0.0), volume + half), volumes)
+    return {
+        "volume_m3": volume,
+        "interval_m3": [max(volume - half, 0.0), volume + half],
+        "discretisation_m3": change,
+        "convergence_m3": volumes,
+    }
 
 
-def _refine(arm: ReachArm, limits: FloatArray, planes: PlaneRange | None = None) -> tuple[float, ...]:
+def _refine(arm: ReachArm, limits: FloatArray, planes: PlaneRange | None = None) -> list[float]:
     """Return the volumes with finer and finer grids, at least two, m³."""
     grid, enough = (_BOX, _ENOUGH[0]) if planes is None else (_REGION, _ENOUGH[1])
     volumes = [compute_reachable_set(arm, limits, grid, planes).volume]
-    while len(volumes) < _WORKSPACE_MOST:
-        grid = grid.refined()
+    while len(volumes) < _MOST_GRIDS:
+        distances, polar, turns = (int(np.ceil(1.5 * each)) for each in grid)
+        grid = distances, polar, turns
         volumes.append(compute_reachable_set(arm, limits, grid, planes).volume)
         if abs(volumes[-1] - volumes[-2]) <= enough * volumes[-1]:
             break
-    return tuple(volumes)
+    return volumes

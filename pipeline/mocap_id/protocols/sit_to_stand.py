@@ -13,7 +13,7 @@ from mocap_id.dynamics.fit import determines_parameters, fit
 from mocap_id.dynamics.preparation import LowPass, PreparedTrial
 from mocap_id.dynamics.regressor import SEAT
 from mocap_id.protocols.five_times import Attempt
-from mocap_id.protocols.repetitions import NAN, STANDING, SUPPORT_LIMIT, Posture, Repetition, RiseDetails
+from mocap_id.protocols.repetitions import NAN, QUIET, STANDING, SUPPORT_LIMIT, Posture, Repetition, RiseDetails
 from mocap_id.verdict import Reason
 
 ContactRule = Literal["seat-force", "weight", "knee"]
@@ -22,7 +22,6 @@ DecidingRule = Literal["seat-plate", "seat-force", "weight", "knee"]
 _SEATED = 0.5  # share of the rise: nobody sits higher
 _OFF_CHAIR = 0.4  # share of the rise; above it, the hips are surely off the chair
 _CHAIR_SHARE = 0.8  # share of the weight: if the feet carry less, a chair carries the rest
-_QUIET = 0.1  # share of the maximum speed; below it, a person stands quietly
 _THRESHOLD_SDS = 4.0  # threshold in standard deviations of the chair force without contact
 _THRESHOLD_RANGE = 0.005, 0.1  # lowest and highest threshold, as shares of the standing weight
 _LOADED = 0.95  # quantile of the chair force that counts as its full load
@@ -41,7 +40,7 @@ def measure_standing_weight(posture: Posture, vertical: FloatArray) -> float:
     upright = posture.upright & known
     if not upright.any():
         return float("nan")
-    quiet = upright & (posture.speed < _QUIET * np.max(posture.speed[known]))
+    quiet = upright & (posture.speed < QUIET * np.max(posture.speed[known]))
     return float(np.median(vertical[quiet if quiet.any() else upright]))
 
 
@@ -308,7 +307,7 @@ def estimate_event_sd(
     The first three follow from the speed: half the difference between the events with the speed raised and lowered by
     its standard deviation ``speed_sd`` (T,), rad/s. An event lies up to one frame before or after the sample that is
     given for it. For `seat_on`, the chair's force is extrapolated from the first sample with a force above the noise
-    (``above_noise``, as in :class:`~mocap_id.protocols.chair_contact.Contact`); the standard deviation is the length of
+    (``above_noise``, as in :class:`Contact`); the standard deviation is the length of
     the extrapolation. A rule without a threshold gives none.
     """
     frame = float(np.median(np.diff(time))) ** 2 / 3  # of an error between 0 and one frame

@@ -288,8 +288,9 @@ def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tu
         with contextlib.suppress(TypeError, ValueError):  # no window, or a wrong one, which is reported later
             first, last = given.get("window", (-np.inf, np.inf))
             inside = slice(*np.searchsorted(seen.time, [first - 1e-9, last + 1e-9]))
-        movement = recognise_movement(content.labels, seen.positions[inside], seen.rate)
-        kind = "unknown" if movement.kind == "sit-to-stand" and skeleton is not None else movement.kind
+        kind, evidence = recognise_movement(content.labels, seen.positions[inside], seen.rate)
+        if kind == "sit-to-stand" and skeleton is not None:
+            kind = "unknown"
         if protocol is None and space is None and kind in {"unknown", "one-body"}:
             ways = (
                 "Give the protocol, on the command line `--protocol sit-to-stand` (also squats and lifts: the feet "
@@ -302,12 +303,12 @@ def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tu
                     "These are joint positions of a skeleton, of which only an arm can be analysed: give `--protocol "
                     "reach`, `--protocol curl`, or `--protocol free`, on the command line, all with `--space 3d`"
                 )
-            raise ConfigError(f"{recording.name}: the movement fits no protocol: {movement.evidence}. {ways}")
+            raise ConfigError(f"{recording.name}: the movement fits no protocol: {evidence}. {ways}")
         guessed["space"] = space or ("3d" if kind in IN_SPACE or skeleton is not None else "plane")
         fits = kind in (IN_PLANE if guessed["space"] == "plane" else IN_SPACE)
         guessed["protocol"] = protocol or (kind if fits else "free")
         names = [name for name in ("space", "protocol") if given.get(name) is None]
-        guessed["guessed"] = {"keys": names, "movement": kind, "evidence": movement.evidence}
+        guessed["guessed"] = {"keys": names, "movement": kind, "evidence": evidence}
     if (space or guessed.get("space")) == "3d":
         reach = read_reach(recording, None)
         if reach is not None:

@@ -599,7 +599,7 @@ def find_payload(
     if carrier not in segments:
         raise ConfigError(f"{loaded}: there is no segment {carrier!r}; the segments are {', '.join(segments)}")
     estimates = [
-        dynamics.BaseEstimate(
+        (
             tree.numbers("base/value"),
             np.asarray(tree.facts["unit_covariance"], dtype=np.float64),
             np.asarray(tree.facts["residual_covariance"], dtype=np.float64),

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,7 +35,6 @@ from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.geometry.spatial_chain import SpatialChain, change_frames
 from mocap_id.kinematics.space.bodies import rigid_poses
 from mocap_id.kinematics.space.chain_fit import SpatialFit, move_centre
-from mocap_id.recording import Recording
 from mocap_id.stages.base import Context, Findings
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.stages.skin_motion import correct_axial_rotation, fit_cluster_poses
@@ -45,33 +43,6 @@ from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
 _OTHER_CLUSTER = 0.004  # m, largest rms change of a cluster between two recordings; skin and bending: 0.1 to 2.5 mm
-
-
-def _read_pointers(
-    trial: TrialKeys, names: Collection[str], labels: tuple[str, ...]
-) -> tuple[dict[str, Path], dict[str, Recording], tuple[str, ...]]:
-    """Return the files and recordings of the pointer for the landmarks ``names``, and the pointer's marker labels.
-
-    ``labels`` are all markers of the trial, which does not contain the pointer.
-    """
-    files = {str(name): path for name, path in trial.pointers.items() if str(name) in names}
-    recordings = {name: recording.read(path) for name, path in files.items()}
-    if not files:
-        return files, recordings, ()
-    rod = tuple(trial.pointer) or find_pointer_markers(labels, [each.labels for each in recordings.values()])
-    for name, each in recordings.items():
-        missing = [label for label in rod if label not in each.labels]
-        if missing:
-            raise RecordingError(
-                f"{files[name]}: the pointer's markers {', '.join(missing)} are missing; the file has "
-                f"{', '.join(each.labels)}"
-            )
-    if len(rod) < 2:
-        raise RecordingError(
-            f"{next(iter(files.values()))}: {len(rod)} markers are in all recordings of the pointer but not in this "
-            "trial; expected at least two, the markers of the pointer"
-        )
-    return files, recordings, rod
 
 
 def report_unused_pointers(out: Findings, trial: TrialKeys, names: Sequence[str], why: str = "") -> None:
@@ -171,12 +142,10 @@ def report_implausible_arm(out: Findings, doubts: Sequence[str]) -> None:
         out.say("landmarks-implausible", f"{'; '.join(doubts)}. {text} wrong", float(len(doubts)), 0.0)
 
 
-_MIDDLES = {"upper_arm": ("GH",), "forearm": ("EL", "EM"), "hand": ("RS", "US")}
+MIDDLES = {"upper_arm": ("GH",), "forearm": ("EL", "EM"), "hand": ("RS", "US")}
 """Landmarks whose midpoint is the centre of the joint before a segment, by this segment."""
 _GH_SD = 0.01
 """Standard deviation of a marker at the shoulder centre from this centre, along each axis, m."""
-_OFTEN = 0.5
-"""Smallest share of frames in which the landmarks beside a joint are visible, so that they help the joint fit."""
 _OVERVIEW = 600
 """Largest number of frames, evenly over the recording, in which the poses are computed besides the still pose."""
 _JOINTS = {"shoulder": ("thorax", "upper_arm"), "elbow": ("upper_arm", "forearm"), "wrist": ("forearm", "hand")}
@@ -205,7 +174,7 @@ def fit_anatomical_frames(
         segment["GH"] = fit.chain.joints[segment["GH"] - 1].parent
     if not segment:
         out.fact(frames="own")
-        return fit, fit.chain, _make_landmark_arrays({}, {}, {})
+        return fit, fit.chain, make_landmark_arrays({}, {}, {})
     tracks = view.read_positions(np.array(list(markers.values()), dtype=np.int64))
     points = view.read_positions(columns)
     given = None
@@ -218,7 +187,25 @@ def fit_anatomical_frames(
     first = int(np.searchsorted(chosen, pose.frames.start))
     still = slice(first, first + pose.frames.stop - pose.frames.start)
     moving = dict(zip(markers, np.moveaxis(tracks[chosen], 1, 0), strict=True))
-    files, touches, rod = _read_pointers(trial, segment, view.labels)
+
+    # recordings of the pointer by landmark, and its markers, which are not in the trial
+    files = {str(name): path for name, path in trial.pointers.items() if str(name) in segment}
+    touches = {name: recording.read(path) for name, path in files.items()}
+    rod: tuple[str, ...] = ()
+    if files:
+        rod = tuple(trial.pointer) or find_pointer_markers(view.labels, [each.labels for each in touches.values()])
+        for name, each in touches.items():
+            missing = [label for label in rod if label not in each.labels]
+            if missing:
+                raise RecordingError(
+                    f"{files[name]}: the pointer's markers {', '.join(missing)} are missing; the file has "
+                    f"{', '.join(each.labels)}"
+                )
+        if len(rod) < 2:
+            raise RecordingError(
+                f"{next(iter(files.values()))}: {len(rod)} markers are in all recordings of the pointer but not in "
+                "this trial; expected at least two, the markers of the pointer"
+            )
 
     def locate(fit: SpatialFit) -> tuple[dict[str, LandmarkPosition], list[Reason], FloatArray, FloatArray]:
         """Return landmarks in the segments of a fit, cautions, and the poses of all clusters in the chosen frames."""
@@ -269,7 +256,7 @@ def fit_anatomical_frames(
     # located again for each centre, because the centre is the origin of its segment.
     refined, located = fit, locate(fit)
     measured = {name: place.local for name, place in located[0].items()}
-    for child, beside in _MIDDLES.items():
+    for child, beside in MIDDLES.items():
         positions = located[0]
         if numbers.get(child) and all(name in positions for name in beside):  # the base has no joint
             middle = np.mean([positions[name].local for name in beside], axis=0)
@@ -281,10 +268,49 @@ def fit_anatomical_frames(
     complete = still.start + np.flatnonzero(np.isfinite(rotations[still]).all(axis=(1, 2, 3)))
     moment = int(complete[len(complete) // 2]) if len(complete) else still.start
     standing = ClusterPoses(rotations[moment], origins[moment])
-    where = {**segment, **numbers}
-    frames = _fit_frames(
-        refined, positions, where, rotations=rotations, origins=origins, standing=standing, option=settings.humerus
-    )
+
+    # The landmarks on both sides of a joint are shifted, so that their middle is the centre, if the motion also
+    # determines it; not if whole clusters slide, because the centres then move by centimetres between the clusters.
+    joints, where = refined.chain.joints, {**segment, **numbers}
+    at = {name: position.local for name, position in positions.items()}
+    pairs = {
+        child: pair
+        for child, pair in _PAIRS.items()
+        if not any(joint.slide_sd for joint in joints)
+        and where.get(child)  # the base has no joint
+        and all(name in at for name in pair)
+        and np.isfinite(joints[where[child] - 1].covariance).all()
+    }
+    for child, pair in pairs.items():
+        shift = joints[where[child] - 1].centre - (at[pair[0]] + at[pair[1]]) / 2
+        at |= {name: at[name] + shift for name in pair}
+    covariances: dict[str, FloatArray | float] = {name: position.sd for name, position in positions.items()}
+    number = where.get("upper_arm", 0)
+    if number and joints[number - 1].known:  # an upper arm that is the base has no shoulder
+        covariance = refined.centre_among_markers(number, number)
+        covariances["GH"] = covariance if np.isfinite(covariance).all() else PALPATION**2 * np.eye(3)
+        at["GH"], where["GH"] = np.zeros(3), number
+    bent = None
+    if settings.humerus == 2 and {"GH", "EL", "EM", "US"} <= at.keys():  # the elbow is nearest to a right angle
+        track = {
+            name: np.einsum("fij,j->fi", rotations[:, where[name]], at[name]) + origins[:, where[name]]
+            for name in ("GH", "EL", "EM", "US")
+        }
+        middle = (track["EL"] + track["EM"]) / 2
+        upper, lower = track["GH"] - middle, middle - track["US"]
+        cosine = np.sum(upper * lower, axis=1) / np.linalg.norm(upper, axis=1) / np.linalg.norm(lower, axis=1)
+        if np.isfinite(cosine).any():
+            frame = int(np.nanargmin(np.abs(cosine)))
+            bent = ClusterPoses(rotations[frame], origins[frame])
+    # the anatomical frames of the ISB, expressed in the segment frames of the fit
+    frames = fit_segment_frames(at, where, standing, covariances=covariances, bent=bent)
+    for child, pair in pairs.items():
+        parent = joints[where[child] - 1].parent
+        frames = set_middle_covariance(frames, pair, refined.centre_among_markers(where[child], parent))
+    if settings.humerus == 1 and {"upper_arm", "forearm"} <= where.keys() and "upper_arm" in frames.frames:
+        elbow = joints[where["forearm"] - 1]
+        if where["forearm"] and elbow.kind != "ball" and np.isfinite(elbow.axes_covariance[0]).all():
+            frames = rotate_to_elbow_axis(frames, elbow.first_axis, elbow.axes_covariance[0])
     out.reasons += [*named.reasons, *pose.reasons, *reasons]
     report_implausible_arm(out, _find_contradictions(fit, measured, frames, numbers, standing))
     out.reasons += frames.reasons
@@ -301,88 +327,11 @@ def fit_anatomical_frames(
     shifts = np.zeros((len(names), 3))
     shifts[0] = frames.frames[names[0]].origin if names[0] in frames.frames else np.zeros(3)
     local = {name: turns[segment[name]].T @ (each.local - shifts[segment[name]]) for name, each in positions.items()}
-    landmarks = _make_landmark_arrays(local, segment, positions)
+    landmarks = make_landmark_arrays(local, segment, positions)
     return refined, change_frames(refined.chain, turns, shifts[0]), landmarks
 
 
-def find_points_near_joints(context: Context, view: Trajectories, names: Sequence[str]) -> dict[int, FloatArray]:
-    """Return the midpoint (F, 3) of the landmarks beside each joint of an arm, m, by number of the next segment.
-
-    Joints without landmarks, or with landmarks that are often missing, are left out.
-    """
-    markers = find_landmarks(view.labels, get_landmark_labels(context.trial), context.trial.side).markers
-    middles = {}
-    for child, pair in _MIDDLES.items():
-        if child in names and names.index(child) > 0 and all(name in markers for name in pair):
-            tracks = view.read_positions(np.array([markers[name] for name in pair], dtype=np.int64))
-            middle = tracks.mean(axis=1)
-            if np.isfinite(middle).all(axis=1).mean() > _OFTEN:
-                middles[names.index(child)] = middle
-    return middles
-
-
-def _fit_frames(
-    fit: SpatialFit,
-    positions: Mapping[str, LandmarkPosition],
-    where: Mapping[str, int],
-    *,
-    rotations: FloatArray,
-    origins: FloatArray,
-    standing: ClusterPoses,
-    option: int,
-) -> AnatomicalFrames:
-    """Return the anatomical frames of the ISB, expressed in the segment frames of the fit.
-
-    ``where`` is the number of the segment by name of segment or landmark. ``rotations`` (F, S, 3, 3) and ``origins``
-    (F, S, 3), m, are the poses of all clusters, ``standing`` is the still one; ``option`` is the setting `humerus`.
-    """
-    joints = fit.chain.joints
-    local = {name: position.local for name, position in positions.items()}
-
-    # The landmarks on both sides of a joint are shifted, so that their middle is the centre, if the motion also
-    # determines it; not if whole clusters slide, because the centres then move by centimetres between the clusters.
-    pairs = {
-        child: pair
-        for child, pair in _PAIRS.items()
-        if not any(joint.slide_sd for joint in joints)
-        and where.get(child)  # the base has no joint
-        and all(name in local for name in pair)
-        and np.isfinite(joints[where[child] - 1].covariance).all()
-    }
-    for child, pair in pairs.items():
-        shift = joints[where[child] - 1].centre - (local[pair[0]] + local[pair[1]]) / 2
-        local |= {name: local[name] + shift for name in pair}
-    covariances: dict[str, FloatArray | float] = {name: position.sd for name, position in positions.items()}
-    number = where.get("upper_arm", 0)
-    if number and joints[number - 1].known:  # an upper arm that is the base has no shoulder
-        covariance = fit.centre_among_markers(number, number)
-        covariances["GH"] = covariance if np.isfinite(covariance).all() else PALPATION**2 * np.eye(3)
-        local["GH"], where = np.zeros(3), {**where, "GH": number}
-    bent = None
-    if option == 2 and {"GH", "EL", "EM", "US"} <= local.keys():  # the frame with the elbow nearest to a right angle
-        track = {
-            name: np.einsum("fij,j->fi", rotations[:, where[name]], local[name]) + origins[:, where[name]]
-            for name in ("GH", "EL", "EM", "US")
-        }
-        middle = (track["EL"] + track["EM"]) / 2
-        upper, lower = track["GH"] - middle, middle - track["US"]
-        cosine = np.sum(upper * lower, axis=1) / np.linalg.norm(upper, axis=1) / np.linalg.norm(lower, axis=1)
-        if np.isfinite(cosine).any():
-            frame = int(np.nanargmin(np.abs(cosine)))
-            bent = ClusterPoses(rotations[frame], origins[frame])
-    frames = fit_segment_frames(local, where, standing, covariances=covariances, bent=bent)
-    for child, pair in pairs.items():
-        parent = joints[where[child] - 1].parent
-        frames = set_middle_covariance(frames, pair, fit.centre_among_markers(where[child], parent))
-    if option == 2 or "upper_arm" not in where or not where.get("forearm") or "upper_arm" not in frames.frames:
-        return frames
-    elbow = joints[where["forearm"] - 1]
-    if elbow.kind == "ball" or not np.isfinite(elbow.axes_covariance[0]).all():
-        return frames
-    return rotate_to_elbow_axis(frames, elbow.first_axis, elbow.axes_covariance[0])
-
-
-def _make_landmark_arrays(
+def make_landmark_arrays(
     local: Mapping[str, FloatArray], segment: Mapping[str, int], positions: Mapping[str, LandmarkPosition]
 ) -> dict[str, Any]:
     """Return the datasets of the group ``landmarks`` of chain.h5; ``local`` are their positions, m, by name."""

@@ -18,9 +18,10 @@ from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.calibration_trial import read_chain
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.stages.fit_joints.anatomy import (
+    MIDDLES,
     check_lengths,
-    find_points_near_joints,
     fit_anatomical_frames,
+    make_landmark_arrays,
     report_implausible_arm,
     report_unused_pointers,
 )
@@ -46,6 +47,8 @@ _JOINT_ARRAYS = (
     *("glide", "glide_covariance", "rest", "long_axis", "untwisted"),
 )
 """Numbers and arrays of a joint that have the same name in chain.h5."""
+_OFTEN = 0.5
+"""Smallest share of frames in which the landmarks beside a joint are visible, so that they help the joint fit."""
 _CORRECTED_BY = 600
 """Largest number of frames used to correct the axes of a calibration."""
 _WIDE = 60.0
@@ -80,16 +83,24 @@ def fit_chain_in_space(context: Context) -> Outputs:
     kinds = {k: of_names[name] for k, name in enumerate(joint_names, start=1) if name in of_names}
     assert settings.estimator != "rigid-body"
     assert settings.estimator != "circle"
-    acromion = find_landmarks(view.labels, get_landmark_labels(trial), trial.side).markers.get("AC")
+    # landmarks beside the joints of an arm, whose midpoints (F, 3), m, are near the centres
+    landmark_columns = find_landmarks(view.labels, get_landmark_labels(trial), trial.side).markers
+    near = {}
+    for child, pair in MIDDLES.items():
+        if child in names and names.index(child) > 0 and all(name in landmark_columns for name in pair):
+            tracks = view.read_positions(np.array([landmark_columns[name] for name in pair], dtype=np.int64))
+            middle = tracks.mean(axis=1)
+            if np.isfinite(middle).all(axis=1).mean() > _OFTEN:
+                near[names.index(child)] = middle
     fit = fit_spatial_chain(
         view.read_positions(columns),
         segment,
         segments.facts["parents"],
         kinds,
         estimator=settings.estimator,
-        near=find_points_near_joints(context, view, names),
+        near=near,
         firm=[k for k, name in enumerate(names) if name == _GIRDLE],
-        girdle=np.flatnonzero(columns == (-1 if acromion is None else acromion)).tolist(),
+        girdle=np.flatnonzero(columns == landmark_columns.get("AC", -1)).tolist(),
     )
     report_estimator(out, settings)
     for name, joint, each in zip(joint_names, fit.chain.joints, fit.evidence, strict=True):
@@ -286,12 +297,7 @@ def fit_skeleton_chain(context: Context) -> Outputs:
             "skin": np.zeros(len(used)),
             "skin_sd": np.zeros(len(used)),
         },
-        "landmarks": {
-            "name": np.array([], dtype=object),
-            "segment": np.zeros(0, dtype=np.int64),
-            "local": np.zeros((0, 3)),
-            "sd": np.zeros(0),
-        },
+        "landmarks": make_landmark_arrays({}, {}, {}),
     }
     scale = float(np.clip(np.mean([bone.noise for bone in bones[:2]]) / _USUAL_NOISE, *_SCALES))
     frames = np.diag((scale * _FRAME_SD) ** 2)

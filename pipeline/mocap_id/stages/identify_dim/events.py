@@ -16,7 +16,6 @@ from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry import so3
 from mocap_id.protocols.curl import (
     CurlRules,
-    ElbowTorque,
     Mass,
     SegmentMotion,
     compute_elbow_torque,
@@ -38,7 +37,6 @@ from mocap_id.protocols.five_times import (
 )
 from mocap_id.protocols.movement import (
     GRID,
-    Averaged,
     Movement,
     average_repetitions,
     compare_angles,
@@ -53,7 +51,6 @@ from mocap_id.protocols.reach import (
     Reach,
     RecordedArm,
     UnknownReach,
-    Volume,
     compute_level_heights,
     compute_reach_surface,
     compute_workspace,
@@ -370,22 +367,22 @@ def average_signals(
             column, sign = given.removeprefix("-"), -1.0 if given.startswith("-") else 1.0
             number = names.index(joint_name) + 1
             values = interpolate_at(stamps, sign * others[column], time)
-            agreement = compare_angles(angles[number], values)
-            known = bool(np.isfinite(agreement.r))
+            r, offset, rmse, samples = compare_angles(angles[number], values)
+            known = bool(np.isfinite(r))
             compared.append(
                 {
                     "joint": joint_name,
                     "column": given,
-                    "r": agreement.r if known else None,
-                    "offset_rad": agreement.offset if known else None,
-                    "rmse_rad": agreement.rmse if known else None,
-                    "samples": agreement.samples,
+                    "r": r if known else None,
+                    "offset_rad": offset if known else None,
+                    "rmse_rad": rmse if known else None,
+                    "samples": samples,
                     "why": None if known else "the two systems have no common time in which the joint moves",
                 }
             )
             signals.append((f"theta_{number}_other", "rad", time, values))
 
-    averages: list[tuple[str, str, str, Averaged]] = []
+    averages: list[tuple[str, str, str, tuple[FloatArray, FloatArray, FloatArray]]] = []
     counts: dict[str, int] = {}
     for span, (begin, finish) in SPANS.items():
         bounds = events.stack([begin, finish])
@@ -399,8 +396,8 @@ def average_signals(
     columns: dict[str, Any] = {"percent": np.tile(100 * GRID, len(averages))}
     for k, name in enumerate(("span", "quantity", "unit")):
         columns[name] = np.repeat(np.array([row[k] for row in averages], dtype=object), len(GRID))
-    for name in ("mean", "sd", "count"):
-        columns[name] = np.concatenate([np.zeros(0), *(getattr(each, name) for *_, each in averages)])
+    for k, name in enumerate(("mean", "sd", "count")):
+        columns[name] = np.concatenate([np.zeros(0), *(each[k] for *_, each in averages)])
     return Table(PHASES, columns, facts, reasons)
 
 
@@ -443,7 +440,7 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
         fixed = elbow.first_axis * (1.0 if elbow.first_axis[2] >= 0 else -1.0)
     axis = np.asarray(poses.rotation[:, poses.segments.index("upper_arm")] @ fixed)
     axis[~poses.find_measured("upper_arm")] = np.nan
-    end = find_trial_end(time, axis, curls, rules)
+    end, rule, observed = find_trial_end(time, axis, curls, rules)
 
     # angles (T,) of shoulder and thorax, and the standard deviations of their changes, rad
     channels: dict[str, tuple[FloatArray, FloatArray]] = {}
@@ -473,7 +470,7 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
             covariance = covariance if np.isfinite(covariance).all() else None
         in_step = fit_part_in_step(time, *channels[_AXIAL], angles[_FLEXION], covariance, curls)
         if in_step is not None:
-            channels[_AXIAL] = (channels[_AXIAL][0] - in_step.curve, in_step.rest_sd)
+            channels[_AXIAL] = (channels[_AXIAL][0] - in_step[0], in_step[1])
     moved = {name: measure_compensation(time, *channel, curls, rules) for name, channel in channels.items()}
     torque = _compute_torques(context, poses, skeleton, axis)
 
@@ -484,43 +481,25 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
         "amplitude_rad": [curls[k].amplitude for k in done],
     }
     for name, found in moved.items():
-        quantities[f"{name}_range_rad"] = [np.nan if one is None else one.range for one in (found[k] for k in done)]
-    trends = {name: fit_trend(np.array(values)) for name, values in quantities.items()}
-    counted = [curl.complete and np.nanmin([curl.start, curl.top, curl.end, np.inf]) < end.time for curl in curls]
+        ranges = [found[k] for k in done]
+        quantities[f"{name}_range_rad"] = [np.nan if one is None else one["range_rad"] for one in ranges]
+    counted = [curl.complete and np.nanmin([curl.start, curl.top, curl.end, np.inf]) < end for curl in curls]
     facts: dict[str, Any] = {
         "why": "" if any(counted) else "no complete curl was found",
         "count": sum(counted),
         "partial": sum(not (curl.complete or curl.unknown) for curl in curls),
         "after_end": sum(curl.complete for curl in curls) - sum(counted),
-        "end": {"time_s": end.time, "rule": end.rule, "why": end.why},
+        "end": {"time_s": end, "rule": rule, "why": observed},
         "condition": keys.condition,
         "tempo_s": [float(curl.end - curl.start) if curl.timed else None for curl in curls],
-        "compensation": {
-            name: [
-                None
-                if one is None
-                else {
-                    "range_rad": one.range,
-                    "interval_rad": list(one.range_interval),
-                    "offset_rad": one.offset,
-                    "offset_sd_rad": one.offset_sd,
-                    "floor_rad": one.floor,
-                    "sustained_s": one.sustained,
-                }
-                for one in found
-            ]
-            for name, found in moved.items()
-        },
+        "compensation": moved,
         "in_step": {},
         "torque": None,
         "torque_why": "",
-        "fatigue": {
-            name: None if one is None else {"slope": one.slope, "interval": list(one.interval), "count": one.count}
-            for name, one in trends.items()
-        },
+        "fatigue": {name: fit_trend(np.array(values)) for name, values in quantities.items()},
     }
     if in_step is not None:
-        facts["in_step"] = {_AXIAL: {"range_rad": in_step.range, "interval_rad": list(in_step.interval)}}
+        facts["in_step"] = {_AXIAL: {"range_rad": in_step[2], "interval_rad": in_step[3]}}
     reasons = () if any(counted) else (Reason("no-curls", facts["why"]),)
     rows = [asdict(curl) for curl in curls]
     if isinstance(torque, str):
@@ -530,17 +509,17 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
     for curl in curls:
         within = (time >= curl.start) & (time <= (curl.end if np.isfinite(curl.end) else time[-1]))
         peaks: dict[str, float | None] = {}
-        for prefix, one in (("", torque[""]), ("person_", torque["person"])):
-            there = np.flatnonzero(within & np.isfinite(one.torque))
-            k = there[np.argmax(one.torque[there])] if len(there) else None
-            peaks[f"{prefix}peak_Nm"] = None if k is None else float(one.torque[k])
-            peaks[f"{prefix}sd_Nm"] = None if k is None else float(one.sd[k])
-        whole = np.isfinite(torque[""].torque[within]).all()
+        for prefix, (one, sd) in (("", torque[""]), ("person_", torque["person"])):
+            there = np.flatnonzero(within & np.isfinite(one))
+            k = there[np.argmax(one[there])] if len(there) else None
+            peaks[f"{prefix}peak_Nm"] = None if k is None else float(one[k])
+            peaks[f"{prefix}sd_Nm"] = None if k is None else float(sd[k])
+        whole = np.isfinite(torque[""][0][within]).all()
         facts["torque"].append(peaks if whole and peaks["peak_Nm"] is not None else None)
     columns: dict[str, FloatArray] = {}
-    for part, one in torque.items():
+    for part, (one, sd) in torque.items():
         suffix = f"_{part}" if part else ""
-        columns |= {f"elbow_torque{suffix}": one.torque, f"sd_elbow_torque{suffix}": one.sd}
+        columns |= {f"elbow_torque{suffix}": one, f"sd_elbow_torque{suffix}": sd}
     return make_arm_events("curl", rows, facts, reasons), columns
 
 
@@ -549,8 +528,8 @@ _ADDED_SD, _TABLE_SD = 0.02, 0.15  # relative standard deviation of a mass: weig
 
 def _compute_torques(
     context: Context, poses: MeasuredPoses, skeleton: SpatialSkeleton, axis: FloatArray
-) -> dict[str, ElbowTorque] | str:
-    """Return the torques about the elbow's axis: "" in total, "device" and "person"; or a text why they are unknown.
+) -> dict[str, tuple[FloatArray, FloatArray]] | str:
+    """Return the torques about the elbow's axis with their sd, (T,) N·m, or a text that says why they are unknown.
 
     The two parts are NaN if the trial has no file of a device.
     """
@@ -593,16 +572,16 @@ def _compute_torques(
 
     # the parts of device and person
     angles, unknown = context.table("angles.parquet"), np.full(len(poses.time), np.nan)
-    device = person = ElbowTorque(unknown, unknown)
+    device = person = unknown, unknown
     if keys.device is not None:
         file = DeviceFile.model_validate(keys.device)
         angle_sd = np.hypot(angles["sd_elbow_flexion"], angles["constant_sd_elbow_flexion"])
-        device = ElbowTorque(*file.torque(file.sealed, angles["elbow_flexion"], angles["delbow_flexion"], angle_sd))
-        person = ElbowTorque(total.torque - device.torque, np.hypot(total.sd, device.sd))
+        device = file.torque(file.sealed, angles["elbow_flexion"], angles["delbow_flexion"], angle_sd)
+        person = total[0] - device[0], np.hypot(total[1], device[1])
     hidden = ~poses.find_measured("upper_arm", "forearm", "hand")
     return {
-        name: ElbowTorque(*(np.where(hidden, np.nan, each) for each in (one.torque, one.sd)))
-        for name, one in (("", total), ("device", device), ("person", person))
+        name: (np.where(hidden, np.nan, one), np.where(hidden, np.nan, sd))
+        for name, (one, sd) in (("", total), ("device", device), ("person", person))
     }
 
 
@@ -621,8 +600,9 @@ def find_reach_events(context: Context) -> Table:
     ranges = measure_ranges(angles, poses, skeleton=chain.facts.get("frames") == "skeleton")
     facts: dict[str, Any] = {"why": "", "ranges": {}}
     for name, own in ranges.items():
+        # the errors of both ends add, because a tilt of the thorax or sliding skin often moves them apart
         low, high, low_sd, high_sd, spread = np.degrees(
-            [own.low, own.high, own.low_sd, own.high_sd, own.width_sd]
+            [own.low, own.high, own.low_sd, own.high_sd, own.low_sd + own.high_sd]
         ).tolist()
         width = high - low
         facts["ranges"][name] = {
@@ -720,17 +700,17 @@ def _compute_volumes(
     postures = np.stack([get_angle(angles, name, usable) for name in ANGLES], axis=1)
     limits = np.array([(ranges[name].low, ranges[name].high) for name in ANGLES])
     region = find_visited_region(postures, limits)
-    found = compute_workspace(arm, ranges, region)
+    box, within, sd, sources = compute_workspace(arm, ranges, region)
     surfaces = {"box": compute_reach_surface(arm.arm, limits)}
     if region is not None:
-        surfaces["visited"] = compute_reach_surface(arm.arm, region.limits, region.planes)
+        surfaces["visited"] = compute_reach_surface(arm.arm, *region)
 
     # the part of the box between the recorded postures
     visited: dict[str, Any] = dict.fromkeys(("volume_m3", "interval_m3", "share"))
     visited |= {"meaning": _NO_REGION, "why": _NO_REGION}
-    if found.visited is not None and region is not None:
-        share = found.visited.volume / found.box.volume
-        visited = _describe_volume(found.visited) | {
+    if within is not None:
+        share = within["volume_m3"] / box["volume_m3"]
+        visited = within | {
             "share": share,
             "why": None,
             "meaning": (
@@ -740,29 +720,19 @@ def _compute_volumes(
                 "more freely."
             ),
         }
-    directions = {"theta_deg": surfaces["box"].polar, "psi_deg": surfaces["box"].azimuth}
+    polar, azimuth, *_ = surfaces["box"]
+    directions = {"theta_deg": polar, "psi_deg": azimuth}
     radii = {
-        f"{name}_m": [[round(r, 3) if np.isfinite(r) else None for r in row] for row in one.radius.tolist()]
-        for name, one in surfaces.items()
+        f"{name}_m": [[round(r, 3) if np.isfinite(r) else None for r in row] for row in radius.tolist()]
+        for name, (_, _, radius, _) in surfaces.items()
     }
     return {
-        **_describe_volume(found.box),
-        "sd_m3": found.sd,
-        "relative_volume": found.relative(arm.arm),
-        "sources": found.sources,
-        "box_deg": {
-            name.split("_")[1]: np.degrees(pair).tolist() for name, pair in zip(ANGLES, found.limits, strict=True)
-        },
+        **box,
+        "sd_m3": sd,
+        "relative_volume": box["volume_m3"] / (4 / 3 * np.pi * arm.arm.length**3),  # of a sphere with the arm's length
+        "sources": sources,
+        "box_deg": {name.split("_")[1]: np.degrees(pair).tolist() for name, pair in zip(ANGLES, limits, strict=True)},
         "visited": visited,
-        "surface": {name: one.areas for name, one in surfaces.items()},
+        "surface": {name: areas for name, (*_, areas) in surfaces.items()},
         "mesh": {name: np.degrees(each).round(2).tolist() for name, each in directions.items()} | radii,
-    }
-
-
-def _describe_volume(one: Volume) -> dict[str, Any]:
-    return {
-        "volume_m3": one.volume,
-        "interval_m3": list(one.interval),
-        "discretisation_m3": one.discretisation,
-        "convergence_m3": list(one.convergence),
     }

@@ -22,29 +22,13 @@ from mocap_id.plates.placement import find_standing_feet
 from mocap_id.recording import Plate, PlateSamples, Recording, ThinnedFrames
 from mocap_id.recording.sample_checks import describe_held, find_body_facing, find_upright
 from mocap_id.stages.base import Context, Findings, Outputs, find_markers
-from mocap_id.stages.planarise import PlanariseSettings
-from mocap_id.stages.planarise.wrenches import (
-    FOLLOWS,
-    ExternalWrenches,
-    PlateCheck,
-    UsedFrames,
-    check_registration,
-    compute_ground_wrench,
-    describe_losses,
-    describe_plates,
-    judge_course,
-    measure_lateral_cop,
-    measure_seat,
-    measure_sensors,
-    place_board,
-    read_board_plate,
-)
+from mocap_id.stages.planarise import PlanariseSettings, wrenches
 from mocap_id.stages.trial_keys import BalanceBoard, Files, get_recording
 from mocap_id.store import LongTable, Table
 from mocap_id.store.provenance import PLANAR, WRENCH
 from mocap_id.verdict import Reason
 
-_LISTED = 5  # largest number of swaps in the message; the facts contain all
+_LISTED = 5  # largest number of swaps, or of displacements of the feet, in a message; the facts contain all
 
 
 @dataclass(frozen=True)
@@ -188,17 +172,28 @@ def choose_on_one_clock(
     loaded = [source.plates[index] for index in (*choice.indices("feet"), *choice.indices("seat"))]
     clock = find_clock_offset(loaded, thinned.positions, thinned.time, thinned.rate, frame_s=1.0 / source.rate)
     if clock.offset_s:
-        source = replace(source, plates=clock.correct(source.plates))
+        source = replace(
+            source, plates=tuple(replace(plate, start=plate.start + clock.offset_s) for plate in source.plates)
+        )
         thinned, choice = choose(source.plates)
     return source, thinned, choice, clock
 
 
-def check_swaps(out: Findings, part: UsedPart, *, repair: bool) -> tuple[FloatArray, list[dict[str, Any]]]:
-    """Find swapped labels, add a reason and, if ``repair``, correct them; return the positions and the swaps' facts."""
-    swaps = find_swaps(part.positions, part.source.rate)
-    if not swaps:
-        return part.positions, []
-    facts = [
+_HIGH_M = 1.1  # largest height of the centre of mass
+
+
+def planarise(context: Context) -> Outputs:
+    """Return planar.parquet and wrench.parquet of a trial in the plane."""
+    settings: PlanariseSettings = context.settings
+    threshold, person = settings.cop_threshold_N, context.trial.protocol != "robot-joint"
+    files, named = get_recording(context.trial), context.trial.plates
+    out = Findings()
+    log, source = wrenches.read_board_plate(files.forces, read_recording(files, settings))
+    part = select_part(source, context.trial.window, settings.ignore)
+
+    # markers that have each other's label for a while
+    repair, swaps = settings.repair_swaps, find_swaps(part.positions, part.source.rate)
+    swap_facts = [
         {
             "labels": [part.labels[swap.first], part.labels[swap.second]],
             "first_frame": int(part.frames[swap.start]),
@@ -209,38 +204,26 @@ def check_swaps(out: Findings, part: UsedPart, *, repair: bool) -> tuple[FloatAr
         }
         for swap in swaps
     ]
-    listed = "; ".join(
-        f"{part.labels[swap.first]} and {part.labels[swap.second]} in frames {part.frames[swap.start]} to "
-        f"{part.frames[swap.stop - 1]} ({part.time[swap.start]:.2f} to {part.time[swap.stop - 1]:.2f} s)"
-        for swap in swaps[:_LISTED]
-    )
-    rest = f"; and {len(swaps) - _LISTED} more" if len(swaps) > _LISTED else ""
-    times = "once" if len(swaps) == 1 else f"{len(swaps)} times"
-    outcome = (
-        "These frames were corrected in the results; the file was not changed."
-        if repair
-        else "Both markers are left out of the skeleton in these frames. To use them there, set "
-        "`planarise: {repair_swaps: true}`, or relabel them and export the trial again."
-    )
-    message = f"two markers have each other's label {times}: {listed}{rest}. {outcome}"
-    out.say("marker-swap", message, float(len(swaps)), level="ok" if repair else "caution")
-    return undo_swaps(part.positions, swaps) if repair else part.positions, facts
+    if swaps:
+        listed = "; ".join(
+            f"{part.labels[swap.first]} and {part.labels[swap.second]} in frames {part.frames[swap.start]} to "
+            f"{part.frames[swap.stop - 1]} ({part.time[swap.start]:.2f} to {part.time[swap.stop - 1]:.2f} s)"
+            for swap in swaps[:_LISTED]
+        )
+        rest = f"; and {len(swaps) - _LISTED} more" if len(swaps) > _LISTED else ""
+        times = "once" if len(swaps) == 1 else f"{len(swaps)} times"
+        outcome = (
+            "These frames were corrected in the results; the file was not changed."
+            if repair
+            else "Both markers are left out of the skeleton in these frames. To use them there, set "
+            "`planarise: {repair_swaps: true}`, or relabel them and export the trial again."
+        )
+        message = f"two markers have each other's label {times}: {listed}{rest}. {outcome}"
+        out.say("marker-swap", message, float(len(swaps)), level="ok" if repair else "caution")
+        if repair:
+            part = replace(part, positions=undo_swaps(part.positions, swaps))
 
-
-_PLANE_LISTED = 5  # largest number of changes in the message; the facts contain all
-_HIGH_M = 1.1  # largest height of the centre of mass
-
-
-def planarise(context: Context) -> Outputs:
-    """Return planar.parquet and wrench.parquet of a trial in the plane."""
-    settings: PlanariseSettings = context.settings
-    threshold, person = settings.cop_threshold_N, context.trial.protocol != "robot-joint"
-    files, named = get_recording(context.trial), context.trial.plates
-    out = Findings()
-    log, source = read_board_plate(files.forces, read_recording(files, settings))
-    part = select_part(source, context.trial.window, settings.ignore)
-    positions, swaps = check_swaps(out, part, repair=settings.repair_swaps)
-    part = replace(part, positions=positions)
+    # use of the plates, and motion of the base, which everything later is relative to
     source, thinned, choice, clock = choose_on_one_clock(source, part, feet=named.feet, seat=named.seat)
     on_feet = choice.indices("feet")
     samples = [recording.decimate(plate, part.time, source.rate) for plate in source.plates]
@@ -265,14 +248,14 @@ def planarise(context: Context) -> Outputs:
     board_reasons: tuple[Reason, ...] = ()
     if log is not None and not log.problem and isinstance(files.forces, BalanceBoard):
         faces = 1.0 if settings.facing == "+x" else -1.0
-        plate, origin, board, board_reasons = place_board(files.forces, log, source, still, frame, faces=faces)
+        plate, origin, board, board_reasons = wrenches.place_board(files.forces, log, source, still, frame, faces=faces)
         source, frame = replace(source, plates=(plate,)), replace(frame, origin=origin)
         samples = [recording.decimate(plate, part.time, source.rate)]
         thinned = replace(thinned, samples=(recording.decimate(plate, thinned.time, thinned.rate),))
         still = undo_in_frames(base, thinned)
-    used, external = UsedFrames(part.labels, part.positions, part.time, thinned, frame, base), ExternalWrenches()
-    measure_seat(external, used, samples, choice, settings.seat_zero)
-    measure_sensors(external, used, context.trial.external, source)
+    external = wrenches.ExternalWrenches()
+    wrenches.measure_seat(external, choice, samples, thinned, frame, zero=settings.seat_zero, time=part.time, base=base)
+    wrenches.measure_sensors(external, context.trial.external, part, thinned, frame, base)
     if base is not None:
         part = replace(part, positions=base.undo_positions(part.positions, part.time))
     if plane.lean:
@@ -292,11 +275,53 @@ def planarise(context: Context) -> Outputs:
         },
         bursts=list_bursts(part, points),
         missing_fraction=float(1.0 - visible.mean()),
-        swaps=swaps,
+        swaps=swap_facts,
         base_motion=None,
     )
     if base is not None:
-        describe_base(out, base, part.labels, frame)
+        axes = frame.axes[[0, 2], :2]
+        stretches = [
+            {
+                "from_s": each.start,
+                "to_s": each.end,
+                "along_m": float(axes[0] @ each.shift),
+                "across_m": float(axes[1] @ each.shift),
+                "turn_deg": float(np.degrees(each.turn)),
+                "misfit_m": each.misfit,
+            }
+            for each in base.stretches
+        ]
+        path = [
+            {"time_s": float(time), "shift_m": pose[:2].tolist(), "turn_deg": float(np.degrees(pose[2]))}
+            for time, pose in zip(base.knots, base.poses, strict=True)
+        ]
+        out.fact(
+            base_motion={
+                "stretches": stretches,
+                "markers": [part.labels[marker] for marker in base.feet],
+                "fixed_markers": [label for label, fixed in zip(part.labels, base.fixed, strict=True) if fixed],
+                "centre_m": base.centre.tolist(),
+                "path": path,
+            }
+        )
+        changes = []
+        for before, after in pairwise(base.stretches):
+            shift = 1e2 * float(np.linalg.norm(after.shift - before.shift))
+            turn = abs(float(np.degrees(after.turn - before.turn)))
+            rotation = f" and rotated by {turn:.0f}°" if turn >= 1.0 else ""
+            changes.append(f"by {shift:.1f} cm{rotation} between {before.end:.1f} and {after.start:.1f} s")
+        rest = f"; and {len(changes) - _LISTED} more changes" if len(changes) > _LISTED else ""
+        moved = f"the feet moved to another position: {'; '.join(changes[:_LISTED])}{rest}. "
+        farthest, first = max(float(np.linalg.norm(each.shift)) for each in base.stretches), base.stretches[0]
+        outcome = (
+            "This was corrected: markers, forces and moments are expressed relative to the feet. x, tauz and "
+            f"the centre of pressure refer to the position of the feet from {first.start:.1f} to {first.end:.1f} s."
+            if base.rigid
+            else "They did not move together: their markers differ by "
+            f"{1e3 * max(each.misfit for each in base.stretches):.0f} mm rms from a common motion. Only their mean "
+            "displacement was corrected, so the joints are less exact: analyse each part alone with `window:`"
+        )
+        out.say("base-moved", moved + outcome, farthest, level="ok" if base.rigid else "caution")
     lift = find_heel_lift(thinned.positions, thinned.time, thinned.rate)
     out.fact(
         heel_lift=None
@@ -341,7 +366,7 @@ def planarise(context: Context) -> Outputs:
 
     # wrench of the ground; frames with no load under a standing person do not count
     ground = Findings()
-    describe_plates(ground, source, thinned, choice, external, threshold=threshold)
+    wrenches.describe_plates(ground, source, thinned, choice, external, threshold=threshold)
     missing, mass = np.zeros(len(part.time), np.bool_), ground.facts["mass_kg"]
     if mass is not None:
         load = sum((samples[index].force[:, 2] for index in on_feet), np.zeros(len(part.time)))
@@ -353,14 +378,14 @@ def planarise(context: Context) -> Outputs:
 
     thinned = replace(thinned, samples=mark_missing(thinned.samples, missing[:: thinned.step]))
     kept = mark_missing(samples, missing)
-    wrench = compute_ground_wrench(part.time, kept, choice, frame, threshold) | external.columns
+    wrench = wrenches.compute_ground_wrench(part.time, kept, choice, frame, threshold) | external.columns
     course = None
     if person and feet and find_standing_feet(thinned.positions, find_upright(thinned.positions)[0], None, 2):
         vertical = sum((thinned.samples[index].force[:, 2] for index in on_feet), external.vertical)
         course = compare_courses(np.asarray(vertical), thinned.positions, thinned.rate)
-    check = PlateCheck({}, ())  # a balance board has no position in the file
+    check, unusable, horizontal = Findings(), None, True  # a balance board has no position in the file
     if board is None:
-        check = check_registration(
+        check, unusable, horizontal = wrenches.check_registration(
             feet,
             [thinned.samples[index] for index in on_feet],
             thinned.positions,
@@ -369,24 +394,29 @@ def planarise(context: Context) -> Outputs:
             yaw=frame.yaw,
             labels=part.labels,
             others=choice.list_unused(source.plates),
-            follows=course is not None and course.correlation >= FOLLOWS,
+            follows=course is not None and course[0] >= wrenches.FOLLOWS,
         )
-        if check.unusable is not None:
+        if unusable is not None:
             wrench["plate_ok"] = np.zeros(len(part.time), np.bool_)
     else:
         ground.fact(board=board)
         ground.reasons += board_reasons
-    if board is not None or not check.horizontal:
+    if board is not None or not horizontal:
         wrench["Fx"] = np.full(len(part.time), np.nan)
-    across = measure_lateral_cop(thinned.samples, frame, threshold)
+    across: list[float | None] = []  # median centre of pressure of each plate along z, m; None if never loaded
+    for each in thinned.samples:
+        force = each.force @ frame.axes.T
+        moment = (each.moment - np.cross(frame.origin, each.force)) @ frame.axes.T
+        loaded = each.ok & (np.nan_to_num(force[:, 1]) > threshold)
+        across.append(float(np.median(-moment[loaded, 0] / force[loaded, 1])) if loaded.any() else None)
     ground.fact(
         registration=check.facts,
         clock=clock.facts(),
-        unusable=check.unusable,
-        horizontal_measured=check.horizontal,
-        plates=[plate | {"across_m": each} for plate, each in zip(ground.facts["plates"], across, strict=True)],
+        unusable=unusable,
+        horizontal_measured=horizontal,
+        plates=[plate | {"across_m": z} for plate, z in zip(ground.facts["plates"], across, strict=True)],
     )
-    describe_losses(ground, feet, part.time, missing, clock.offset_s)
+    wrenches.describe_losses(ground, feet, part.time, missing, clock.offset_s)
     # the lean of the plane may explain a force beside the feet
     beside = _HIGH_M * abs(np.sin(plane.lean))
     ground.reasons += (
@@ -394,7 +424,7 @@ def planarise(context: Context) -> Outputs:
         for each in check.reasons
         if each.code != "plate-misplaced" or (each.value or 0.0) - beside > (each.limit or 0.0)
     )
-    ground.reasons += judge_course(course, source.files, files.forces)
+    ground.reasons += wrenches.judge_course(course, source.files, files.forces)
     return planar, Table(WRENCH, wrench, ground.facts, (*ground.reasons, *external.reasons))
 
 
@@ -412,50 +442,3 @@ def undo_in_frames(base: BaseMotion | None, thinned: ThinnedFrames) -> ThinnedFr
         return thinned
     positions = base.undo_positions(thinned.positions, thinned.time)
     return replace(thinned, positions=positions, samples=tuple(undo_in_samples(base, thinned.samples, thinned.time)))
-
-
-def describe_base(out: Findings, base: BaseMotion, labels: Sequence[str], frame: PlaneFrame) -> None:
-    """Add the fact ``base_motion`` and a reason; ``frame`` is the plane's frame before the base moved."""
-    axes = frame.axes[[0, 2], :2]
-    stretches = [
-        {
-            "from_s": each.start,
-            "to_s": each.end,
-            "along_m": float(axes[0] @ each.shift),
-            "across_m": float(axes[1] @ each.shift),
-            "turn_deg": float(np.degrees(each.turn)),
-            "misfit_m": each.misfit,
-        }
-        for each in base.stretches
-    ]
-    path = [
-        {"time_s": float(time), "shift_m": pose[:2].tolist(), "turn_deg": float(np.degrees(pose[2]))}
-        for time, pose in zip(base.knots, base.poses, strict=True)
-    ]
-    out.fact(
-        base_motion={
-            "stretches": stretches,
-            "markers": [labels[marker] for marker in base.feet],
-            "fixed_markers": [label for label, fixed in zip(labels, base.fixed, strict=True) if fixed],
-            "centre_m": base.centre.tolist(),
-            "path": path,
-        }
-    )
-    changes = []
-    for before, after in pairwise(base.stretches):
-        shift = 1e2 * float(np.linalg.norm(after.shift - before.shift))
-        turn = abs(float(np.degrees(after.turn - before.turn)))
-        rotation = f" and rotated by {turn:.0f}°" if turn >= 1.0 else ""
-        changes.append(f"by {shift:.1f} cm{rotation} between {before.end:.1f} and {after.start:.1f} s")
-    rest = f"; and {len(changes) - _PLANE_LISTED} more changes" if len(changes) > _PLANE_LISTED else ""
-    moved = f"the feet moved to another position: {'; '.join(changes[:_PLANE_LISTED])}{rest}. "
-    farthest, first = max(float(np.linalg.norm(each.shift)) for each in base.stretches), base.stretches[0]
-    outcome = (
-        "This was corrected: markers, forces and moments are expressed relative to the feet. x, tauz and "
-        f"the centre of pressure refer to the position of the feet from {first.start:.1f} to {first.end:.1f} s."
-        if base.rigid
-        else "They did not move together: their markers differ by "
-        f"{1e3 * max(each.misfit for each in base.stretches):.0f} mm rms from a common motion. Only their mean "
-        "displacement was corrected, so the joints are less exact: analyse each part alone with `window:`"
-    )
-    out.say("base-moved", moved + outcome, farthest, level="ok" if base.rigid else "caution")

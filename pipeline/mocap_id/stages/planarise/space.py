@@ -22,7 +22,7 @@ from mocap_id.recording.sensor_logs import read_imu
 from mocap_id.recording.skeleton_log import read_skeleton
 from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.calibration_trial import FORMAT, get_calibration, read_chain
-from mocap_id.stages.planarise import PlanariseSettings
+from mocap_id.stages.planarise import PlanariseSettings, wrenches
 from mocap_id.stages.planarise.plane import (
     UsedPart,
     choose_on_one_clock,
@@ -30,15 +30,6 @@ from mocap_id.stages.planarise.plane import (
     list_bursts,
     read_recording,
     select_part,
-)
-from mocap_id.stages.planarise.wrenches import (
-    ExternalWrenches,
-    check_registration,
-    compute_ground_wrench,
-    compute_ground_wrench_in_space,
-    describe_losses,
-    describe_plates,
-    find_plates_centre,
 )
 from mocap_id.stages.trial_keys import TrialKeys, get_landmark_labels, get_recording, list_sensors
 from mocap_id.store import LongTable, Table
@@ -105,13 +96,13 @@ def planarise_in_space(context: Context) -> Outputs:
     # wrench of the ground; no result of a reach or curl needs the plates
     samples = [recording.decimate(each, part.time, source.rate) for each in source.plates]
     ground, threshold = Findings(), settings.cop_threshold_N
-    describe_plates(ground, source, thinned, choice, ExternalWrenches(), threshold=threshold)
-    columns = compute_ground_wrench_in_space(part.time, samples, choice, frame, threshold, mirrored=left)
+    wrenches.describe_plates(ground, source, thinned, choice, wrenches.ExternalWrenches(), threshold=threshold)
+    columns = wrenches.compute_ground_wrench_in_space(part.time, samples, choice, frame, threshold, mirrored=left)
     upright = find_upright(thinned.positions)[0]
     person = (
         shows_standing(thinned.positions, upright) and len(find_standing_feet(thinned.positions, upright, None, 2)) == 2
     )
-    check = check_registration(
+    check, unusable, _ = wrenches.check_registration(
         feet,
         [thinned.samples[index] for index in choice.indices("feet")],
         thinned.positions,
@@ -123,13 +114,13 @@ def planarise_in_space(context: Context) -> Outputs:
     )
     ground.fact(
         clock=clock.facts(),
-        centre_m=find_plates_centre(source.plates, choice, frame, mirrored=left),
+        centre_m=wrenches.find_plates_centre(source.plates, choice, frame, mirrored=left),
         registration=check.facts,
-        unusable=check.unusable,
+        unusable=unusable,
     )
-    if check.unusable is not None:
+    if unusable is not None:
         columns["plate_ok"] = np.zeros(len(part.time), np.bool_)
-    describe_losses(ground, feet, part.time, np.zeros(len(part.time), np.bool_), clock.offset_s)
+    wrenches.describe_losses(ground, feet, part.time, np.zeros(len(part.time), np.bool_), clock.offset_s)
     ground.reasons += check.reasons
     if not free:  # but an assumed unit stays a caution
         ground.reasons = [
@@ -305,8 +296,8 @@ def planarise_sensors(context: Context) -> Outputs:
     choice, threshold = PlateChoice((), (), ()), context.settings.cop_threshold_N
     ground = Findings()
     thinned = ThinnedFrames.of(source.positions, time, rate, ())
-    describe_plates(ground, source, thinned, choice, ExternalWrenches(), threshold=threshold)
+    wrenches.describe_plates(ground, source, thinned, choice, wrenches.ExternalWrenches(), threshold=threshold)
     ground.fact(registration={})
     reasons = tuple(replace(each, level="ok") for each in ground.reasons)  # nobody expects a plate here
-    columns = compute_ground_wrench(time, (), choice, PlaneFrame(0.0), threshold)
+    columns = wrenches.compute_ground_wrench(time, (), choice, PlaneFrame(0.0), threshold)
     return planar, Table(WRENCH, columns, ground.facts, reasons)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,8 +17,6 @@ from mocap_id.kinematics.base_motion import BaseMotion
 from mocap_id.kinematics.plane import find_feet
 from mocap_id.plates.choice import (
     GRAVITY,
-    ForceCourse,
-    ForceDirection,
     PlateChoice,
     ZeroRule,
     compare_directions,
@@ -28,7 +26,6 @@ from mocap_id.plates.choice import (
 )
 from mocap_id.plates.placement import (
     FootLoad,
-    PlatePlacement,
     compare_with_feet,
     find_foot_beside,
     find_pinned_pressure,
@@ -41,6 +38,9 @@ from mocap_id.recording.sample_checks import describe_held, find_upright
 from mocap_id.stages.base import Findings, find_markers
 from mocap_id.stages.trial_keys import BalanceBoard, ExternalForce
 from mocap_id.verdict import Reason
+
+if TYPE_CHECKING:
+    from mocap_id.stages.planarise.plane import UsedPart
 
 # largest accepted distance of the force outside the outermost markers of a foot; up to 27 mm in good recordings
 _MARGIN_M = 0.05
@@ -67,16 +67,6 @@ _UNEVEN = 0.25
 _BODY_M, _BODY_SHARE = 0.035, 0.12
 
 
-@dataclass(frozen=True)
-class PlateCheck:
-    """Facts for wrench.parquet, and reasons to doubt the plates' positions."""
-
-    facts: dict[str, Any]
-    reasons: tuple[Reason, ...]
-    unusable: str | None = None  # reason why the moments are missing, so that no parameter can be identified
-    horizontal: bool = True  # whether the horizontal force in the motion plane is measured
-
-
 # faults that move the centre of pressure, so that it cannot be compared with the body
 _EXPLAIN = ("plate-misplaced", "plate-moments-missing")
 # distance of the centre of pressure from the feet above which nothing is identified: a unit or a position is wrong
@@ -94,8 +84,12 @@ def check_registration(
     labels: Sequence[str] = (),
     others: Sequence[str] = (),
     follows: bool = False,
-) -> PlateCheck:
+) -> tuple[Findings, str | None, bool]:
     """Compare the feet's plates with the markers.
+
+    The results are facts for wrench.parquet with reasons to doubt the plates' positions; the reason why the moments are
+    missing, so that no parameter can be identified, or None; and whether the horizontal force along the plane is
+    measured.
 
     ``samples`` are the plates' wrenches at the times of ``positions`` (F, M, 3), lab axes with Z up, m. ``person`` is
     False for a robot, which has no feet. ``yaw`` is the angle of the plane's x from the lab's X, rad; None in space,
@@ -103,14 +97,14 @@ def check_registration(
     that are not used and why, are for messages. If the vertical force ``follows`` the body, the size of the horizontal
     force is checked too.
     """
+    out = Findings()
     if not plates:
-        return PlateCheck({}, ())
+        return out, None, True
     total = np.sum([each.force for each in samples], axis=0)
     found = compare_with_feet(plates, samples, positions) if person else []
     lean = measure_lean(total, positions, rate) if person else None
     whole = compare_directions(total, positions, rate)
     alone = [compare_directions(each.force, positions, rate) for each in samples] if len(plates) > 1 else []
-    out = Findings()
     out.fact(
         plates=[
             {
@@ -127,76 +121,27 @@ def check_registration(
         if whole is None
         else {"angle_deg": float(np.degrees(whole.angle)), "coherence": whole.coherence, "rms": whole.size},
     )
-    _check_placement(out, found)
-    _check_tilt(out, found, lean)
-    _check_rotation(out, plates, whole, alone)
-    unusable = None
+
+    # centres of pressure that only wrong moments explain: beside the feet, or never away from the plate's centre
     pinned = {
         plate.index: away
         for plate, each in zip(plates, samples, strict=True)
         if (person or yaw is None) and (away := find_pinned_pressure(plate, each, positions)) is not None
     }
-    if pinned:
-        out.reasons = [each for each in out.reasons if each.code != "plate-misplaced"]
-        unusable = (
-            f"the centre of pressure never leaves the centre of plate {' and '.join(map(str, pinned))} (it moves by at "
-            f"most {1e3 * max(pinned.values()):.1f} mm), expected some centimetres: the moments of the plate are "
-            "missing or a thousand times too small. Check the moment channels (Mx, My) and their unit, and set "
-            "`planarise: {moment_unit: …}` if the unit in the file is wrong"
-        )
-        out.say("plate-moments-missing", unusable, max(pinned.values()))
-    if person:
-        off = find_foot_beside(plates, samples, positions)
-        if off is not None:
-            foot, beside, share = off
-            out.fact(foot_beside={"beside_m": beside if np.isfinite(beside) else None, "share": share})
-            outside = f" stands {100 * beside:.0f} cm beside every plate that is used" if beside > 0 else ""
-            unused = f". Not used: {'; '.join(others)}" if others else ""
-            out.say(
-                "foot-off-plate",
-                "the plates do not measure one foot: the foot with the markers "
-                f"{_name_markers(foot, positions, labels)}{outside or ' carries no load'}, and the force acts under "
-                f"the other foot ({100 * abs(share):.0f} % of the way to this foot, expected 30 to 70 %){unused}. "
-                "Mass, wrench, torques and parameters are then far too small. Record with both feet on plates that "
-                "are used; check the unused plates, and `plates: {feet: …}`, and whether the file contains all plates",
-                abs(share),
-                0.3,
-            )
-        uneven = measure_load_share(plates, samples, positions)
-        if uneven is not None:
-            out.fact(load_share={"measured": uneven.measured, "expected": uneven.expected})
-            if off is None and not any(each.code in _EXPLAIN for each in out.reasons):
-                _check_load(out, plates, _name_markers(uneven.foot, positions, labels), uneven)
-        far = [each for each in out.reasons if each.code == "plate-misplaced" and (each.value or 0.0) > _FAR_OFF_M]
-        if far:
-            unusable = far[0].message
-    weak = whole is not None and whole.expected >= _EXPECTED_N and whole.size < _WEAK * whole.expected
-    direction = np.zeros(3) if yaw is None else np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    dead = [axis for plate in plates for _, axis in plate.dead]
-    along = any(yaw is None or abs(axis @ direction) > _ALONG for axis in dead)
-    weak = bool(follows and weak)
-    if weak or dead:
-        _check_channels(out, plates, whole if weak else None, along=along, space=yaw is None)
-        if yaw is None:
-            unusable = unusable or out.reasons[-1].message
-    return PlateCheck(out.facts, tuple(out.reasons), unusable, not (weak or along))
-
-
-def _check_placement(out: Findings, found: Sequence[PlatePlacement]) -> None:
-    """Add cautions about plates beside the feet or at another height, and a note if this could not be checked."""
+    unusable = None
     for each in found:
         limit, over = _MARGIN_M + each.allowance, each.over_surface
-        if each.off_feet is not None and each.off_feet > limit:
-            out.say(
-                "plate-misplaced",
+        if each.off_feet is not None and each.off_feet > limit and not pinned:
+            text = (
                 f"the centre of pressure of plate {each.index} lies up to {100 * each.off_feet:.0f} cm outside the "
                 f"markers of the feet that stand on it, expected at most {100 * limit:.0f} cm: the ground cannot push "
                 "there. The plate's corners (or its ORIGIN, moments or points of application) do not match the "
                 "cameras' axes; measure them again and correct the file. Until then tauz, the centre of pressure and "
-                "all parameters are wrong",
-                each.off_feet,
-                limit,
+                "all parameters are wrong"
             )
+            out.say("plate-misplaced", text, each.off_feet, limit)
+            if each.off_feet > _FAR_OFF_M:
+                unusable = unusable or text
         if over is not None and not -_SUNK_M <= over <= _HOVERING_M:
             sunk = over < 0
             out.say(
@@ -219,29 +164,43 @@ def _check_placement(out: Findings, found: Sequence[PlatePlacement]) -> None:
             level="ok",
         )
 
+    # corners that are not level, or a force under a standing person that is not vertical
+    inclined = max((each.inclined for each in found if each.inclined is not None), default=0.0)
+    steepest, limit = float(np.degrees(inclined)), float(np.degrees(_INCLINED))
+    leaning = 0.0 if lean is None else float(np.degrees(np.hypot(*lean)))
+    corners = f"the corners incline a plate by {steepest:.1f}°, expected under {limit:.1f}°"
+    confirmed = True  # whether the force leans as it would if the plates were level and their corners were wrong
+    if inclined > _INCLINED and lean is not None:
+        load = sum(each.load for each in found)
+        expected = sum((each.normal[:2] * each.load for each in found if each.normal is not None), np.zeros(2)) / load
+        confirmed = bool(lean @ expected > 0.5 * (expected @ expected))
+    if inclined > _INCLINED and confirmed:
+        evidence = ", and nobody stands still, so the force cannot confirm this"
+        if lean is not None:
+            evidence = (
+                ", and the force under the standing person leans in the same direction, by "
+                f"{leaning:.1f}°: the corners are wrong"
+            )
+        text = f"{corners}{evidence}. Measure them again; part of the weight may count as Fx and affect all parameters"
+        out.say("plate-tilted", text, steepest, limit)
+    elif lean is not None and np.hypot(*lean) > _LEAN:
+        text = (
+            f"the force under the standing person leans by {leaning:.1f}° from the vertical, expected under "
+            f"{np.degrees(_LEAN):.1f}°: a plate is tilted, has crosstalk, or was not zeroed. Level and zero it; part "
+            "of the weight counts as Fx, which makes all parameters wrong"
+        )
+        out.say("plate-tilted", text, leaning, float(np.degrees(_LEAN)))
+    elif inclined > _INCLINED:
+        text = f"{corners}; the force under the standing person is vertical, so the plate is assumed to be inclined"
+        out.say("plate-tilted", text, steepest, limit, "ok")
 
-def _check_rotation(
-    out: Findings, plates: Sequence[Plate], whole: ForceDirection | None, alone: Sequence[ForceDirection | None]
-) -> None:
-    """Add cautions about plates whose horizontal force does not point along the acceleration of the body.
-
-    If the sum of their forces points in a wrong direction, there is only one caution, for all plates together.
-    """
-
-    def points_away(found: ForceDirection, limit: float) -> bool:
-        return found.coherence >= _COHERENT and found.size >= _FORCE_N and abs(found.angle) > limit
-
-    turned: list[tuple[str, ForceDirection, float]]
-    if whole is not None and points_away(whole, _TURNED):
-        turned = [("the plates" if len(plates) > 1 else f"plate {plates[0].index}", whole, _TURNED)]
-    else:
-        turned = [
-            (f"plate {plate.index}", each, _TURNED_ALONE)
-            for plate, each in zip(plates, alone, strict=False)
-            if each is not None and points_away(each, _TURNED_ALONE)
-        ]
-    for name, found, limit in turned:
-        angle = float(np.degrees(found.angle))
+    # horizontal forces that do not point along the acceleration of the body; one caution if their sum does not
+    names = [("the plates" if len(plates) > 1 else f"plate {plates[0].index}", whole, _TURNED)]
+    names += [(f"plate {plate.index}", each, _TURNED_ALONE) for plate, each in zip(plates, alone, strict=False)]
+    for k, (name, force, limit) in enumerate(names):
+        if force is None or not (force.coherence >= _COHERENT and force.size >= _FORCE_N and abs(force.angle) > limit):
+            continue
+        angle = float(np.degrees(force.angle))
         out.say(
             "plate-turned",
             f"the horizontal force of {name} points {angle:.0f}° away from the acceleration of the body (about the "
@@ -251,6 +210,75 @@ def _check_rotation(
             abs(angle),
             float(np.degrees(limit)),
         )
+        if k == 0:
+            break
+
+    if pinned:
+        unusable = (
+            f"the centre of pressure never leaves the centre of plate {' and '.join(map(str, pinned))} (it moves by at "
+            f"most {1e3 * max(pinned.values()):.1f} mm), expected some centimetres: the moments of the plate are "
+            "missing or a thousand times too small. Check the moment channels (Mx, My) and their unit, and set "
+            "`planarise: {moment_unit: …}` if the unit in the file is wrong"
+        )
+        out.say("plate-moments-missing", unusable, max(pinned.values()))
+
+    # a foot beside the plates, or with a plate that reads too little
+    off = find_foot_beside(plates, samples, positions) if person else None
+    if off is not None:
+        foot, beside, share = off
+        out.fact(foot_beside={"beside_m": beside if np.isfinite(beside) else None, "share": share})
+        outside = f" stands {100 * beside:.0f} cm beside every plate that is used" if beside > 0 else ""
+        unused = f". Not used: {'; '.join(others)}" if others else ""
+        out.say(
+            "foot-off-plate",
+            "the plates do not measure one foot: the foot with the markers "
+            f"{_name_markers(foot, positions, labels)}{outside or ' carries no load'}, and the force acts under "
+            f"the other foot ({100 * abs(share):.0f} % of the way to this foot, expected 30 to 70 %){unused}. "
+            "Mass, wrench, torques and parameters are then far too small. Record with both feet on plates that "
+            "are used; check the unused plates, and `plates: {feet: …}`, and whether the file contains all plates",
+            abs(share),
+            0.3,
+        )
+    uneven = measure_load_share(plates, samples, positions) if person else None
+    if uneven is not None:
+        out.fact(load_share={"measured": uneven.measured, "expected": uneven.expected})
+        if off is None and not any(each.code in _EXPLAIN for each in out.reasons):
+            _check_load(out, plates, _name_markers(uneven.foot, positions, labels), uneven)
+
+    # horizontal channels that are dead; the results in the plane may not need them
+    weak = None
+    if follows and whole is not None and whole.expected >= _EXPECTED_N and whole.size < _WEAK * whole.expected:
+        weak = whole
+    direction = np.zeros(3) if yaw is None else np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    dead = {plate.index: plate.dead for plate in plates if plate.dead}
+    along = any(yaw is None or abs(axis @ direction) > _ALONG for pairs in dead.values() for _, axis in pairs)
+    listed = "; ".join(f"plate {index}: {', '.join(name for name, _ in pairs)}" for index, pairs in dead.items())
+    channels = f"channels of horizontal force read the same value in every sample ({listed})"
+    if weak is not None or along:
+        if not dead:
+            channels = "the horizontal force hardly varies"
+        if weak is not None:
+            channels += f" (it varies by {weak.size:.1f} N, expected about {weak.expected:.0f} N from the movement)"
+        effect = (
+            "A trial in space needs all components of the force, so no parameter can be identified"
+            if yaw is None
+            else "Fx is left out, as it is unmeasured. The parameters are fitted to Fy and tauz, and the moment "
+            "contains an error of Fx times the depth of the plate's sensors"
+        )
+        text = (
+            f"{channels}: a channel is dead, not connected or in a wrong unit. {effect}. Check cable, amplifier and "
+            "`force_unit`"
+        )
+        out.say("plate-channel-dead", text)
+        if yaw is None:
+            unusable = unusable or text
+    elif dead:
+        text = (
+            f"{channels}: they are dead. They measure across the motion, so the results in its plane do not depend on "
+            "them"
+        )
+        out.say("plate-channel-dead", text, level="ok")
+    return out, unusable, weak is None and not along
 
 
 def _name_markers(foot: FloatArray, positions: FloatArray, labels: Sequence[str]) -> str:
@@ -297,69 +325,6 @@ def _check_load(out: Findings, plates: Sequence[Plate], markers: str, load: Foot
             f"{100 * expected:.0f} %), so the person unloads this leg"
         )
         out.say("load-uneven", text, measured, _UNEVEN, "ok")
-
-
-def _check_channels(
-    out: Findings, plates: Sequence[Plate], weak: ForceDirection | None, *, along: bool, space: bool
-) -> None:
-    """Add a caution about horizontal channels that are dead, or a note if the motion plane does not need them."""
-    listed = "; ".join(
-        f"plate {plate.index}: {', '.join(name for name, _ in plate.dead)}" for plate in plates if plate.dead
-    )
-    found = f"channels of horizontal force read the same value in every sample ({listed})"
-    if weak is None and not along:
-        text = (
-            f"{found}: they are dead. They measure across the motion, so the results in its plane do not depend on them"
-        )
-        out.say("plate-channel-dead", text, level="ok")
-        return
-    if not listed:
-        found = "the horizontal force hardly varies"
-    if weak is not None:
-        found += f" (it varies by {weak.size:.1f} N, expected about {weak.expected:.0f} N from the movement)"
-    effect = (
-        "A trial in space needs all components of the force, so no parameter can be identified"
-        if space
-        else "Fx is left out, as it is unmeasured. The parameters are fitted to Fy and tauz, and the moment contains "
-        "an error of Fx times the depth of the plate's sensors"
-    )
-    out.say(
-        "plate-channel-dead",
-        f"{found}: a channel is dead, not connected or in a wrong unit. {effect}. Check cable, amplifier and "
-        "`force_unit`",
-    )
-
-
-def _check_tilt(out: Findings, found: Sequence[PlatePlacement], lean: FloatArray | None) -> None:
-    """Add a reason if the corners of a plate are not level, or the force under a standing person is not vertical."""
-    inclined = max((each.inclined for each in found if each.inclined is not None), default=0.0)
-    steepest, limit = float(np.degrees(inclined)), float(np.degrees(_INCLINED))
-    leaning = 0.0 if lean is None else float(np.degrees(np.hypot(*lean)))
-    corners = f"the corners incline a plate by {steepest:.1f}°, expected under {limit:.1f}°"
-    confirmed = True  # whether the force leans as it would if the plates were level and their corners were wrong
-    if inclined > _INCLINED and lean is not None:
-        total = sum(each.load for each in found)
-        expected = sum((each.normal[:2] * each.load for each in found if each.normal is not None), np.zeros(2)) / total
-        confirmed = bool(lean @ expected > 0.5 * (expected @ expected))
-    if inclined > _INCLINED and confirmed:
-        evidence = ", and nobody stands still, so the force cannot confirm this"
-        if lean is not None:
-            evidence = (
-                ", and the force under the standing person leans in the same direction, by "
-                f"{leaning:.1f}°: the corners are wrong"
-            )
-        text = f"{corners}{evidence}. Measure them again; part of the weight may count as Fx and affect all parameters"
-        out.say("plate-tilted", text, steepest, limit)
-    elif lean is not None and np.hypot(*lean) > _LEAN:
-        text = (
-            f"the force under the standing person leans by {leaning:.1f}° from the vertical, expected under "
-            f"{np.degrees(_LEAN):.1f}°: a plate is tilted, has crosstalk, or was not zeroed. Level and zero it; part "
-            "of the weight counts as Fx, which makes all parameters wrong"
-        )
-        out.say("plate-tilted", text, leaning, float(np.degrees(_LEAN)))
-    elif inclined > _INCLINED:
-        text = f"{corners}; the force under the standing person is vertical, so the plate is assumed to be inclined"
-        out.say("plate-tilted", text, steepest, limit, "ok")
 
 
 _UNRELATED, FOLLOWS = 0.62, 0.7
@@ -475,31 +440,35 @@ def describe_losses(
 
 
 def judge_course(
-    course: ForceCourse | None, markers: Sequence[Path], forces: Path | BalanceBoard | None
+    course: tuple[float, float, float] | None, markers: Sequence[Path], forces: Path | BalanceBoard | None
 ) -> tuple[Reason, ...]:
-    """Return a caution if the vertical force hardly follows the body; raise Refused if it does not follow it at all."""
-    if course is None or course.expected < _MOVES_N or course.correlation >= FOLLOWS:
+    """Return a caution if the vertical force hardly follows the body; raise Refused if it does not follow it at all.
+
+    ``course`` is the result of :func:`mocap_id.plates.choice.compare_courses`.
+    """
+    if course is None:
         return ()
-    if course.correlation_far >= _BELONGS_LATE:
-        return ()  # the forces belong to the markers; the clock offset is estimated in identify-dim
+    correlation, correlation_far, expected = course
+    if expected < _MOVES_N or correlation >= FOLLOWS or correlation_far >= _BELONGS_LATE:
+        return ()  # if they fit late, the forces belong to the markers; the clock offset is estimated in identify-dim
     file = forces.balance_board if isinstance(forces, BalanceBoard) else forces
     of = f"{file.name} and {markers[0].name}" if file is not None else f"the forces and markers of {markers[0].name}"
     found = (
         "the vertical force does not follow the vertical acceleration of the body: their correlation is "
-        f"{course.correlation:.2f} for clock offsets up to 1 s, and at most {course.correlation_far:.2f} for all "
+        f"{correlation:.2f} for clock offsets up to 1 s, and at most {correlation_far:.2f} for all "
         "others, expected above 0.9"
     )
-    if course.correlation >= _UNRELATED:
+    if correlation >= _UNRELATED:
         text = (
             f"{found}. Check that {of} belong to the same recording, the rates of both, and whether something other "
             "than the plates carries the person"
         )
-        return (Reason("forces-unrelated", text, course.correlation, FOLLOWS),)
+        return (Reason("forces-unrelated", text, correlation, FOLLOWS),)
     raise Refused(
         "forces-unrelated",
         f"{of} do not belong together: {found}. Give the forces of this recording, check that both have the right "
         "rate, or leave the forces out to get the kinematics alone",
-        course.correlation,
+        correlation,
         _UNRELATED,
     )
 
@@ -526,18 +495,6 @@ class ExternalWrenches:
         self.facts.append({"name": name, "columns": suffix, **fact})
 
 
-@dataclass(frozen=True)
-class UsedFrames:
-    """Frames that are used, with the plane and the motion of the base."""
-
-    labels: Sequence[str]  # M names
-    positions: FloatArray  # (F, M, 3) in the lab, m
-    time: FloatArray  # (F,) s
-    thinned: ThinnedFrames
-    frame: PlaneFrame
-    base: BaseMotion | None = None  # None if the base is fixed
-
-
 def add_wrenches(
     samples: Sequence[PlateSamples], plates: Sequence[int], frame: PlaneFrame
 ) -> tuple[FloatArray, BoolArray]:
@@ -547,10 +504,21 @@ def add_wrenches(
 
 
 def measure_seat(
-    external: ExternalWrenches, used: UsedFrames, samples: Sequence[PlateSamples], choice: PlateChoice, zero: ZeroRule
+    external: ExternalWrenches,
+    choice: PlateChoice,
+    samples: Sequence[PlateSamples],
+    thinned: ThinnedFrames,
+    frame: PlaneFrame,
+    *,
+    zero: ZeroRule,
+    time: FloatArray,
+    base: BaseMotion | None = None,
 ) -> None:
-    """Add the chair's wrench on the body, measured by the plates under the chair; no columns if there are none."""
-    thinned = used.thinned
+    """Add the chair's wrench on the body, measured by the plates under the chair; no columns if there are none.
+
+    ``samples`` are the wrenches of all plates at the marker times ``time`` (F,), s; ``base`` is None if the base never
+    moves.
+    """
     doubts = find_contradictions(thinned.samples, choice, thinned.positions)
     for index, why in doubts.items():
         advice = "it looks like a chair's, but was added to the feet's; if a chair stands on it, name it under `seat:`"
@@ -563,9 +531,9 @@ def measure_seat(
     plates = [index for index in choice.indices("seat") if index not in doubts]
     if not plates:
         return
-    wrench, ok = add_wrenches(samples, plates, used.frame)
+    wrench, ok = add_wrenches(samples, plates, frame)
     reading, spread = measure_empty_chair(
-        *add_wrenches(thinned.samples, plates, used.frame), thinned.positions, thinned.rate, zero
+        *add_wrenches(thinned.samples, plates, frame), thinned.positions, thinned.rate, zero
     )
     if reading is None:
         text = (
@@ -576,52 +544,58 @@ def measure_seat(
         external.reasons.append(Reason("seat-zero-unknown", text))
     else:
         wrench = wrench - reading
-    if used.base is not None:  # the base moves, and the chair does not
+    if base is not None:  # the base moves, and the chair does not
         chair = np.zeros(3) if reading is None else reading
-        x, y, z = used.frame.axes
+        x, y, z = frame.axes
         weight = chair[0] * x + chair[1] * y
         force = sum((samples[index].force for index in plates), -weight)
-        moment = sum((samples[index].moment for index in plates), -chair[2] * z - np.cross(used.frame.origin, weight))
-        wrench = used.frame.wrench_to_plane(*used.base.undo_wrench(force, moment, used.time))
+        moment = sum((samples[index].moment for index in plates), -chair[2] * z - np.cross(frame.origin, weight))
+        wrench = frame.wrench_to_plane(*base.undo_wrench(force, moment, time))
     wrench[~ok] = np.nan
     named = [None if each is None else dict(zip(COMPONENTS, each.tolist(), strict=True)) for each in (reading, spread)]
     numbers = [index + 1 for index in plates]
     external.add("seat", "seat", wrench, clock="plates", plates=numbers, zero=named[0], zero_sd=named[1])
 
 
-def measure_sensors(
-    external: ExternalWrenches, used: UsedFrames, sensors: Sequence[ExternalForce], source: Recording
+def measure_sensors(  # noqa: PLR0917
+    external: ExternalWrenches,
+    sensors: Sequence[ExternalForce],
+    part: UsedPart,
+    thinned: ThinnedFrames,
+    frame: PlaneFrame,
+    base: BaseMotion | None,
 ) -> None:
     """Add the wrenches of the sensors in the configuration.
 
     Raises ConfigError if the marker at which a force acts does not exist. Raises RecordingError if a sensor's file is
     unusable or shares no time with the recording.
     """
+    time, to_z_up = part.time, recording.to_z_up(part.source.vertical)
     for number, sensor in enumerate(sensors, start=1):
         (log, held), offset = recording.read_force_log(sensor.file), sensor.clock_offset_s
-        turn = recording.to_z_up(source.vertical) * (-1.0 if sensor.force == "on-sensor" else 1.0)
+        turn = to_z_up * (-1.0 if sensor.force == "on-sensor" else 1.0)
         plate = replace(rotate_plate(log, turn), start=log.start + offset)
-        sampled = recording.decimate(plate, used.time, source.rate)
+        sampled = recording.decimate(plate, time, part.source.rate)
         if not sampled.ok.any():
             end = log.start + (len(log.ok) - 1) / log.rate + offset
             raise RecordingError(
-                f"{sensor.file}: it has no sample between {used.time[0]:g} and {used.time[-1]:g} s, the times of the "
+                f"{sensor.file}: it has no sample between {time[0]:g} and {time[-1]:g} s, the times of the "
                 f"recording; it runs from {plate.start:g} to {end:g} s on the same clock (with "
                 f"`clock_offset_s: {offset:g}`): check `time_s` and the offset"
             )
         if isinstance(sensor.at, str):
-            found = find_markers(used.labels, (sensor.at,), f"external: {sensor.name}: at")
+            found = find_markers(part.labels, (sensor.at,), f"external: {sensor.name}: at")
             if len(found) > 1:
                 raise ConfigError(
                     f"external: {sensor.name}: at: {sensor.at} matches {len(found)} markers, expected one"
                 )
-            point = used.positions[:, found[0]]
+            point = part.positions[:, found[0]]
         else:
-            point = np.asarray(recording.to_z_up(source.vertical) @ np.array(sensor.at))
+            point = np.asarray(to_z_up @ np.array(sensor.at))
         acting = sampled.force, sampled.moment + np.cross(point, sampled.force)
-        if used.base is not None:
-            acting = used.base.undo_wrench(*acting, used.time)
-        wrench = used.frame.wrench_to_plane(*acting)
+        if base is not None:
+            acting = base.undo_wrench(*acting, time)
+        wrench = frame.wrench_to_plane(*acting)
         known = find_complete_rows(wrench)
         wrench[~known] = np.nan
         external.add(
@@ -635,9 +609,9 @@ def measure_sensors(
             known_fraction=float(known.mean()),
             measures=sensor.measures,
         )
-        external.reasons += describe_held(held, used.time[0] - offset, used.time[-1] - offset)
+        external.reasons += describe_held(held, time[0] - offset, time[-1] - offset)
         if sensor.measures != "beyond":  # a force of the surroundings
-            vertical = recording.decimate(plate, used.thinned.time, used.thinned.rate).force[:, 2]
+            vertical = recording.decimate(plate, thinned.time, thinned.rate).force[:, 2]
             external.vertical = external.vertical + vertical
 
 
@@ -705,23 +679,12 @@ def find_plates_centre(
     return [float(x) for x in (centre * [1.0, 1.0, -1.0] if mirrored else centre)]
 
 
-def measure_lateral_cop(samples: Sequence[PlateSamples], frame: PlaneFrame, threshold: float) -> list[float | None]:
-    """Return the median centre of pressure of each plate along z, m; None if never loaded above ``threshold``, N."""
-    medians: list[float | None] = []
-    for plate in samples:
-        force = plate.force @ frame.axes.T
-        moment = (plate.moment - np.cross(frame.origin, plate.force)) @ frame.axes.T
-        loaded = plate.ok & (np.nan_to_num(force[:, 1]) > threshold)
-        medians.append(float(np.median(-moment[loaded, 0] / force[loaded, 1])) if loaded.any() else None)
-    return medians
-
-
 _LOADED = 0.9  # fraction of the usual largest load above which the person is off the chair
 _SMOOTH_S = 0.15
-_WRENCHES_ALONG = 2.0  # smallest ratio of the movements of the centre of pressure along and across the motion
+_MOSTLY_ALONG = 2.0  # smallest ratio of the movements of the centre of pressure along and across the motion
 _EXPLAINED = 0.5  # smallest fraction of the variance of the centre of pressure that the movement of the body explains
 _DIRECTIONS = {"forwards": (1.0, 0.0), "backwards": (-1.0, 0.0), "left": (0.0, 1.0), "right": (0.0, -1.0)}
-_WRENCHES_FEW = 0.02
+_FEW_GAPS = 0.02
 _STANDS_N = 50.0
 
 
@@ -807,8 +770,8 @@ def place_board(
             f"the balance board sent no data {log.gaps} times for more than 0.15 s ({100 * share:.1f} % of its time): "
             "these samples are left out. Bring the receiver closer, and close other programs",
             share,
-            _WRENCHES_FEW,
-            "caution" if share > _WRENCHES_FEW else "ok",
+            _FEW_GAPS,
+            "caution" if share > _FEW_GAPS else "ok",
         )
     origin = np.array([0.0, 0.0, centre[2] - CELLS_BELOW_SURFACE_M])
     return replace(plate, moment=moment), origin, facts, tuple(out.reasons)
@@ -838,4 +801,4 @@ def _find_direction(pressure: FloatArray, load: FloatArray, along: FloatArray, r
     slope, *_ = np.linalg.lstsq(rows, series[:, axis], rcond=None)
     explained = 1.0 - float(np.var(series[:, axis] - rows @ slope)) / float(spread[axis] ** 2)
     name = (("left", "forwards") if slope[1] > 0.0 else ("right", "backwards"))[axis]
-    return name, bool(spread[axis] > _WRENCHES_ALONG * spread[1 - axis] and explained > _EXPLAINED)
+    return name, bool(spread[axis] > _MOSTLY_ALONG * spread[1 - axis] and explained > _EXPLAINED)

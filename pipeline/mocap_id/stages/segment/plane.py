@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -18,16 +18,7 @@ from mocap_id.kinematics.segmentation import Segmentation, segment_markers
 from mocap_id.protocols.body_names import LONGEST, name_chain
 from mocap_id.protocols.movement import ELSEWHERE, recognise_movement
 from mocap_id.stages.base import Context, Findings, Outputs, find_markers
-from mocap_id.stages.segment import SegmentSettings
-from mocap_id.stages.segment.hints import (
-    UNSURE,
-    check_marker_names,
-    check_names,
-    describe_doubt,
-    limit_search,
-    make_constraints,
-    make_table,
-)
+from mocap_id.stages.segment import SegmentSettings, hints
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
@@ -44,15 +35,14 @@ def segment(context: Context) -> Outputs:
     labels = recorded.labels
     left_out = list(find_markers(labels, settings.ignore, "segment: ignore"))
     if trial.protocol == "sit-to-stand":
-        _check_unit(np.delete(recorded.read_positions(axes="y")[..., 0], left_out, axis=1))
+        _check_extent(np.delete(recorded.read_positions(axes="y")[..., 0], left_out, axis=1), unit_alone=True)
 
     # segments, without bad stretches and the markers that the user leaves out
-    rules = limit_search(settings, LONGEST[trial.protocol])
-    constraints = make_constraints(labels, settings)
-
+    rules = hints.limit_search(settings, LONGEST[trial.protocol])
+    constraints = hints.make_constraints(labels, settings)
     examined = np.setdiff1d(np.arange(len(labels)), left_out)
 
-    def segment_into(count: int | None) -> SegmentedMarkers:
+    def segment_into(count: int | None) -> Segmented:
         counted = replace(rules, count=count, longest=max(count or 0, rules.longest))
 
         def search(points: FloatArray) -> Segmentation:
@@ -67,11 +57,12 @@ def segment(context: Context) -> Outputs:
         return segment_without_bad_markers(recorded, settings.frames, examined, search)
 
     try:
-        done = segment_into(settings.count)
+        found, view, points = segment_into(settings.count)
     except Refused as refused:
-        seen = recognise_movement(labels, recorded.read_positions(axes="zxy"), recorded.rate)  # the plane's y is up
-        if LONGEST[trial.protocol] != LONGEST["robot-joint"] and seen.kind in ELSEWHERE:
-            hint = f"This looks like {seen.kind}: {seen.evidence}. {ELSEWHERE[seen.kind]}"
+        upright = recorded.read_positions(axes="zxy")  # the plane's y is up
+        seen, evidence = recognise_movement(labels, upright, recorded.rate)
+        if LONGEST[trial.protocol] != LONGEST["robot-joint"] and seen in ELSEWHERE:
+            hint = f"This looks like {seen}: {evidence}. {ELSEWHERE[seen]}"
             raise Refused(refused.code, f"{refused} {hint}", refused.value, refused.limit) from refused
         planarity = recorded.planar.facts["plane"]["planarity"]
         if planarity <= settings.planarity_caution or refused.code in _NOT_OF_SPACE:
@@ -82,15 +73,13 @@ def segment(context: Context) -> Outputs:
         )
         raise Refused(refused.code, f"{refused} {hint}", refused.value, refused.limit) from refused
     lift: Mapping[str, Any] | None = recorded.planar.facts.get("heel_lift")
-    if lift is not None and {each["marker"] for each in done.view.bad} & {lift["marker"], lift["about"]}:
+    if lift is not None and {each["marker"] for each in view.bad} & {lift["marker"], lift["about"]}:
         lift = None
-    if settings.count is None and lift is not None and not is_foot_a_segment(lift, labels, done.found):
+    if settings.count is None and lift is not None and not _is_foot_a_segment(lift, labels, found):
         with suppress(Refused):  # the foot as an additional segment, if it is certain that it rotates
-            other = segment_into(done.found.count + 1)
-            if other.found.confidence.value >= _SURE and is_foot_a_segment(lift, labels, other.found):
-                done = other
-    found, view, points = done.found, done.view, done.points
-
+            other = segment_into(found.count + 1)
+            if other[0].confidence.value >= _SURE and _is_foot_a_segment(lift, labels, other[0]):
+                found, view, points = other
     if trial.protocol == "sit-to-stand":
         _check_extent(points[..., 1])
     asymmetries = np.degrees(measure_asymmetry(_plane(points, left_out), _lateral(points), found.segment))
@@ -108,11 +97,11 @@ def segment(context: Context) -> Outputs:
             "several axes, set `space: 3d`."
         )
         raise Refused("not-planar", text, planarity, limit)
-    foot = is_foot_a_segment(lift, labels, found)
+    foot = _is_foot_a_segment(lift, labels, found)
     usual, joint_names = name_chain(trial.protocol, found.count, foot_turns=foot)
-    names = usual if settings.names is None else check_names(settings.names, found.count)
+    names = usual if settings.names is None else hints.check_names(settings.names, found.count)
     sure = found.confidence.value
-    doubt = describe_doubt(_find_gravest(found, joint_names)) if not sure >= UNSURE else ""
+    doubt = "" if sure >= hints.UNSURE else hints.describe_doubt(_find_gravest(found, joint_names))
     counted = settings.count is not None and settings.count_alone is None  # by the user, not by a study
     given = counted or settings.names is not None or settings.together or settings.apart
     if sure < _WRONG and not given:
@@ -198,7 +187,7 @@ def segment(context: Context) -> Outputs:
         )
         out.say("not-planar", text, planarity, caution)
     if doubt:
-        out.say("segments-unsure", doubt, sure, UNSURE)
+        out.say("segments-unsure", doubt, sure, hints.UNSURE)
     apart = np.flatnonzero(asymmetries > settings.asymmetry_deg)
     if len(apart):  # one segment represents both sides
         worst = int(apart[np.argmax(asymmetries[apart])])
@@ -207,7 +196,7 @@ def segment(context: Context) -> Outputs:
             f"{asymmetries[worst]:.1f}° rms. One segment represents both; its angle is their mean."
         )
         out.say("segments-unsure", text, float(asymmetries[worst]), settings.asymmetry_deg)
-    check_marker_names(out, labels, found.segment, usual, sure)
+    hints.check_marker_names(out, labels, found.segment, usual, sure)
     base, last = (np.nanmean(points[:, found.segment == k, 1]) for k in (0, int(found.segment.max())))
     if not last >= base:
         text = (
@@ -243,7 +232,7 @@ def segment(context: Context) -> Outputs:
             if each["marker"] == label:
                 text += f"; left out from {each['first_s']:.2f} to {each['last_s']:.2f} s: {each['how']}"
         why.append(text)
-    return (make_table(out, labels, found.segment, found.residual, why),)
+    return (hints.make_table(out, labels, found.segment, found.residual, why),)
 
 
 def _plane(points: FloatArray, out: list[int]) -> ComplexArray:
@@ -253,20 +242,17 @@ def _plane(points: FloatArray, out: list[int]) -> ComplexArray:
     return plane
 
 
-def _check_unit(heights: FloatArray) -> None:
-    """Raise Refused if most markers, with heights (F, M), m, are far too close together or too far apart for a person.
+def _check_extent(heights: FloatArray, *, unit_alone: bool = False) -> None:
+    """Raise Refused if the markers of a person, with heights (F, M), m, span a height that no person has.
 
-    This is done before the search for segments, which takes minutes with lengths in a wrong unit. Single markers
-    elsewhere have no influence.
+    With ``unit_alone``, only if most of them are far too close together or too far apart, which a wrong unit causes:
+    the search for segments would take minutes. Single markers elsewhere then have no influence.
     """
-    usual = np.nanmedian(heights[:, np.isfinite(heights).any(axis=0)], axis=0)
-    extent = float(np.ptp(np.percentile(usual, [10, 90]))) if len(usual) else np.nan
-    if extent < 0.25 * _EXTENT[0] or extent > 2.0 * _EXTENT[1]:
-        _check_extent(heights)
-
-
-def _check_extent(heights: FloatArray) -> None:
-    """Raise Refused if the markers of a person, with heights (F, M), m, span a height that no person has."""
+    if unit_alone:
+        usual = np.nanmedian(heights[:, np.isfinite(heights).any(axis=0)], axis=0)
+        middle = float(np.ptp(np.percentile(usual, [10, 90]))) if len(usual) else np.nan
+        if not (middle < 0.25 * _EXTENT[0] or middle > 2.0 * _EXTENT[1]):
+            return
     low, high = np.nanpercentile(heights, [0.5, 99.5])
     extent = float(high - low)
     if not _EXTENT[0] <= extent <= _EXTENT[1]:
@@ -337,18 +323,13 @@ _CAUSES = {
 }
 
 
-@dataclass(frozen=True)
-class SegmentedMarkers:
-    """Segments that were found without the samples in bad stretches."""
-
-    found: Segmentation  # segments of the markers
-    view: Trajectories  # markers without the bad stretches
-    points: FloatArray  # (f, M, 3) markers in the frames used for the segmentation, m
+Segmented: TypeAlias = tuple[Segmentation, Trajectories, FloatArray]
+"""Segments, the markers without the bad stretches, and their positions (f, M, 3) in the frames that were used, m."""
 
 
 def segment_without_bad_markers(
     recorded: Trajectories, frames: int, examined: IntArray, segment: Callable[[FloatArray], Segmentation]
-) -> SegmentedMarkers:
+) -> Segmented:
     """Return the segments found without the bad stretches of the markers.
 
     The markers are segmented, then bad stretches are found; both are repeated until the stretches no longer change.
@@ -356,6 +337,12 @@ def segment_without_bad_markers(
     which bad stretches are searched. ``segment`` returns the segments for the positions (f, M, 3) of the markers, m.
     Raises Refused if the markers as recorded do not form a chain.
     """
+
+    def segment_without(bad: Sequence[Mapping[str, Any]]) -> Segmented:
+        view = Trajectories(recorded.planar, bad)
+        points = view.read_positions(frames=frames_over_time(view.read_plane(), frames))
+        return segment(points), view, points
+
     # stretches in which two markers have exchanged labels that planarise has not repaired
     swapped = tuple(
         {"marker": label, "first_s": swap["first_s"], "last_s": swap["last_s"], "how": "swapped"}
@@ -365,33 +352,30 @@ def segment_without_bad_markers(
     )
     rows = sample_rows(len(recorded.frames), recorded.rate)
     markers = RecordedMarkers(recorded.read_positions(frames=rows), rows, recorded.read_track, recorded.rate)
-    done = _segment(Trajectories(recorded.planar, swapped), frames, segment)
+    found, view, points = segment_without(swapped)
     bad: tuple[dict[str, Any], ...] = ()
     for _ in range(_ROUNDS):
-        plane = done.points[..., 0] + 1j * done.points[..., 1]
-        before = bad
+        plane, before = points[..., 0] + 1j * points[..., 1], bad
         bad = tuple(
-            _make_facts(recorded, stretch, swapped)
-            for stretch in find_bad_stretches(markers, done.found, plane, examined)
+            _make_facts(recorded, stretch, swapped) for stretch in find_bad_stretches(markers, found, plane, examined)
         )
         bad_labels = {each["marker"] for each in bad}  # their times are more certain than those of swaps
-        others = (each for each in swapped if each["marker"] not in bad_labels)
-        view = Trajectories(recorded.planar, (*others, *bad))
+        every = (*(each for each in swapped if each["marker"] not in bad_labels), *bad)
         if len(bad) == len(before) and all(
             one["marker"] == other["marker"]
             and abs(one["first_s"] - other["first_s"]) < _CLOSE
             and abs(one["last_s"] - other["last_s"]) < _CLOSE
             for one, other in zip(bad, before, strict=True)
         ):
-            return replace(done, view=view)
+            return found, Trajectories(recorded.planar, every), points
         try:
-            other = _segment(view, frames, segment)
+            other = segment_without(every)
         except Refused:  # the other markers do not form a chain
             break
-        if other.found.confidence.value < UNSURE <= done.found.confidence.value:  # more certain with the bad samples
-            return replace(done, view=view, points=other.points)
-        done = other
-    return done
+        if other[0].confidence.value < hints.UNSURE <= found.confidence.value:  # more certain with the bad samples
+            return found, *other[1:]
+        found, view, points = other
+    return found, view, points
 
 
 def remove_repeats(recorded: Trajectories) -> Trajectories:
@@ -399,11 +383,6 @@ def remove_repeats(recorded: Trajectories) -> Trajectories:
     points = recorded.read_positions(np.arange(len(recorded.labels)))
     repeats = find_repeats(points, recorded.rate)
     return Trajectories(recorded.planar, [_make_facts(recorded, each, ()) for each in repeats])
-
-
-def _segment(view: Trajectories, frames: int, segment: Callable[[FloatArray], Segmentation]) -> SegmentedMarkers:
-    points = view.read_positions(frames=frames_over_time(view.read_plane(), frames))
-    return SegmentedMarkers(segment(points), view, points)
 
 
 def _make_facts(view: Trajectories, stretch: BadStretch, swapped: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -435,7 +414,7 @@ def explain_bad_markers(out: Findings, bad: Sequence[Mapping[str, Any]]) -> None
         out.reasons.append(replace(cause, message=text, value=seconds))
 
 
-def is_foot_a_segment(lift: Mapping[str, Any] | None, labels: Sequence[str], found: Segmentation) -> bool:
+def _is_foot_a_segment(lift: Mapping[str, Any] | None, labels: Sequence[str], found: Segmentation) -> bool:
     """Return whether the first moving segment is the foot, decided by the two markers of the fact ``heel_lift``.
 
     At least one of these markers must be on the first segment; the other one may be on the next, near the ankle.

@@ -15,17 +15,7 @@ from mocap_id.kinematics.space.bodies import rigid_poses
 from mocap_id.kinematics.space.segmentation import SpatialSegmentation, segment_in_space
 from mocap_id.stages.base import Context, Findings, Outputs, find_markers
 from mocap_id.stages.calibration_trial import read_chain
-from mocap_id.stages.segment import SegmentSettings
-from mocap_id.stages.segment.hints import (
-    UNSURE,
-    assign_skeleton,
-    check_names,
-    describe_chain,
-    describe_doubt,
-    limit_search,
-    make_constraints,
-    make_table,
-)
+from mocap_id.stages.segment import SegmentSettings, hints
 from mocap_id.stages.segment.plane import explain_bad_markers, remove_repeats
 from mocap_id.stages.trial_keys import Calibration, get_landmark_labels
 from mocap_id.store import Table
@@ -60,7 +50,7 @@ def segment_bodies(context: Context) -> Outputs:
     view = Trajectories(context.long("planar.parquet"))
     skeleton, calibration = is_skeleton(view.planar.facts), context.trial.calibration
     if skeleton and calibration is None:
-        return (assign_skeleton(view),)
+        return (hints.assign_skeleton(view),)
     view = view if skeleton else remove_repeats(view)
     if calibration is not None:
         return (_use_calibration(calibration, settings, view),)
@@ -68,26 +58,26 @@ def segment_bodies(context: Context) -> Outputs:
     left_out = list(find_markers(labels, settings.ignore, "segment: ignore"))
     points = view.read_positions(np.arange(len(labels)))
     points[:, left_out] = np.nan
-    hints = make_constraints(labels, settings)
-    rules = limit_search(settings, _LONGEST)
+    constraints = hints.make_constraints(labels, settings)
+    rules = hints.limit_search(settings, _LONGEST)
 
-    def search(hints: Constraints) -> tuple[SpatialSegmentation, tuple[str, ...]]:
-        found = segment_in_space(points, rules, hints, settings.frames)
+    def search(constraints: Constraints) -> tuple[SpatialSegmentation, tuple[str, ...]]:
+        found = segment_in_space(points, rules, constraints, settings.frames)
         return found, _name_segments(context, labels, found)
 
-    found, names = search(hints)
+    found, names = search(constraints)
     first = names.index("thorax") if "thorax" in names else 0
     before = np.flatnonzero((found.segment >= 0) & (found.segment < first))  # for example a chair
     if len(before):
         points[:, before] = np.nan
-        found, names = search(hints)
+        found, names = search(constraints)
     strayed = _find_strayed_wrist(context, points, labels, found, names)
-    if not hints.allow(np.array(strayed, dtype=np.int64)):  # the hint `apart` separates them
+    if not constraints.allow(np.array(strayed, dtype=np.int64)):  # the hint `apart` separates them
         strayed = []
     if strayed:
-        found, names = search(make_constraints(labels, settings, [strayed]))
+        found, names = search(hints.make_constraints(labels, settings, [strayed]))
     if settings.names:
-        names = check_names(settings.names, found.count)
+        names = hints.check_names(settings.names, found.count)
     why = list(found.reasons)
     for marker in strayed[1:]:
         why[marker] = f"on the segment of {labels[strayed[0]]}, because of its name; {why[marker]}"
@@ -95,13 +85,13 @@ def segment_bodies(context: Context) -> Outputs:
         why[marker] = "on a body before the thorax: not on the chain of the arm"
     for marker in left_out:
         why[marker] = "left out by `segment: ignore`"
-    out = describe_chain(names, _name_joints(names), range(found.count - 1))
+    out, confidence = hints.describe_chain(names, _name_joints(names), range(found.count - 1)), found.confidence
     out.fact(
-        confidence=found.confidence.value,
-        against=dict(found.confidence.against),
+        confidence=confidence.value,
+        against=dict(confidence.against),
         planarity=found.planarity,
         moving_base=found.moving_base,
-        joint_confidences=list(found.confidence.joints),
+        joint_confidences=list(confidence.joints),
         joint_ratios=[joint.ratio for joint in found.joints],
         joint_residuals_m=[joint.residual for joint in found.joints],
         divisions=[
@@ -121,7 +111,7 @@ def segment_bodies(context: Context) -> Outputs:
         text = f"{len(found.branches)} rigid bodies were left out, because the chain cannot have branches: {groups}."
         out.say("branches-left-out", text, float(len(found.branches)), level="ok")
     explain_bad_markers(out, view.bad)
-    return (make_table(out, labels, found.segment, found.residual, why),)
+    return (hints.make_table(out, labels, found.segment, found.residual, why),)
 
 
 def _find_strayed_wrist(
@@ -174,12 +164,12 @@ def _name_joints(names: Sequence[str]) -> list[str]:
 def _explain_doubts(out: Findings, found: SpatialSegmentation, names: Sequence[str]) -> None:
     """Add a caution if the segments are more likely wrong than right, or if a segment splits the arm."""
     confidence = found.confidence
-    if confidence.value < UNSURE:
+    if confidence.value < hints.UNSURE:
         gravest = max(confidence.against, key=lambda evidence: confidence.against[evidence])
-        out.say("segments-unsure", describe_doubt(_WHY[gravest]), confidence.value, UNSURE)
+        out.say("segments-unsure", hints.describe_doubt(_WHY[gravest]), confidence.value, hints.UNSURE)
     elif _splits_arm(names):
         why = "a segment without landmarks is between the landmarks of elbow and wrist"
-        out.say("segments-unsure", describe_doubt(why))
+        out.say("segments-unsure", hints.describe_doubt(why))
 
 
 def _use_calibration(calibration: Calibration, settings: SegmentSettings, view: Trajectories) -> Table:
@@ -209,7 +199,7 @@ def _use_calibration(calibration: Calibration, settings: SegmentSettings, view: 
     why = [
         f"as in the calibration: {names[k].replace('_', ' ')}" if k >= 0 else "not in the calibration" for k in segment
     ]
-    out = describe_chain(names, _name_joints(names), tree.integers("joints/parent").tolist())
+    out = hints.describe_chain(names, _name_joints(names), tree.integers("joints/parent").tolist())
     out.fact(bad_stretches=list(view.bad))
     far = np.flatnonzero(residual > _MOVED)
     if len(far):
@@ -228,4 +218,4 @@ def _use_calibration(calibration: Calibration, settings: SegmentSettings, view: 
         )
         out.say("calibration-differs", text)
     explain_bad_markers(out, view.bad)
-    return make_table(out, labels, segment, residual, why)
+    return hints.make_table(out, labels, segment, residual, why)

@@ -63,9 +63,9 @@ class UkfSmoothSettings(Settings):
 
 def _function(context: Context) -> Outputs:
     if context.trial.space == "3d":
-        from mocap_id.stages.ukf_smooth.space import smooth_rotations  # noqa: PLC0415
+        from mocap_id.stages.ukf_smooth.space import smooth_trial_in_space  # noqa: PLC0415
 
-        return smooth_rotations(context)
+        return smooth_trial_in_space(context)
     if has_no_markers(context.long("planar.parquet").facts):
         from mocap_id.stages.ukf_smooth.inertial import states_of_sensors  # noqa: PLC0415
 

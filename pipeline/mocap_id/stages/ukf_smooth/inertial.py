@@ -278,14 +278,13 @@ def states_of_sensors(context: Context) -> Outputs:
 
     moves = skeleton.marker_segment > 0
     moving = MarkerChain(skeleton.centres, skeleton.marker_segment[moves], skeleton.local[moves])
-    none, used = (np.zeros((len(view.time), count), np.bool_) for count in (len(names), int(moves.sum())))
-    states = States(mean, sds, none, used, np.nan, snap, np.nan, moving)
-    skin = assume_skin(states, tree.array("markers/residual")[moves], skeleton.covariance)
+    skin = assume_skin(moving, mean[..., 0], tree.array("markers/residual")[moves], skeleton.covariance)
     labels = [label for label, k in zip(skeleton.markers, skeleton.marker_segment, strict=True) if k > 0]
     # the calibration's markers on the moving chain, with residuals of NaN
     places = marker_positions(mean[..., 0], skeleton.centres, skeleton.marker_segment, skeleton.local)
     x, y = (np.ascontiguousarray(places[..., i]) for i in range(2))
     markers = {"x": x, "y": y, "residual": np.full(x.shape, np.nan), "used": np.zeros(x.shape, np.bool_)}
+    none = np.zeros((len(view.time), len(names)), np.bool_)
     values = state_columns(view.time, mean, sds, none)
     return (
         Table(STATES, values, out.facts, tuple(out.reasons)),

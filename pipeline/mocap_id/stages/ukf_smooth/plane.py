@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -43,24 +43,10 @@ from mocap_id.recording.sensor_logs import DEGREES
 from mocap_id.stages import skin_motion
 from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.trial_keys import list_sensors
-from mocap_id.stages.ukf_smooth import UkfSmoothSettings
-from mocap_id.stages.ukf_smooth.checks import (
-    UNKNOWN_SD_HZ,
-    bridge_repeated,
-    check_uniform_times,
-    find_repeated_frames,
-    list_rejected,
-    report_gaps,
-    report_rejected,
-    report_repeated_frames,
-    report_residuals,
-)
+from mocap_id.stages.ukf_smooth import UkfSmoothSettings, checks
 from mocap_id.store import LongTable, Table
 from mocap_id.store.provenance import ANGLES, ENCODER, MARKERS, POSES, STATES
 from mocap_id.store.views import Skeleton, Trajectories
-
-if TYPE_CHECKING:
-    from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 
 _ENCODER_NOISE = "encoder noise"
 _SNAP_RATIO = 2.0  # in people, the hip, which moves fastest, has 1.5 to 1.8 times the median of the joints
@@ -72,13 +58,13 @@ def ukf_smooth(context: Context) -> Outputs:
     settings: UkfSmoothSettings = context.settings
     tree, bad = context.tree("chain.h5"), context.table("segments.parquet").facts.get("bad_stretches", ())
     view = Trajectories(context.long("planar.parquet"), bad)
-    check_uniform_times(view, context.trial.trial)
+    checks.check_uniform_times(view, context.trial.trial)
     skeleton = Skeleton(tree)
     chain = MarkerChain(skeleton.centres, skeleton.marker_segment, skeleton.local)
     columns = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
     moves = chain.segment > 0
     observed = np.ascontiguousarray(view.read_positions(columns[moves], axes="xy"))  # the filter would copy it
-    repeated = find_repeated_frames(observed)
+    repeated = checks.find_repeated_frames(observed)
     observed[repeated] = np.nan
     moving = MarkerChain(chain.centres, chain.segment[moves], chain.local[moves])
     visible: BoolArray = np.asarray(np.isfinite(observed).all(axis=-1))
@@ -126,7 +112,7 @@ def ukf_smooth(context: Context) -> Outputs:
     sd_holds = SKIN
     if settings.method in FRAMEWISE:  # the errors of these methods are unknown
         sd_holds = UNKNOWN
-    elif spectrum.cut_off is not None and spectrum.cut_off < UNKNOWN_SD_HZ:
+    elif spectrum.cut_off is not None and spectrum.cut_off < checks.UNKNOWN_SD_HZ:
         states, sd_holds = replace(states, sd=np.full_like(states.sd, np.nan)), UNKNOWN
     elif skin is None or settings.method == "two-filter":
         sd_holds = NOISE
@@ -144,14 +130,17 @@ def ukf_smooth(context: Context) -> Outputs:
     del observed
     labels = [skeleton.markers[k] for k in np.flatnonzero(moves)]
     if skin is None:
-        skin, basis = assume_skin(states, tree.array("markers/residual")[moves], skeleton.covariance), "the joint fit"
+        skin = assume_skin(
+            states.chain, states.mean[..., 0], tree.array("markers/residual")[moves], skeleton.covariance
+        )
+        basis = "the joint fit"
     else:
         labels, basis = [labels[k] for k in np.flatnonzero(np.any(states.used, axis=0))], "all frames"
 
     # artefacts
     rejected = find_rejected_segments(moving.segment - 1, len(moving.centres), visible, states.used)
-    stretches = list_rejected(rejected, view.time, skeleton.segments[1:])
-    states = replace(states, observed=bridge_repeated(states.observed & ~rejected, repeated, view.rate))
+    stretches = checks.list_rejected(rejected, view.time, skeleton.segments[1:])
+    states = replace(states, observed=checks.bridge_repeated(states.observed & ~rejected, repeated, view.rate))
     encoder = read_encoder_states(context.trial.encoder, states, view.time, settings)
     if settings.method == "encoder":
         mean, sd = np.full(states.mean.shape, np.nan), np.full(states.sd.shape, np.nan)  # the jerk stays unknown
@@ -194,7 +183,7 @@ def ukf_smooth(context: Context) -> Outputs:
         stretches = []
     if stretches:
         out.fact(rejected=stretches)
-    report_gaps(
+    checks.report_gaps(
         out, np.isnan(states.mean[:, :, 0]), view.time, skeleton.joint_names, quantity="angle", settings=settings
     )
     if settings.method != "rts":
@@ -204,9 +193,9 @@ def ukf_smooth(context: Context) -> Outputs:
             f"the states are estimated by `{settings.method}`, which is only meant for comparison{no_sd}. Remove "
             "`ukf-smooth: {method: …}` to use the default, filter and smoother.",
         )
-    report_rejected(out, stretches, view.time)
-    report_repeated_frames(out, repeated)
-    report_residuals(out, spectrum, skeleton.segments, from_markers=settings.method != "encoder")
+    checks.report_rejected(out, stretches, view.time)
+    checks.report_repeated_frames(out, repeated)
+    checks.report_residuals(out, spectrum, skeleton.segments, from_markers=settings.method != "encoder")
     if bends:
         out.say(
             "trunk-bends",
@@ -275,17 +264,22 @@ def estimate_skin(states: States, used_markers: FloatArray, camera: float) -> Sk
         return None
     points = as_complex(used_markers)
     points = points if used.all() else points[:, used]
-    return fit_skin(points, chain.segment[used], _chain_state(states, used), np.flatnonzero(complete), camera)
+    angles = np.cumsum(interpolate_gaps(states.mean[..., 0]), axis=1)
+    state = ChainState(as_complex(chain.centres), as_complex(chain.local[used]), angles)
+    return fit_skin(points, chain.segment[used], state, np.flatnonzero(complete), camera)
 
 
-def assume_skin(states: States, residual: FloatArray, centre_covariance: FloatArray) -> SkinModel:
+def assume_skin(
+    chain: MarkerChain, angles: FloatArray, residual: FloatArray, centre_covariance: FloatArray
+) -> SkinModel:
     """Return a model of the skin in which all residuals of the markers in the fit of the joints are skin motion.
 
-    ``residual`` (M,) is the rms residual of each marker, m; ``centre_covariance`` (n, 2, 2) is the covariance of the
-    joint centres, m^2.
+    ``angles`` (F, n) are those of the joints, rad, ``residual`` (M,) is the rms residual of each marker, m, and
+    ``centre_covariance`` (n, 2, 2) the covariance of the joint centres, m^2.
     """
-    every = np.ones(len(states.chain.segment), dtype=np.bool_)
-    return skin_from_residuals(_chain_state(states, every), states.chain.segment, residual, centre_covariance)
+    summed = np.cumsum(interpolate_gaps(angles), axis=1)
+    state = ChainState(as_complex(chain.centres), as_complex(chain.local), summed)
+    return skin_from_residuals(state, chain.segment, residual, centre_covariance)
 
 
 def estimate_lasting_errors(
@@ -311,65 +305,40 @@ def estimate_lasting_errors(
     variance = np.maximum(variance, coloured) + spectrum.oscillating_variance(frames)
     moved = np.zeros_like(variance)
     if bend is not None:
-        moved = _compute_bend_variance(*bend, angles, frames, rate)
-    if stretch is not None:  # a trunk that bends also stretches the thigh
-        moved = np.maximum(moved, _compute_stretch_variance(*stretch, states.chain.centres, frames, rate))
+        # the turn of the thigh has noise: a smooth function of the posture replaces it, which has derivatives
+        hip, turn = bend
+        posture = np.column_stack([angles[:, hip], angles.sum(axis=1)])
+        posture -= posture.mean(axis=0)
+        shapes = np.column_stack([np.ones(len(angles)), posture, posture**2, posture.prod(axis=1)])
+        known = np.isfinite(turn)
+        course = (shapes @ np.linalg.lstsq(shapes[known], turn[known])[0])[frames]
+        course -= course.mean()
+        segment = np.zeros(angles.shape[1] + 1)
+        segment[hip - 1 : hip + 2] = _BENT
+        joint = segment[:-1] ** 2 + segment[1:] ** 2
+        for order in range(4):
+            moved[:, :, order] = np.outer((course**2 + np.mean(course**2)) / 2, joint)
+            course = np.gradient(course, (frames[1] - frames[0]) / rate) if len(course) > 1 else np.zeros_like(course)
+    if stretch is not None and stretch[1].above_noise != 0.0:
+        # The chain cannot follow a gap of the hip, so the angle of the thigh is wrong by about the gap divided by its
+        # length: the angle in every posture, its derivatives while the gap changes. A trunk that bends also stretches
+        # the thigh, so the larger of the two variances counts.
+        hip, gap = stretch
+        rms, centre = gap.above_noise, states.chain.centres[hip]
+        square = np.nan_to_num(gap.acceleration**2 - gap.noise**2, nan=rms**2)
+        wide = min(round(3 * _AROUND * rate), (len(square) - 1) // 2)
+        window = np.exp(-((np.arange(-wide, wide + 1) / (_AROUND * rate)) ** 2) / 2)
+        nearby = np.convolve(square, window, "same") / np.convolve(np.ones(len(square)), window, "same")
+        nearby = np.maximum(nearby, 0.0)[frames]
+        segment = np.zeros(angles.shape[1] + 1)
+        segment[hip - 1 : hip + 2] = _LOOSE
+        joint = (segment[:-1] ** 2 + segment[1:] ** 2) / float(centre @ centre)
+        for order, (usual, hidden, visible) in enumerate(zip(_OF_STRETCH, _HIDDEN, gap.visible, strict=True)):
+            factor = min(usual, float(np.hypot(hidden, visible)) / rms)
+            own = factor**2 * np.outer(nearby if order else np.full(len(frames), rms**2), joint)
+            moved[:, :, order] = np.maximum(moved[:, :, order], own)
     variance += moved
     return frames, variance
-
-
-def _compute_bend_variance(hip: int, turn: FloatArray, angles: FloatArray, frames: IntArray, rate: float) -> FloatArray:
-    """Return the variance (T, n, 4) of joint angles and their derivatives due to a trunk that bends.
-
-    The turn (F,) of the thigh, rad, has noise. A smooth function of the posture replaces it, which has derivatives.
-    """
-    posture = np.column_stack([angles[:, hip], angles.sum(axis=1)])
-    posture -= posture.mean(axis=0)
-    shapes = np.column_stack([np.ones(len(angles)), posture, posture**2, posture.prod(axis=1)])
-    known = np.isfinite(turn)
-    course = (shapes @ np.linalg.lstsq(shapes[known], turn[known])[0])[frames]
-    course -= course.mean()
-    variance = np.zeros((len(frames), angles.shape[1], 4))
-    segment = np.zeros(angles.shape[1] + 1)
-    segment[hip - 1 : hip + 2] = _BENT
-    joint = segment[:-1] ** 2 + segment[1:] ** 2
-    for order in range(4):
-        variance[:, :, order] = np.outer((course**2 + np.mean(course**2)) / 2, joint)
-        course = np.gradient(course, (frames[1] - frames[0]) / rate) if len(course) > 1 else np.zeros_like(course)
-    return variance
-
-
-def _compute_stretch_variance(
-    hip: int, stretch: Stretch, centres: FloatArray, frames: IntArray, rate: float
-) -> FloatArray:
-    """Return the variance (T, n, 4) of joint angles and their derivatives due to a hip that gives way.
-
-    ``centres`` (n, 2) are the joint centres, m. The chain cannot follow a gap of the hip, so the angle of the thigh is
-    wrong by about the gap divided by its length: the angle in every posture, its derivatives while the gap changes.
-    """
-    joints, rms = len(centres), stretch.above_noise
-    variance = np.zeros((len(frames), joints, 4))
-    if rms == 0.0:
-        return variance
-    square = np.nan_to_num(stretch.acceleration**2 - stretch.noise**2, nan=rms**2)
-    wide = min(round(3 * _AROUND * rate), (len(square) - 1) // 2)
-    window = np.exp(-((np.arange(-wide, wide + 1) / (_AROUND * rate)) ** 2) / 2)
-    nearby = np.convolve(square, window, "same") / np.convolve(np.ones(len(square)), window, "same")
-    nearby = np.maximum(nearby, 0.0)[frames]
-    segment = np.zeros(joints + 1)
-    segment[hip - 1 : hip + 2] = _LOOSE
-    joint = (segment[:-1] ** 2 + segment[1:] ** 2) / float(centres[hip] @ centres[hip])
-    for order, (usual, hidden, visible) in enumerate(zip(_OF_STRETCH, _HIDDEN, stretch.visible, strict=True)):
-        factor = min(usual, float(np.hypot(hidden, visible)) / rms)
-        variance[:, :, order] = factor**2 * np.outer(nearby if order else np.full(len(frames), rms**2), joint)
-    return variance
-
-
-def _chain_state(states: States, markers: BoolArray) -> ChainState:
-    """Return the chain in every frame, with the markers for which ``markers`` (M,) is true."""
-    chain = states.chain
-    angles = np.cumsum(interpolate_gaps(states.mean[..., 0]), axis=1)
-    return ChainState(as_complex(chain.centres), as_complex(chain.local[markers]), angles)
 
 
 OTHERS = "others"  # name of the body with all markers that are on no segment, for example on arms and head

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -31,17 +31,7 @@ from mocap_id.kinematics.space.skeleton import sensor_noise_power
 from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.skin_motion import add_axial_rotation_errors, correct_axial_rotation, correct_cluster_slides
 from mocap_id.stages.trial_keys import list_sensors
-from mocap_id.stages.ukf_smooth import UkfSmoothSettings
-from mocap_id.stages.ukf_smooth.checks import (
-    bridge_repeated,
-    check_arm_motion,
-    check_uniform_times,
-    find_repeated_frames,
-    list_rejected,
-    report_gaps,
-    report_rejected,
-    report_repeated_frames,
-)
+from mocap_id.stages.ukf_smooth import UkfSmoothSettings, checks
 from mocap_id.stages.ukf_smooth.plane import empty_encoder_table
 from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.provenance import ANGLES, MARKERS, POSES, SKIN, STATES
@@ -57,16 +47,16 @@ _ANATOMICAL: Mapping[str, tuple[str, str, Callable[..., JointAngles]]] = {
 """Joints with angles of the ISB: the two segments of each, and the function of the angles."""
 
 
-def smooth_rotations(context: Context) -> Outputs:
+def smooth_trial_in_space(context: Context) -> Outputs:
     """Return the artefacts of the stage for a trial in space; skin.h5 and encoder.parquet are empty."""
     settings: UkfSmoothSettings = context.settings
     tree, bad = context.tree("chain.h5"), context.table("segments.parquet").facts.get("bad_stretches", ())
     view = Trajectories(context.long("planar.parquet"), bad)
-    check_uniform_times(view, context.trial.trial)
+    checks.check_uniform_times(view, context.trial.trial)
     skeleton = SpatialSkeleton(tree)
     columns = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
     points = view.read_positions(columns)
-    repeated = find_repeated_frames(points)
+    repeated = checks.find_repeated_frames(points)
     points[repeated] = np.nan
     points = correct_cluster_slides(correct_axial_rotation(points, skeleton.chain), skeleton.chain, view.rate)
     given = SpatialSettings(
@@ -75,7 +65,7 @@ def smooth_rotations(context: Context) -> Outputs:
     from_skeleton = is_skeleton(view.planar.facts)
     sensors = Findings()
     if from_skeleton:
-        states = smooth_skeleton_states(tree, view, points, skeleton.chain, settings.gate)
+        states = _smooth_skeleton_states(tree, view, points, skeleton.chain, settings.gate)
     elif context.trial.imus:
         from mocap_id.estimation.space.skeleton_smoothing import fuse_in_space  # noqa: PLC0415  only with sensors
         from mocap_id.stages.ukf_smooth.inertial import describe_sensors, read_sensors  # noqa: PLC0415
@@ -91,10 +81,11 @@ def smooth_rotations(context: Context) -> Outputs:
     visible: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
     rejected = find_rejected_segments(skeleton.chain.segment, len(skeleton.segments), visible, states.used)
     observed = states.observed if from_skeleton else states.observed & ~rejected
-    observed = bridge_repeated(observed, repeated, view.rate)
-    angles = _angles(states, skeleton, tree.facts)
-    angles = [limit_to_skeleton(each) for each in angles] if from_skeleton else angles
-    stretches = [] if from_skeleton else list_rejected(rejected, view.time, skeleton.segments)
+    observed = checks.bridge_repeated(observed, repeated, view.rate)
+    angles = _compute_angles(states, skeleton, tree.facts)
+    if from_skeleton:
+        angles = [_limit_to_skeleton(each) for each in angles]
+    stretches = [] if from_skeleton else checks.list_rejected(rejected, view.time, skeleton.segments)
     lost = {"rejected": stretches} if stretches else {}
     off = np.linalg.norm(points - states.predicted, axis=2)
     square = np.sum((points - states.predicted) ** 2, axis=2)
@@ -114,14 +105,65 @@ def smooth_rotations(context: Context) -> Outputs:
         out.fact(imus=sensors.facts)
     out.fact(**lost)
     segments = [name.replace("_", " ") for name in skeleton.segments]
-    report_gaps(out, np.isnan(states.omega[:, :, 0]), view.time, segments, quantity="pose", settings=settings)
-    report_repeated_frames(out, repeated)
+    checks.report_gaps(out, np.isnan(states.omega[:, :, 0]), view.time, segments, quantity="pose", settings=settings)
+    checks.report_repeated_frames(out, repeated)
     out.reasons += sensors.reasons
-    report_rejected(out, stretches, view.time)
+    checks.report_rejected(out, stretches, view.time)
     thorax = np.zeros((0, 3))  # no rows if the frame of the thorax is not anatomical
     if tree.facts["frames"] != "own" and "thorax" in skeleton.segments:
         thorax = states.rotations[:, skeleton.segments.index("thorax"), :, 1]
-    check_arm_motion(out, angles, thorax)
+    checks.check_arm_motion(out, angles, thorax)
+
+    # the states of the hinges, numbered by joint
+    hinges: dict[str, FloatArray | BoolArray] = {"time": view.time}
+    for k, joint in enumerate(skeleton.chain.joints):
+        if joint.kind == "hinge":
+            for d, name in enumerate(("theta", "dtheta", "ddtheta")):
+                hinges[f"{name}_{k + 1}"] = states.coordinates[:, k, d, 0].copy()
+                hinges[f"sd_{name}_{k + 1}"] = states.sd_coordinates[:, k, d, 0].copy()
+            hinges[f"dddtheta_{k + 1}"] = states.jerk[:, k] @ (joint.offset.T @ joint.first_axis)
+            hinges[f"observed_{k + 1}"] = observed[:, k + 1].copy()
+
+    # the poses: the origin of the thorax is IJ (if it has this landmark), that of any other segment its joint's centre
+    poses: dict[str, FloatArray | BoolArray] = {"time": view.time}
+    for k, name in enumerate(skeleton.segments):
+        origin = states.origins[:, k]
+        if name == "thorax" and "IJ" in skeleton.landmarks:
+            origin = origin + states.rotations[:, k] @ skeleton.landmark_local[skeleton.landmarks.index("IJ")]
+        quaternion = so3.quaternion(states.rotations[:, k])
+        known = np.flatnonzero(np.isfinite(quaternion).all(axis=1))
+        if len(known):  # the sign does not jump between known samples; the first scalar part is positive
+            same = np.sum(quaternion[known[1:]] * quaternion[known[:-1]], axis=1) >= 0
+            first = 1.0 if quaternion[known[0], 0] >= 0 else -1.0
+            quaternion[known] *= (first * np.cumprod(np.concatenate([[1.0], np.where(same, 1.0, -1.0)])))[:, None]
+        poses |= {f"{name}_q{axis}": quaternion[:, i].copy() for i, axis in enumerate("wxyz")}
+        for i, axis in enumerate("xyz"):
+            poses |= {
+                f"{name}_{axis}": origin[:, i].copy(),
+                f"{name}_omega_{axis}": states.omega[:, k, i].copy(),
+                f"{name}_alpha_{axis}": states.alpha[:, k, i].copy(),
+            }
+        poses |= {
+            f"sd_{name}_rotation": states.sd_rotation[:, k].copy(),
+            f"sd_{name}_omega": states.sd_omega[:, k].copy(),
+            f"sd_{name}_alpha": states.sd_alpha[:, k].copy(),
+            f"{name}_observed": observed[:, k].copy(),
+        }
+
+    of_joints: dict[str, FloatArray] = {"time": view.time}
+    for each in angles:
+        for k, name in enumerate(each.names):
+            of_joints |= {
+                name: each.angle[:, k],
+                f"d{name}": each.rate[:, k],
+                f"dd{name}": each.acceleration[:, k],
+                f"sd_{name}": each.sd[:, k],
+                f"sd_d{name}": each.sd_rate[:, k],
+                f"sd_dd{name}": each.sd_acceleration[:, k],
+                f"constant_sd_{name}": np.where(np.isfinite(each.angle[:, k]), each.constant_sd[k], np.nan),
+            }
+        if each.names == SHOULDER:
+            of_joints["isb_condition"] = each.condition
 
     markers = {axis: np.ascontiguousarray(states.predicted[..., i]) for i, axis in enumerate("xyz")}
     # skin.h5 has no markers: the standard deviations of the states include the errors from skin
@@ -137,16 +179,16 @@ def smooth_rotations(context: Context) -> Outputs:
         kind = {"float64": np.float64, "int64": np.int64, "str": object}[node.dtype]
         skin.setdefault(group, {})[name] = np.zeros(shapes.get(node.name, (0,)), dtype=kind)
     return (
-        Table(STATES, _state_columns(states, skeleton, view.time, observed), out.facts, tuple(out.reasons)),
+        Table(STATES, hinges, out.facts, tuple(out.reasons)),
         LongTable(MARKERS, view.frames, view.time, skeleton.markers, {**markers, "residual": off, "used": states.used}),
         Tree(SKIN, skin, {"camera_sd_m": None, "basis": "not estimated for trials in space"}),
         empty_encoder_table("a trial in space has no encoder"),
-        Table(POSES, _pose_columns(states, skeleton, view.time, observed), lost),
-        Table(ANGLES, _angle_columns(angles, view.time)),
+        Table(POSES, poses, lost),
+        Table(ANGLES, of_joints),
     )
 
 
-def _angles(states: SpatialStates, skeleton: SpatialSkeleton, facts: Mapping[str, Any]) -> list[JointAngles]:
+def _compute_angles(states: SpatialStates, skeleton: SpatialSkeleton, facts: Mapping[str, Any]) -> list[JointAngles]:
     """Return the angles of the ISB for joints with known anatomical frames, and the coordinates of all other joints."""
     found: list[JointAngles] = []
     done: set[int] = set()
@@ -179,74 +221,6 @@ def _relative_motion(states: SpatialStates, k: int) -> RelativeMotion:
     )
 
 
-def _angle_columns(found: Sequence[JointAngles], time: FloatArray) -> dict[str, FloatArray]:
-    columns: dict[str, FloatArray] = {"time": time}
-    for angles in found:
-        for k, name in enumerate(angles.names):
-            columns |= {
-                name: angles.angle[:, k],
-                f"d{name}": angles.rate[:, k],
-                f"dd{name}": angles.acceleration[:, k],
-                f"sd_{name}": angles.sd[:, k],
-                f"sd_d{name}": angles.sd_rate[:, k],
-                f"sd_dd{name}": angles.sd_acceleration[:, k],
-                f"constant_sd_{name}": np.where(np.isfinite(angles.angle[:, k]), angles.constant_sd[k], np.nan),
-            }
-        if angles.names == SHOULDER:
-            columns["isb_condition"] = angles.condition
-    return columns
-
-
-def _pose_columns(
-    states: SpatialStates, skeleton: SpatialSkeleton, time: FloatArray, observed: BoolArray
-) -> dict[str, FloatArray | BoolArray]:
-    """Return the columns of poses.parquet.
-
-    The origin of the thorax is IJ (if it has this landmark), that of any other segment is the centre of its joint.
-    """
-    columns: dict[str, FloatArray | BoolArray] = {"time": time}
-    for k, name in enumerate(skeleton.segments):
-        origin = states.origins[:, k]
-        if name == "thorax" and "IJ" in skeleton.landmarks:
-            origin = origin + states.rotations[:, k] @ skeleton.landmark_local[skeleton.landmarks.index("IJ")]
-        quaternion = so3.quaternion(states.rotations[:, k])
-        known = np.flatnonzero(np.isfinite(quaternion).all(axis=1))
-        if len(known):  # the sign does not jump between known samples; the first scalar part is positive
-            same = np.sum(quaternion[known[1:]] * quaternion[known[:-1]], axis=1) >= 0
-            first = 1.0 if quaternion[known[0], 0] >= 0 else -1.0
-            quaternion[known] *= (first * np.cumprod(np.concatenate([[1.0], np.where(same, 1.0, -1.0)])))[:, None]
-        columns |= {f"{name}_q{axis}": quaternion[:, i].copy() for i, axis in enumerate("wxyz")}
-        for i, axis in enumerate("xyz"):
-            columns |= {
-                f"{name}_{axis}": origin[:, i].copy(),
-                f"{name}_omega_{axis}": states.omega[:, k, i].copy(),
-                f"{name}_alpha_{axis}": states.alpha[:, k, i].copy(),
-            }
-        columns |= {
-            f"sd_{name}_rotation": states.sd_rotation[:, k].copy(),
-            f"sd_{name}_omega": states.sd_omega[:, k].copy(),
-            f"sd_{name}_alpha": states.sd_alpha[:, k].copy(),
-            f"{name}_observed": observed[:, k].copy(),
-        }
-    return columns
-
-
-def _state_columns(
-    states: SpatialStates, skeleton: SpatialSkeleton, time: FloatArray, observed: BoolArray
-) -> dict[str, FloatArray | BoolArray]:
-    """Return the states of the hinges as columns, numbered by joint."""
-    columns: dict[str, FloatArray | BoolArray] = {"time": time}
-    for k, joint in enumerate(skeleton.chain.joints):
-        if joint.kind != "hinge":
-            continue
-        for d, name in enumerate(("theta", "dtheta", "ddtheta")):
-            columns[f"{name}_{k + 1}"] = states.coordinates[:, k, d, 0].copy()
-            columns[f"sd_{name}_{k + 1}"] = states.sd_coordinates[:, k, d, 0].copy()
-        columns[f"dddtheta_{k + 1}"] = states.jerk[:, k] @ (joint.offset.T @ joint.first_axis)
-        columns[f"observed_{k + 1}"] = observed[:, k + 1].copy()
-    return columns
-
-
 _BRIDGED = 0.3  # s, longest gap that is filled to estimate the noise of the movement
 _GUESSED_SD = 0.03  # m, standard deviation of a joint whose position the sensor guessed
 _LASTING_SD = 0.009  # m, standard deviation of the part of a joint's lasting error that changes with the posture
@@ -256,14 +230,10 @@ _ELEVATION_BIAS = float(np.radians(13.0))
 _LARGEST_SD = 0.6  # rad; a more uncertain axial rotation is left out, because a straight elbow does not determine it
 
 
-def smooth_skeleton_states(
+def _smooth_skeleton_states(
     tree: Tree, view: Trajectories, points: FloatArray, chain: SpatialChain, gate: float
 ) -> SpatialStates:
-    """Return the smoothed states of the chain, from the joints ``points`` (F, M, 3) of a skeleton recording, m.
-
-    ``tree`` is the content of chain.h5. A sample farther than ``gate`` standard deviations from its prediction is left
-    out.
-    """
+    """Return the smoothed states of the chain from the joints ``points`` (F, M, 3) of a skeleton recording, m."""
     residual = tree.numbers("markers/residual")
     sd, trunk, facts = np.maximum(residual, 1e-3), chain.segment == 0, tree.facts["noise"]
     points = remove_jumps(points, gate * sd)
@@ -299,7 +269,7 @@ def smooth_skeleton_states(
     )
 
 
-def limit_to_skeleton(angles: JointAngles) -> JointAngles:
+def _limit_to_skeleton(angles: JointAngles) -> JointAngles:
     """Return the angles of a joint of a skeleton; only those of the shoulder change.
 
     The axial rotation of the shoulder becomes NaN where it is too uncertain, because the elbow is nearly straight. The

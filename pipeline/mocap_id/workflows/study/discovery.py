@@ -199,7 +199,7 @@ def read_reach(path: Path, forces: Path | None) -> tuple[bool, tuple[str, ...]] 
     if content.plates or not set(landmarks.markers) >= _LANDMARKS:
         return None
     seen = recording.ThinnedFrames.of(content.positions, content.time, content.rate)
-    if recognise_movement(content.labels, seen.positions, seen.rate).kind in _OF_THE_BODY:
+    if recognise_movement(content.labels, seen.positions, seen.rate)[0] in _OF_THE_BODY:
         return None
     return False, () if landmarks.side is None else (landmarks.side,)
 
