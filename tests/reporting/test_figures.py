@@ -9,16 +9,14 @@ import numpy as np
 import pytest
 from reporting_cases import RATE, Trial, context, healthy
 
-from mocap_id.reporting import style
-from mocap_id.reporting.contents import FILES
+from mocap_id.reporting import FILES, style
 from mocap_id.reporting.figure import Band, Bars, Figure, Heat, Item, Line, Panel, Points, Spans, from_json, to_json
 from mocap_id.reporting.figures import FIGURES, FigureEntry, draw_figures
 from mocap_id.reporting.figures.motion import normalise_time
 from mocap_id.reporting.figures.skeleton import choose_moments
 from mocap_id.reporting.page import read_figures
 from mocap_id.reporting.report_data import read_positions
-from mocap_id.stages.report import STAGE, ReportSettings
-from mocap_id.stages.report.function import report_data
+from mocap_id.stages.report import STAGE, ReportSettings, report_data
 from mocap_id.store import Artefact, Document, Table
 from mocap_id.store.provenance import SCHEMAS
 from mocap_id.store.views import IdentifiedDynamics, JointStates

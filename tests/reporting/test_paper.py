@@ -19,7 +19,7 @@ from mocap_id.reporting import paper_figures
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Panel, to_json
 from mocap_id.reporting.figures import FIGURES, draw_figures
 from mocap_id.reporting.page import read_figures
-from mocap_id.stages.report.function import report_data
+from mocap_id.stages.report import report_data
 from mocap_id.workflows.figures import write_figures
 
 

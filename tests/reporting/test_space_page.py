@@ -17,8 +17,7 @@ from mocap_id.reporting.figures.skeleton import make_stick_figure
 from mocap_id.reporting.page import read_figures
 from mocap_id.reporting.paper_figures import make_figure_files
 from mocap_id.reporting.player import MOST_IN_SPACE, Player, make_player
-from mocap_id.stages.report import STAGE
-from mocap_id.stages.report.function import report_data
+from mocap_id.stages.report import STAGE, report_data
 from mocap_id.store import Artefact, Document
 from spatial_trial import ANGLES_OF_ARM, SpatialTrial, context
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
     from mocap_id.reporting.player import Player
-    from mocap_id.reporting.study.cohort import TrialEntry
+    from mocap_id.reporting.study import TrialEntry
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import math
+import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -23,8 +24,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure as MplFigure
 from matplotlib.lines import Line2D
 
-from mocap_id.reporting import style
-from mocap_id.reporting.contents import CAPTIONS_FILE, PdfFonts
+from mocap_id.design.proposal import MovementLimits, Trajectory
+from mocap_id.reporting import CAPTIONS_FILE, PdfFonts, style
 from mocap_id.reporting.figure import (
     Band,
     Bars,
@@ -234,3 +235,29 @@ def _set_axes(axes: Axes, panel: Panel, *, named: bool) -> None:
         axes.set_aspect("equal", adjustable="box" if panel.x_range else "datalim")
     if panel.linked and not panel.x:
         axes.tick_params(labelbottom=False)
+
+
+_ADVISED_PANEL = 1.25  # inches
+_DETAIL = 8.0  # s
+
+
+def draw_advice(course: Trajectory, joints: Sequence[str], limits: MovementLimits, words: str) -> MplFigure:
+    """Return the figure; call this within :func:`mocap_id.reporting.paper_figures.use_paper_style`.
+
+    ``limits`` of the angles are dotted lines. ``words``, the instruction for the person, are the title of the figure.
+    """
+    drawing = make_figure(0.9 + _ADVISED_PANEL * len(joints))
+    panels = drawing.subplots(len(joints), 2, squeeze=False, sharey="row", width_ratios=[2, 1])
+    time = course.time - course.time[0]
+    start = max(0.0, (time[-1] - _DETAIL) / 2)
+    close = (time >= start) & (time <= start + _DETAIL)
+    for j, name in enumerate(joints):
+        for axes, part in zip(panels[j], (np.ones_like(close), close), strict=True):
+            axes.plot(time[part], np.degrees(course.q[part, j]), color=style.pick_colour(j + 1))
+            for end in (limits.low[j], limits.high[j]):
+                axes.axhline(float(np.degrees(end)), color=style.FAINT, linewidth=0.8, linestyle=":")
+        panels[j, 0].set_ylabel(f"{style.clean(name, 20)} (°)")
+    for axes in panels[-1]:
+        axes.set_xlabel("time (s)")
+    drawing.suptitle("\n".join(textwrap.wrap(style.clean(words), 105)), fontsize=8, x=0.01, ha="left")
+    return drawing

@@ -13,8 +13,14 @@ from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry.planar import rotate, segment_poses
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Figure, Line, Panel, Points, Rule, to_json
-from mocap_id.reporting.figures.forces import draw_panels, read_forces
-from mocap_id.reporting.figures.motion import collect_joint_curves, draw_panel, label_angle, label_joints
+from mocap_id.reporting.figures.motion import (
+    collect_joint_curves,
+    draw_panel,
+    draw_panels,
+    label_angle,
+    label_joints,
+    read_forces,
+)
 from mocap_id.reporting.figures.skeleton import ALONG, UP, make_stick_figure
 from mocap_id.reporting.report_data import ReportData, read_positions
 

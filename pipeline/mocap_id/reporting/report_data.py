@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.reporting.numbers import to_number
+from mocap_id.reporting.grids import to_number
 from mocap_id.store import Artefact, ArtefactSet, LongTable
 from mocap_id.store.views import (
     IdentifiedDynamics,

@@ -11,13 +11,12 @@ import pandas as pd
 
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Bars, Drawing, Drawings, Figure, Key, Panel, Rule, Spans, arrange_in_lines
-from mocap_id.reporting.grids import Grid, GridColumn, texts, to_grid
-from mocap_id.reporting.numbers import show, show_fixed, show_with_sd
+from mocap_id.reporting.grids import Grid, GridColumn, show, show_fixed, show_with_sd, texts, to_grid
 from mocap_id.reporting.page import KeyNumber, Page, Section
 from mocap_id.verdict import Level
 
 if TYPE_CHECKING:
-    from mocap_id.reporting.results.columns import ResultTable
+    from mocap_id.reporting.results import ResultTable
 
 
 @dataclass(frozen=True)

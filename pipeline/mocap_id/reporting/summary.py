@@ -12,7 +12,7 @@ from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.geometry.so3 import shift_to_shortest_arc
 from mocap_id.protocols.five_times import LOAD_PHASES, Attempt, FiveTimes, LoadShare, Spread
 from mocap_id.reporting import summary_schema as schema
-from mocap_id.reporting.numbers import scale, to_number, to_numbers
+from mocap_id.reporting.grids import scale, to_number, to_numbers
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.results import join_sentences, why_unknown
 from mocap_id.store.views import MEANINGLESS_AT_POLE

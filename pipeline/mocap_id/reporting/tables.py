@@ -13,6 +13,7 @@ import numpy as np
 from mocap_id.protocols.five_times import Attempt, FiveTimes
 from mocap_id.reporting import style
 from mocap_id.reporting.grids import (
+    UNKNOWN,
     Grid,
     GridColumn,
     columns_of,
@@ -20,21 +21,18 @@ from mocap_id.reporting.grids import (
     millimetres,
     numbers,
     percent,
-    show_ends,
-    texts,
-    to_grid,
-    with_sd,
-)
-from mocap_id.reporting.numbers import (
-    UNKNOWN,
     scale,
     show,
     show_beside,
+    show_ends,
     show_fixed,
     show_interval,
     show_millimetres,
     show_percent,
     show_with_sd,
+    texts,
+    to_grid,
+    with_sd,
 )
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.summary_schema import (

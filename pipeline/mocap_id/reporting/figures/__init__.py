@@ -10,14 +10,17 @@ from dataclasses import dataclass
 
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Drawing, Drawings, Figure
-from mocap_id.reporting.figures.forces import draw_parameters, draw_point_masses, draw_torques, draw_wrench
 from mocap_id.reporting.figures.motion import (
     draw_angles,
+    draw_parameters,
     draw_phase_portraits,
     draw_phases,
+    draw_point_masses,
     draw_rates,
     draw_repetitions,
     draw_states,
+    draw_torques,
+    draw_wrench,
 )
 from mocap_id.reporting.figures.skeleton import (
     draw_reach,

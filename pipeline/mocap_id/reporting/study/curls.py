@@ -12,7 +12,7 @@ from mocap_id.reporting import style
 from mocap_id.reporting.figure import Bars, Drawing, Drawings, Figure, Item, Line, Panel, Points, Rule, arrange_in_lines
 from mocap_id.reporting.grids import Grid, numbers, show_estimate
 from mocap_id.reporting.page import KeyNumber, Section
-from mocap_id.reporting.study.cohort import CohortData, render_study_page, spread_evenly, to_floats
+from mocap_id.reporting.study import CohortData, render_study_page, spread_evenly, to_floats
 
 _FOOTER = (
     "The same numbers in SI units, angles in degrees, are in the CSV and Parquet files beside this page, which "

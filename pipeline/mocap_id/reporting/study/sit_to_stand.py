@@ -11,10 +11,9 @@ import pandas as pd
 from mocap_id.reporting import style
 from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Item, Panel, Points, Symbol, arrange_in_lines
-from mocap_id.reporting.grids import means_with_sd, texts
-from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed
+from mocap_id.reporting.grids import UNKNOWN, means_with_sd, show, show_fixed, texts
 from mocap_id.reporting.page import KeyNumber, Section
-from mocap_id.reporting.study.cohort import (
+from mocap_id.reporting.study import (
     CohortData,
     draw_dots,
     draw_separators,

@@ -28,10 +28,9 @@ from mocap_id import __version__, runner
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, MocapIdError, NumericalError, Refused
 from mocap_id.geometry.planar import rotate
-from mocap_id.reporting.numbers import show
-from mocap_id.reporting.results.columns import ResultColumn as Column
-from mocap_id.reporting.results.columns import ResultTable, declare_tables, number, text, to_finite, whole
-from mocap_id.reporting.results.result import CommandResult
+from mocap_id.reporting.grids import show
+from mocap_id.reporting.results import CommandResult, ResultTable, declare_tables, number, text, to_finite, whole
+from mocap_id.reporting.results import ResultColumn as Column
 from mocap_id.reporting.sensitivity import Parameter, SensitivityData, render_sensitivity_page
 from mocap_id.stages.base import Context
 from mocap_id.stages.calibration_trial import has_no_markers

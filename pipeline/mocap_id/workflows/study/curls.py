@@ -16,9 +16,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from mocap_id.config.study import Study, StudyTrial
-from mocap_id.reporting.contents import COHORT
-from mocap_id.reporting.numbers import show_fixed
-from mocap_id.reporting.results.columns import (
+from mocap_id.reporting import COHORT
+from mocap_id.reporting.grids import show_fixed
+from mocap_id.reporting.results import (
     count,
     declare_tables,
     estimate_columns,

@@ -16,10 +16,10 @@ import numpy as np
 
 from mocap_id.arrays import NORMAL_95
 from mocap_id.config.study import Study, StudyTrial
-from mocap_id.reporting.contents import COHORT
+from mocap_id.reporting import COHORT
 from mocap_id.reporting.figures.skeleton import make_wires
-from mocap_id.reporting.numbers import UNKNOWN, to_numbers
-from mocap_id.reporting.results.columns import (
+from mocap_id.reporting.grids import UNKNOWN, to_numbers
+from mocap_id.reporting.results import (
     ResultColumn,
     count,
     declare_tables,
@@ -29,7 +29,7 @@ from mocap_id.reporting.results.columns import (
     text,
     whole,
 )
-from mocap_id.reporting.study.cohort import CohortData
+from mocap_id.reporting.study import CohortData
 from mocap_id.reporting.study.reach import Shape, render_reach_page, show_score
 from mocap_id.workflows.parallel import TrialRun
 from mocap_id.workflows.study.study import (
