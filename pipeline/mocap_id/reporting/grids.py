@@ -13,7 +13,7 @@ import numpy as np
 
 from mocap_id.arrays import NORMAL_95
 from mocap_id.reporting import style
-from mocap_id.results import Result, list_quantities
+from mocap_id.results import Quantity, Result, list_quantities
 
 UNKNOWN = "–"
 """Text for an unknown quantity."""
@@ -72,11 +72,6 @@ def show_millimetres(metres: object) -> str:
     return show_fixed(scale(metres, 1e3), 1)
 
 
-def show_percent(share: object) -> str:
-    """Format a fraction in per cent with one decimal; return a dash if it is unknown."""
-    return show_fixed(scale(share, 100), 1)
-
-
 def show_with_sd(value: object, sd: object, unit: str = "") -> str:
     """Format ``value ± sd``, both to the second significant digit of the standard deviation.
 
@@ -113,8 +108,8 @@ def _find_magnitude(number: float) -> int:
     return 0 if number == 0 else math.floor(math.log10(abs(number)))
 
 
-Source: TypeAlias = str | Callable[[Any], Any]
-"""Source of a column's values: the name of a key or attribute of each row, or a function of the row."""
+Source: TypeAlias = str | int | Callable[[Any], Any]
+"""Source of a column's values: a key, attribute or place in each row, or a function of the row."""
 
 _SUFFIXES = {"s": "s", "m": "m", "hz": "Hz", "deg": "deg", "kg": "kg", "N": "N"}
 """Units in the suffixes of fact keys."""
@@ -189,11 +184,6 @@ def texts(head: str, source: Source, missing: str = "") -> GridColumn:
     return GridColumn(head, lambda row: str(_get_value(row, source) or missing), text=True)
 
 
-def wholes(head: str, source: Source) -> GridColumn:
-    """Return a column of whole numbers, with a dash for a missing value."""
-    return GridColumn(head, lambda row: show_fixed(_get_value(row, source), 0))
-
-
 def numbers(
     head: str, source: Source, decimals: int | None = None, factor: float = 1.0, *, optional: bool = False
 ) -> GridColumn:
@@ -225,23 +215,34 @@ def with_sd(head: str, value: Source, sd: Source, factor: float = 1.0) -> GridCo
 
 def columns_of(kind: type[Result], names: str = "") -> list[GridColumn]:
     """Return the columns of the described fields of a result: of all fields, or of these, separated by blanks."""
-    described, columns = dict(list_quantities(kind)), []
-    for name in names.split() or described:
-        one = described[name]
-        factor = 100.0 if one.unit.startswith("%") else 1e3 if one.unit in ("mm", "ms") else 1.0
-        decimals = 1 if one.decimals is None and factor != 1.0 else one.decimals
-        head = f"{one.label} ({one.unit})" if one.unit else one.label
-        if one.sd:
-            columns.append(with_sd(head, name, one.sd, factor))
-        elif name.startswith("interval"):
-            columns.append(GridColumn(head, partial(_show_field_ends, name=name, decimals=decimals or 0)))
-        else:
-            columns.append(numbers(head, name, decimals, factor))
-    return columns
+    described = dict(list_quantities(kind))
+
+    def cell(row: Any, name: str) -> str:
+        return _show_quantity(described[name], *(_get_value(row, one) for one in (name, described[name].sd) if one))
+
+    return [GridColumn(described[name].head, partial(cell, name=name)) for name in names.split() or described]
 
 
-def _show_field_ends(row: Any, name: str, decimals: int) -> str:
-    return show_ends(_get_value(row, name), decimals)
+def list_values(found: Result, names: str) -> dict[str, str]:
+    """Return described fields of a result as texts, by their headings; ``names`` are separated by blanks."""
+    described = dict(list_quantities(type(found)))
+    return {described[name].head: _show_quantity(described[name], getattr(found, name)) for name in names.split()}
+
+
+def _show_quantity(one: Quantity, value: Any, *sd: Any) -> str:
+    factor = 100.0 if one.unit.startswith("%") else 1e3 if one.unit in ("mm", "ms") else 1.0
+    if sd:
+        return show_with_sd(scale(value, factor), scale(sd[0], factor))
+    if isinstance(value, list):  # both ends of an interval
+        return " … ".join(_show_quantity(one, end) for end in value)
+    if one.decimals is None and factor == 1.0:
+        return show(value, one.digits)
+    return show_fixed(scale(value, factor), 1 if one.decimals is None else one.decimals)
+
+
+def to_words(entries: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries with underscores in their keys replaced by blanks."""
+    return {name.replace("_", " "): entry for name, entry in entries.items()}
 
 
 def means_with_sd(head: str, name: str, factor: float = 1.0, decimals: int = 1) -> GridColumn:
@@ -253,11 +254,6 @@ def means_with_sd(head: str, name: str, factor: float = 1.0, decimals: int = 1) 
         return shown if sd is None else f"{shown} ± {show_fixed(sd, decimals)}"
 
     return GridColumn(head, cell)
-
-
-def estimate(head: str, name: str) -> GridColumn:
-    """Return an optional column of values with their intervals (see :func:`show_estimate`)."""
-    return GridColumn(head, lambda row: show_estimate(row, name), optional=True)
 
 
 def show_estimate(row: Mapping[Any, Any], name: str, factor: float = 1.0) -> str:
@@ -305,6 +301,8 @@ def list_facts(caption: str, values: Mapping[str, Any]) -> Grid:
 def _get_value(row: Any, source: Source) -> Any:
     if callable(source):
         return source(row)
+    if isinstance(source, int):
+        return row[source]
     return row.get(source) if isinstance(row, Mapping) else getattr(row, source)
 
 

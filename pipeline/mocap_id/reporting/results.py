@@ -71,12 +71,12 @@ def number(
 
 def whole(name: str, meaning: str, value: Value = None, head: str | None = None) -> ResultColumn:
     """Return a column of whole numbers in which no value may be missing."""
-    return ResultColumn(name, "int64", "1", meaning, value, None if head is None else grids.wholes(head, name))
+    return ResultColumn(name, "int64", "1", meaning, value, None if head is None else grids.numbers(head, name, 0))
 
 
 def count(name: str, meaning: str, value: Value = None, head: str | None = None) -> ResultColumn:
     """Return a column of whole numbers in which values may be missing."""
-    return ResultColumn(name, "Int64", "1", meaning, value, None if head is None else grids.wholes(head, name))
+    return ResultColumn(name, "Int64", "1", meaning, value, None if head is None else grids.numbers(head, name, 0))
 
 
 def shown_as(
@@ -104,7 +104,10 @@ def estimate_columns(
         number(f"{name}_{end}" if end else name, unit, f"{meaning}{words}", read_part(end or "value"))
         for end, words in _INTERVAL_ENDS.items()
     )
-    return [value if head is None else replace(value, shown=grids.estimate(head, name)), *ends]
+    return [
+        value if head is None else shown_as(value, head, lambda row: grids.show_estimate(row, name), optional=True),
+        *ends,
+    ]
 
 
 _PARTS = {"mean": "mean", "sd": "standard deviation", "rms": "root mean square"}

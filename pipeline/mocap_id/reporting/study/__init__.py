@@ -11,18 +11,8 @@ import pandas as pd
 
 from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.reporting import COHORT, ENDINGS, Ending, style
-from mocap_id.reporting.explanations import LEVELS
 from mocap_id.reporting.figure import Drawings, Item, Points, Rule
-from mocap_id.reporting.page import (
-    ExplainedReason,
-    KeyNumber,
-    Page,
-    Prose,
-    Section,
-    explain_reason,
-    split_code,
-    to_sentence,
-)
+from mocap_id.reporting.page import KeyNumber, Page, Section, to_sentence
 from mocap_id.reporting.summary_schema import ReasonEntry
 
 if TYPE_CHECKING:
@@ -46,29 +36,6 @@ class TrialEntry:
     def passed(self) -> bool:
         """Whether the trial has results."""
         return self.ending in ("ok", "caution")
-
-    @property
-    def level(self) -> str:
-        """Level that sets the colour of the trial's box on the page."""
-        return "refused" if self.ending == "failed" else self.ending
-
-    @property
-    def headline(self) -> str:
-        """How the trial ended, as a heading."""
-        return "Failed" if self.ending == "failed" else LEVELS[self.ending][0]
-
-    @property
-    def lead(self) -> Prose:
-        """Sentence that says what the verdict means, or why the trial failed."""
-        if self.ending != "failed":
-            return split_code(LEVELS[self.ending][1])
-        message = self.message or "the trial could not be computed"
-        return split_code(to_sentence(style.clean(message)))
-
-    @property
-    def explained(self) -> tuple[ExplainedReason, ...]:
-        """The reasons for the verdict with their explanations."""
-        return tuple(map(explain_reason, self.reasons))
 
 
 @dataclass(frozen=True)
