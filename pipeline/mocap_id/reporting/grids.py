@@ -223,10 +223,13 @@ def columns_of(kind: type[Result], names: str = "") -> list[GridColumn]:
     return [GridColumn(described[name].head, partial(cell, name=name)) for name in names.split() or described]
 
 
-def list_values(found: Result, names: str) -> dict[str, str]:
-    """Return described fields of a result as texts, by their headings; ``names`` are separated by blanks."""
+def list_values(found: Result, names: str = "") -> dict[str, str]:
+    """Return the described fields of a result as texts by their headings: all fields, or these."""
     described = dict(list_quantities(type(found)))
-    return {described[name].head: _show_quantity(described[name], getattr(found, name)) for name in names.split()}
+    return {
+        described[name].head: _show_quantity(described[name], getattr(found, name))
+        for name in names.split() or described
+    }
 
 
 def _show_quantity(one: Quantity, value: Any, *sd: Any) -> str:

@@ -35,7 +35,6 @@ from mocap_id.reporting.figure import (
     Item,
     Key,
     Line,
-    Panel,
     Points,
     Rule,
     Spans,
@@ -150,7 +149,25 @@ def to_matplotlib(figure: Figure) -> MplFigure:
             first = axes if panel.linked else first
             for item in panel.flat().items:
                 _draw_item(axes, item, norm)
-            _set_axes(axes, panel, named=k == 0)
+            axes.set(title=panel.title, xlabel=panel.x, ylabel=panel.y)
+            if panel.x_range is not None:
+                axes.set_xlim(panel.x_range)
+            if panel.y_range is not None:
+                axes.set_ylim(panel.y_range)
+            if panel.x_ticks:
+                axes.set_xticks([at for at, _ in panel.x_ticks], [words for _, words in panel.x_ticks])
+            if panel.rows:
+                small = 6.5 if len(panel.rows) > 20 else 7.5
+                axes.set_yticks(
+                    range(len(panel.rows)), panel.rows if k == 0 else [""] * len(panel.rows), fontsize=small
+                )
+                axes.set_ylim(len(panel.rows) - 0.4, -0.6)
+                axes.grid(False, axis="y")
+            if panel.equal:
+                axes.margins(0.1)
+                axes.set_aspect("equal", adjustable="box" if panel.x_range else "datalim")
+            if panel.linked and not panel.x:
+                axes.tick_params(labelbottom=False)
             if len(line) > 1 and not panel.x_ticks:
                 axes.locator_params(axis="x", nbins=max(2, 7 - len(line)))
             found.append(axes)
@@ -214,27 +231,6 @@ def _draw_item(axes: Axes, item: Item, norm: Normalize | None) -> None:
             axes.annotate(item.words, (item.x, item.y), (7, -3), textcoords="offset points", fontsize=7.5)
         case Key():
             axes.add_line(Line2D([], [], marker="s", ls="none", ms=5, color=item.colour, label=item.label))
-
-
-def _set_axes(axes: Axes, panel: Panel, *, named: bool) -> None:
-    """Set title, labels, ranges and scales of ``axes`` as in a panel; ``named`` shows the names of its rows."""
-    axes.set(title=panel.title, xlabel=panel.x, ylabel=panel.y)
-    if panel.x_range is not None:
-        axes.set_xlim(panel.x_range)
-    if panel.y_range is not None:
-        axes.set_ylim(panel.y_range)
-    if panel.x_ticks:
-        axes.set_xticks([at for at, _ in panel.x_ticks], [words for _, words in panel.x_ticks])
-    if panel.rows:
-        small = 6.5 if len(panel.rows) > 20 else 7.5
-        axes.set_yticks(range(len(panel.rows)), panel.rows if named else [""] * len(panel.rows), fontsize=small)
-        axes.set_ylim(len(panel.rows) - 0.4, -0.6)
-        axes.grid(False, axis="y")
-    if panel.equal:
-        axes.margins(0.1)
-        axes.set_aspect("equal", adjustable="box" if panel.x_range else "datalim")
-    if panel.linked and not panel.x:
-        axes.tick_params(labelbottom=False)
 
 
 _ADVISED_PANEL = 1.25  # inches

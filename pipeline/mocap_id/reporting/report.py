@@ -159,12 +159,9 @@ def render_notebook_view(document: Mapping[str, Any], player: Player | None = No
         reasons=summary.verdict.reasons,
         grids=[lengths, list_angles(summary), volume, parameters],
     )
-    return view if player is None else view + _make_frame(_render_page(summary.trial, player=player), _PLAYER_HEIGHT)
-
-
-def render_figure_page(of: str, drawing: Drawing) -> str:
-    """Return an HTML page, including its scripts, for one figure of the trial or study named ``of``."""
-    return _render_page(of, drawing)
+    return (
+        view if player is None else view + _make_frame(render_figure_page(summary.trial, player=player), _PLAYER_HEIGHT)
+    )
 
 
 def render_figure_frame(of: str, drawing: Drawing) -> str:
@@ -174,10 +171,11 @@ def render_figure_frame(of: str, drawing: Drawing) -> str:
         if isinstance(drawing.figure, str)
         else sum(max(panel.height for panel in line) + _TITLE for line in drawing.figure.lines)
     )
-    return _make_frame(_render_page(of, drawing), round(_PER_INCH * panels) + 180)
+    return _make_frame(render_figure_page(of, drawing), round(_PER_INCH * panels) + 180)
 
 
-def _render_page(of: str, *drawings: Drawing, player: Player | None = None) -> str:
+def render_figure_page(of: str, *drawings: Drawing, player: Player | None = None) -> str:
+    """Return an HTML page, including its scripts, for figures or the player of the trial or study named ``of``."""
     template = make_environment().get_template("notebook_frame.html.j2")
     embedded = embed(Drawings(of, drawings), player)
     return template.render(title=style.clean(of), drawings=drawings, player=player, embedded=embedded)

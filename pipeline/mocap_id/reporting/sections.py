@@ -282,7 +282,7 @@ def _make_landmark_section(data: ReportData, summary: Summary) -> Section:
         texts("segment", lambda row: row[1].segment),
         *(millimetres(f"{axis} (mm)", get_element(lambda row: row[1].local_m, d)) for d, axis in enumerate(_AXES)),
         millimetres("sd (mm)", lambda row: row[1].sd_m),
-        millimetres("residual of its marker, rms (mm)", lambda row: getattr(residuals[row[0]], "rms", None)),
+        millimetres("residual of its marker, rms (mm)", lambda row: (residuals[row[0]] or {}).get("rms")),
     )
     caption = "Anatomical landmarks in the frames of their segments. The residual is the rms distance from the chain"
     grid = to_grid(caption, list(summary.landmarks.items()), columns)
@@ -336,7 +336,7 @@ def _make_wrench_section(data: ReportData, summary: Summary) -> Section:
         {
             **list_values(dynamics, "clock_offset_s clock_offset_sd_s"),
             "clock offsets with one repetition left out (ms)": ", ".join(offsets),
-            **list_values(dynamics, "cop_rms_m samples mass_kg cop_mean_m"),
+            **list_values(dynamics),
             "why unknown": dynamics.why,
             "why no left-out repetition was predicted": found.why if dynamics.wrench and found.model is None else None,
         },
@@ -424,7 +424,7 @@ def _make_motion_section(data: ReportData, summary: Summary, motion: MotionEntry
     # joints whose two segments belong to one body of the dynamics
     bodies, inside = data.facts("poses.parquet").get("bodies") or (), {}
     used = (data.facts("dynamics.h5").get("motion") or {}).get("used") or ()
-    for j, name in enumerate(data.skeleton.joints if data.skeleton is not None else ()):
+    for j, name in enumerate(data.joint_names):
         for body in (bodies[k] for k in used if k < len(bodies)):
             if {j, j + 1} <= set(body["segments"]):
                 inside[name] = f"inside one body ({body['name']})"
@@ -530,7 +530,7 @@ def _make_marker_section(data: ReportData) -> Section:
     facts, names = data.facts("segments.parquet"), dict(enumerate(data.segment_names))
 
     def residual(name: str) -> Callable[[Mapping[str, Any]], float | None]:
-        return lambda row: getattr(data.residuals.get(row["marker"]), name, None)
+        return lambda row: data.residuals.get(row["marker"], {}).get(name)
 
     markers = to_grid(
         "Markers: rms distance from the rigid segment; rms and 95 % quantile of the distance from the chain",

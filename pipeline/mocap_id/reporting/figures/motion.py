@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -57,7 +57,7 @@ def draw_states(data: ReportData) -> Figure | str:
 
 def label_joints(data: ReportData) -> tuple[str, ...]:
     """Return a label for each joint in the states; "joint 1" and so on if it has no name."""
-    names = data.skeleton.joints if data.skeleton is not None else ()
+    names = data.joint_names
     count = 0 if data.motion is None else data.motion.mean.shape[1]
     return tuple(style.clean(names[j], 20) if j < len(names) else f"joint {j + 1}" for j in range(count))
 
@@ -65,7 +65,7 @@ def label_joints(data: ReportData) -> tuple[str, ...]:
 def label_angle(data: ReportData) -> str:
     """Return the label of an axis with joint angles, which says where they are zero."""
     where = {"static": ", static pose", "standing": " from standing", "segment line": ", segment line"}
-    sources = {zero.source for zero in data.zeros}
+    sources = {source for source, *_ in data.zeros}
     return f"angle{where.get(sources.pop(), '') if len(sources) == 1 else ''} (deg)"
 
 
@@ -160,8 +160,7 @@ def draw_phases(data: ReportData) -> Figure | str:
     table = data.table("phases.parquet")
     if table is None:
         return f"No averages over repetitions: {data.why_missing('phases.parquet')}."
-    names = data.skeleton.joints if data.skeleton is not None else ()
-    wrench = []
+    names, wrench = data.joint_names, []
     for name, label in _WRENCH:
         items, curves = [], []
         for suffix, colour, dash, what in _PHASE_SOURCES:
@@ -207,27 +206,12 @@ _ANATOMICAL = {"upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist"}
 """Names of the angles of the joints that move these segments."""
 
 
-@dataclass(frozen=True)
-class JointCurves:
-    """The angles of one joint with velocities and accelerations."""
+def collect_joint_curves(data: ReportData) -> list[tuple[str, tuple[str, ...], JointStates, BoolArray]]:
+    """Return the angles of each joint, and at the end any other angles; empty if nothing was estimated.
 
-    title: str
-    names: tuple[str, ...]  # names of the angles
-    states: JointStates  # NaN where an angle has no meaning
-    near_gimbal: BoolArray  # (T,) samples in which some of the angles have no meaning
-
-    def draw_panel(self, order: int, height: float, *, below: str = "") -> Panel:
-        """Return angles, velocities or accelerations (``order`` 0, 1 or 2) over time, with 95 % bands and shades.
-
-        ``below`` is the label of the time axis.
-        """
-        drawn = draw_panel(self.states, order, self.names, height)
-        shade = draw_shades(self.states.time, self.near_gimbal, style.SKY, opacity=0.25)
-        return replace(drawn, items=(*shade, *drawn.items), title=self.title, x=below)
-
-
-def collect_joint_curves(data: ReportData) -> list[JointCurves]:
-    """Return the angles of each joint, and at the end any other angles; empty if nothing was estimated."""
+    An entry has the title, the names of the angles, their states, NaN where an angle has no meaning, and the samples
+    (T,) in which some of the angles have no meaning.
+    """
     angles, poses, skeleton = data.angles, data.segment_poses, data.spatial_skeleton
     if angles is None or not angles.names or not len(angles.time):
         return []
@@ -256,27 +240,27 @@ def collect_joint_curves(data: ReportData) -> list[JointCurves]:
         states = JointStates(angles.time, mean, angles.sd[:, columns], np.tile(observed[:, None], (1, len(own))))
         near = angles.near_gimbal & any(name in MEANINGLESS_AT_POLE for name in own)
         names = tuple(style.clean(name.replace("_", " "), 24) for name in own)
-        found.append(JointCurves(style.clean(joint.replace("_", " "), 24), names, states, near))
+        found.append((style.clean(joint.replace("_", " "), 24), names, states, near))
     return found
 
 
-def draw_angles(data: ReportData) -> Figure | str:
-    """Return a panel with the angles of each joint."""
-    return _draw_derivatives(data, "angles", (0,), 1.9)
+def draw_joint_panels(data: ReportData, orders: tuple[int, ...], height: float) -> list[tuple[Panel, ...]]:
+    """Return a line of panels for each joint: its angles, velocities or accelerations over time (order 0, 1 or 2)."""
+    lines = []
+    for title, names, states, near in collect_joint_curves(data):
+        shade = draw_shades(states.time, near, style.SKY, opacity=0.25)
+        drawn = [draw_panel(states, order, names, height) for order in orders]
+        lines.append(tuple(replace(panel, items=(*shade, *panel.items), title=title) for panel in drawn))
+    return lines
 
 
-def draw_rates(data: ReportData) -> Figure | str:
-    """Return velocities and accelerations side by side, one line of panels for each joint."""
-    return _draw_derivatives(data, "velocities and accelerations", (1, 2), 1.7)
-
-
-def _draw_derivatives(data: ReportData, what: str, derivatives: tuple[int, ...], height: float) -> Figure | str:
-    found = collect_joint_curves(data)
-    if not found:
+def draw_derivatives(data: ReportData, what: str, orders: tuple[int, ...], height: float) -> Figure | str:
+    """Return angles, or velocities and accelerations side by side, one line of panels for each joint."""
+    lines = draw_joint_panels(data, orders, height)
+    if not lines:
         return f"No {what}: {data.why_missing('angles.parquet')}."
-    below = ["" for _ in found[1:]] + ["time (s)"]
-    rows = zip(found, below, strict=True)
-    return Figure(tuple(tuple(one.draw_panel(order, height, below=x) for order in derivatives) for one, x in rows))
+    lines[-1] = tuple(replace(panel, x="time (s)") for panel in lines[-1])
+    return Figure(tuple(lines))
 
 
 _PORTRAITS = ("elbow_flexion", "shoulder_elevation", "shoulder_plane", "shoulder_axial")
@@ -329,19 +313,16 @@ def draw_wrench(data: ReportData) -> Figure | str:
     """Return a panel over time for each component, with model and reference if the parameters were identified."""
     rows = draw_panels(data, height=1.75)
     if not any(isinstance(item, Line) for row in rows for item in row.items):
-        why = data.facts("wrench.parquet").get("why") or data.why_missing("wrench.parquet")
-        return f"No ground reaction wrench: {style.clean(why)}."
+        return f"No ground reaction wrench: {style.clean(data.explain('wrench.parquet'))}."
     return Figure(tuple((row,) for row in rows))
 
 
 def draw_torques(data: ReportData) -> Figure | str:
     """Return a panel over time with the torque of every joint and its 95 % band; contact is shaded."""
-    table, names = data.table("dynamics.parquet"), data.skeleton.joints if data.skeleton is not None else ()
+    table, names = data.table("dynamics.parquet"), data.joint_names
     known = [j for j in range(1, len(names) + 1) if table is not None and np.isfinite(table[f"tau_{j}"]).any()]
     if table is None or not known:
-        return (
-            f"No joint torques: {style.clean(data.facts('dynamics.h5').get('why') or data.why_missing('dynamics.h5'))}."
-        )
+        return f"No joint torques: {style.clean(data.explain('dynamics.h5'))}."
     time, words = table["time"], data.facts("dynamics.parquet").get("positive") or {}
     panels = []
     for j in known:
@@ -407,8 +388,7 @@ def draw_parameters(data: ReportData) -> Figure | str:
     """Return a panel for each unit: dot and 95 % interval of each parameter, and a cross for the reference."""
     dynamics = data.dynamics
     if dynamics is None or not np.isfinite(dynamics.value).any():
-        why = data.facts("dynamics.h5").get("why") or data.why_missing("dynamics.h5")
-        return f"No base parameters: {style.clean(why)}."
+        return f"No base parameters: {style.clean(data.explain('dynamics.h5'))}."
     units, panels = np.array(dynamics.units), []
     for unit in dict.fromkeys(dynamics.units):
         member = np.flatnonzero(units == unit)
@@ -435,9 +415,8 @@ def draw_point_masses(data: ReportData) -> Figure | str:
     """Return a panel for each body, in the frame of the body, with a common colour scale."""
     dynamics = data.dynamics
     if dynamics is None or not np.isfinite(dynamics.grid_mass).any():
-        facts = data.facts("dynamics.h5")
-        why = facts.get("why") or data.why_missing("dynamics.h5")
-        if facts.get("consistency") in ("cone", "bounded-cone"):
+        why = data.explain("dynamics.h5")
+        if data.facts("dynamics.h5").get("consistency") in ("cone", "bounded-cone"):
             why = (
                 "the fit uses the exact cone of physically consistent bodies, which gives mass, first moments and "
                 "inertia but no point masses"
