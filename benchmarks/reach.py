@@ -21,7 +21,7 @@ from harness import format_share, format_sizes
 
 from mocap_id.config.study import load_study
 from mocap_id.errors import MocapIdError
-from mocap_id.reporting.numbers import show
+from mocap_id.reporting.grids import show
 from mocap_id.workflows.study import run_study
 from mocap_id_simulation import ArmOptions, ReachCohort, generate_arm, simulate_reach_cohort, write_arm
 from mocap_id_simulation.arm_files import film_skeleton

@@ -23,7 +23,7 @@ from scale_trial import read_memory
 
 from mocap_id.config import Trial, load
 from mocap_id.config.study import load_study
-from mocap_id.reporting.results.columns import ResultTable
+from mocap_id.reporting.results import ResultTable
 from mocap_id.workflows.batch import BATCH, find_trials, make_row
 from mocap_id.workflows.parallel import Backend, DaskBackend, LocalBackend, TrialRun, run_trials
 from mocap_id.workflows.trial_outcome import TrialOutcome, read_summary

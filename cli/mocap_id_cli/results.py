@@ -15,7 +15,7 @@ import typer
 from typer import Argument, Option
 
 from mocap_id import workflows
-from mocap_id.reporting.contents import PdfFonts
+from mocap_id.reporting import PdfFonts
 from mocap_id_cli.console import Output, Quiet, TrialPath, Verbose, align, common_options, log_to_stderr, shorten
 
 if TYPE_CHECKING:

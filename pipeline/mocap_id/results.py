@@ -52,12 +52,16 @@ class Quantity:
     label: str  # heading in the report
     unit: str = ""  # of the number that is shown, as in mm and % for a field in m and a fraction; empty for a count
     sd: str = ""  # name of the field with the standard deviation
-    column: str = (
-        ""  # column of a study's table of trials; empty if it has none. `<column>_sd` has the standard deviation
-    )
+    column: str = ""  # of a study's table of trials; empty if it has none. `<column>_sd` has the standard deviation
     meaning: str = ""  # meaning of this column
-    decimals: int | None = None  # in a table of the report; by default 1 for mm and %, else three significant digits
+    decimals: int | None = None  # in a table of the report; by default 1 for mm, ms and %, else significant digits
     column_sd: bool = True  # whether the table also has the standard deviation, if there is one
+    digits: int = 3  # significant digits of a number without decimals
+
+    @property
+    def head(self) -> str:
+        """Label and unit, the heading of a column or row."""
+        return f"{self.label} ({self.unit})" if self.unit else self.label
 
 
 def list_quantities(kind: type[Result]) -> Iterator[tuple[str, Quantity]]:

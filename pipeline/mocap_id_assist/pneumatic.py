@@ -18,8 +18,7 @@ from mocap_id.recording.sample_checks import SENSOR_HZ, check_times
 from mocap_id.recording.text_tables import read_csv
 from mocap_id.reporting import paper_figures, style
 from mocap_id.reporting.paper_figures import render
-from mocap_id.reporting.results.columns import to_finite
-from mocap_id.reporting.results.result import CommandResult
+from mocap_id.reporting.results import CommandResult, to_finite
 from mocap_id.stages.device import Condition
 from mocap_id.store import Table
 from mocap_id.workflows.run_folder import open_run

@@ -14,8 +14,7 @@ from mocap_id import __version__
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.reporting import paper_figures, style
 from mocap_id.reporting.paper_figures import render
-from mocap_id.reporting.results.columns import to_finite
-from mocap_id.reporting.results.result import CommandResult, make_text_file
+from mocap_id.reporting.results import CommandResult, make_text_file, to_finite
 from mocap_id_assist.assisted_body import PrescriptionResult, SpringMap
 from mocap_id_assist.controllers import Controlled
 from mocap_id_assist.level_set import JointDynamics, ReachableStates

@@ -20,7 +20,7 @@ from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry import Chain, Revolute, se3
 from mocap_id.reporting import paper_figures, style
 from mocap_id.reporting.paper_figures import render
-from mocap_id.reporting.results.result import CommandResult, make_text_file
+from mocap_id.reporting.results import CommandResult, make_text_file
 from mocap_id.stages.base import Settings
 from mocap_id.store import Folder, Table, Tree
 from mocap_id.store.views import Skeleton, joint_columns

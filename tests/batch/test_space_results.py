@@ -10,7 +10,7 @@ import pytest
 
 from mocap_id.errors import StoreError
 from mocap_id.reporting.summary import encode_summary, summarise
-from mocap_id.stages.report.function import report_data
+from mocap_id.stages.report import report_data
 from mocap_id.store.views import Skeleton
 from mocap_id.workflows.batch import make_row
 from mocap_id.workflows.parallel import TrialRun

@@ -17,7 +17,7 @@ import pytest
 import mocap_id
 from mocap_id.plain_files import suggest
 from mocap_id.recording.writer import write_trc
-from mocap_id.reporting.results.result import CommandResult
+from mocap_id.reporting.results import CommandResult
 from mocap_id.workflows.recording_trial import make_trial
 from mocap_id.workflows.run_folder import describe_sources
 from swinging_link import LABELS, RATE, pendulum

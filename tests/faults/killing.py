@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from mocap_id.config import load
-from mocap_id.reporting.contents import SUMMARY_FILE
+from mocap_id.reporting import SUMMARY_FILE
 from mocap_id.runner import run
 from mocap_id.stages import STAGES
 from mocap_id.store import Artefact, Folder, Origin, Tree, hash_bytes, hdf5, parquet

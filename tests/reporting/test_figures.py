@@ -9,16 +9,14 @@ import numpy as np
 import pytest
 from reporting_cases import RATE, Trial, context, healthy
 
-from mocap_id.reporting import style
-from mocap_id.reporting.contents import FILES
+from mocap_id.reporting import FILES, style
 from mocap_id.reporting.figure import Band, Bars, Figure, Heat, Item, Line, Panel, Points, Spans, from_json, to_json
 from mocap_id.reporting.figures import FIGURES, FigureEntry, draw_figures
 from mocap_id.reporting.figures.motion import normalise_time
 from mocap_id.reporting.figures.skeleton import choose_moments
 from mocap_id.reporting.page import read_figures
 from mocap_id.reporting.report_data import read_positions
-from mocap_id.stages.report import STAGE, ReportSettings
-from mocap_id.stages.report.function import report_data
+from mocap_id.stages.report import STAGE, ReportSettings, report_data
 from mocap_id.store import Artefact, Document, Table
 from mocap_id.store.provenance import SCHEMAS
 from mocap_id.store.views import IdentifiedDynamics, JointStates
@@ -29,7 +27,7 @@ def motion_of(trial: Trial) -> JointStates:
 
 
 def shown(name: str, artefacts: dict[str, Artefact]) -> Figure:
-    found = next(entry for entry in FIGURES if entry.name == name).draw(report_data(context(artefacts)))
+    found = next(draw for own, draw, *_ in FIGURES if own == name)(report_data(context(artefacts)))
     assert isinstance(found, Figure)
     return found
 
@@ -59,7 +57,7 @@ def test_the_stage_declares_its_outputs_and_writes_figures_on_request() -> None:
     assert written == [*FILES, "figures/captions.md", *drawn]
 
 
-@pytest.mark.parametrize("entry", FIGURES, ids=lambda entry: entry.name)
+@pytest.mark.parametrize("entry", FIGURES, ids=lambda entry: entry[0])
 def test_axes_carry_units(entry: FigureEntry) -> None:
     units = {
         "skeleton": ["(m)"], "recovery": ["(m)"],
@@ -67,8 +65,8 @@ def test_axes_carry_units(entry: FigureEntry) -> None:
         "residuals": ["(mm)"], "wrench": ["(N)", "(N·m)", "(m)", "(s)"], "parameters": ["kg", "kg·m", "kg·m²"],
         "point_masses": ["(m)", "(kg)"], "phases": ["(N)", "(N·m)", "(m)", "(%)"], "torques": ["(N·m)", "(s)"],
     }  # fmt: skip
-    text = told(shown(entry.name, Trial().artefacts()))
-    assert [unit for unit in units[entry.name] if unit not in text] == []
+    text = told(shown(entry[0], Trial().artefacts()))
+    assert [unit for unit in units[entry[0]] if unit not in text] == []
 
 
 def same(one: Any, other: Any) -> bool:
@@ -194,13 +192,14 @@ def test_point_masses_are_at_the_grid_positions() -> None:
 
 def test_residuals_are_sorted_by_size_within_each_segment() -> None:
     trial = Trial()
-    found = report_data(context(trial.artefacts())).residuals["shank5"]
+    data = report_data(context(trial.artefacts()))
+    found = data.residuals["shank5"]
     own = trial.markers().values["residual"][:, trial.labels.index("shank5")]
-    assert found.rms == pytest.approx(np.sqrt(np.nanmean(own**2))) and found.q95 == np.nanquantile(own, 0.95)
-    assert (found.segment, found.seen) == (1, pytest.approx(np.isfinite(own).mean()))
+    assert found["rms"] == pytest.approx(np.sqrt(np.nanmean(own**2))) and found["q95"] == np.nanquantile(own, 0.95)
+    assert (data.segment_of["shank5"], found["seen"]) == (1, pytest.approx(np.isfinite(own).mean()))
     (panel,) = shown("residuals", trial.artefacts()).panels
     (bars,) = items(panel, Bars)
-    assert bars.high[panel.rows.index("shank5")] == pytest.approx(1e3 * found.rms)
+    assert bars.high[panel.rows.index("shank5")] == pytest.approx(1e3 * found["rms"])
     assert (np.diff(bars.high.reshape(4, 4)) <= 0).all()
 
 
@@ -215,9 +214,9 @@ def test_the_skeleton_has_the_posture_of_the_chosen_instant() -> None:
         assert len(items(panel, Line)) == 3 and panel.equal
 
 
-@pytest.mark.parametrize("entry", FIGURES, ids=lambda entry: entry.name)
+@pytest.mark.parametrize("entry", FIGURES, ids=lambda entry: entry[0])
 def test_a_missing_figure_is_explained_in_a_sentence(entry: FigureEntry) -> None:
-    found = entry.draw(report_data(context({})))
+    found = entry[1](report_data(context({})))
     assert isinstance(found, str) and found.startswith("No ") and found.endswith("was not computed.")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mocap_id.reporting.numbers import UNKNOWN, show, show_beside, show_fixed, show_interval, show_with_sd
+from mocap_id.reporting.grids import UNKNOWN, show, show_beside, show_fixed, show_interval, show_with_sd
 
 
 @pytest.mark.parametrize(

@@ -21,9 +21,8 @@ from mocap_id.kinematics.segmentation import Evidence
 from mocap_id.reporting.grids import list_facts
 from mocap_id.reporting.page import read_figures
 from mocap_id.reporting.report import make_documents
-from mocap_id.reporting.tables import AGAINST
-from mocap_id.stages.report import STAGE
-from mocap_id.stages.report.function import report_data
+from mocap_id.reporting.sections import AGAINST
+from mocap_id.stages.report import STAGE, report_data
 from mocap_id.store import Artefact, LongTable, Table, Tree
 from mocap_id.verdict import Reason
 

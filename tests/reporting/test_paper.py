@@ -19,7 +19,7 @@ from mocap_id.reporting import paper_figures
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Panel, to_json
 from mocap_id.reporting.figures import FIGURES, draw_figures
 from mocap_id.reporting.page import read_figures
-from mocap_id.stages.report.function import report_data
+from mocap_id.stages.report import report_data
 from mocap_id.workflows.figures import write_figures
 
 
@@ -38,7 +38,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     return {file.name: file.read_bytes() for file in written}
 
 
-@pytest.mark.parametrize("name", [entry.name for entry in FIGURES])
+@pytest.mark.parametrize("name", [name for name, *_ in FIGURES])
 def test_every_figure_of_a_page_is_drawn_with_its_texts(name: str, files: dict[str, bytes]) -> None:
     assert len(files) == 1 + 2 * len(FIGURES)
     one = read_figures(healthy()["report.html"].decode("utf-8"))[name]

@@ -12,7 +12,7 @@ from mocap_id.geometry.planar import segment_poses
 from mocap_id.reporting import player as players
 from mocap_id.reporting.figure import Line, from_json
 from mocap_id.reporting.player import MOST, Player, make_player
-from mocap_id.stages.report.function import report_data
+from mocap_id.stages.report import report_data
 
 
 def moving(trial: Trial, **changed: object) -> Player:

@@ -17,8 +17,7 @@ from mocap_id.reporting.figures.skeleton import make_stick_figure
 from mocap_id.reporting.page import read_figures
 from mocap_id.reporting.paper_figures import make_figure_files
 from mocap_id.reporting.player import MOST_IN_SPACE, Player, make_player
-from mocap_id.stages.report import STAGE
-from mocap_id.stages.report.function import report_data
+from mocap_id.stages.report import STAGE, report_data
 from mocap_id.store import Artefact, Document
 from spatial_trial import ANGLES_OF_ARM, SpatialTrial, context
 
@@ -118,12 +117,12 @@ def test_a_view_keeps_the_hand_of_the_frame() -> None:
 def test_sticks_lead_from_joint_to_joint_and_leave_out_what_is_unknown() -> None:
     whole, partly = SpatialTrial(frames=60), SpatialTrial(frames=60, known=False)
     found = make_stick_figure(report_data(context(whole.artefacts())), np.arange(60))
-    assert found is not None and found.segments == (0, 1, 2, 3) and found.names == whole.joints
-    for k, stick in list(enumerate(found.sticks))[1:3]:
+    assert found is not None and found[0] == (0, 1, 2, 3) and found[3] == whole.joints
+    for k, stick in list(enumerate(found[1]))[1:3]:
         np.testing.assert_allclose(stick, whole.origin[:, [k, k + 1]], atol=1e-9)
     other = make_stick_figure(report_data(context(partly.artefacts())), np.arange(60))
-    assert other is not None and other.segments == (1, 2, 3) and other.names == ("elbow", "wrist")
-    assert not np.allclose(other.sticks[0][:, 0], partly.origin[:, 1]), "an unknown centre is not drawn"
+    assert other is not None and other[0] == (1, 2, 3) and other[3] == ("elbow", "wrist")
+    assert not np.allclose(other[1][0][:, 0], partly.origin[:, 1]), "an unknown centre is not drawn"
 
 
 def test_three_views_at_two_instants_show_every_joint() -> None:
@@ -153,7 +152,7 @@ def test_angles_are_shaded_and_broken_where_they_have_no_meaning() -> None:
     shade = next(one for one in shoulder.items if isinstance(one, Spans))
     pole = np.abs(np.sin(trial.angles[:, 1])) < np.sin(np.radians(15))
     assert shade.start[0] == pytest.approx(trial.time[pole.argmax()], abs=0.03)
-    plane = collect_joint_curves(report_data(context(trial.artefacts())))[0].states.mean[:, :, 0]
+    plane = collect_joint_curves(report_data(context(trial.artefacts())))[0][2].mean[:, :, 0]
     assert np.isnan(plane[pole][:, [0, 2]]).all() and np.isfinite(plane[:, 1]).all()
     assert not [one for one in elbow.items if isinstance(one, Spans)]
     bridged = next(one for one in wrist.items if isinstance(one, Spans))

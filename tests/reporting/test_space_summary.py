@@ -10,7 +10,7 @@ from mocap_id.errors import Refused
 from mocap_id.geometry.so3 import shift_to_shortest_arc
 from mocap_id.reporting.summary import encode_summary, summarise
 from mocap_id.reporting.summary_schema import Summary
-from mocap_id.stages.report.function import report_data
+from mocap_id.stages.report import report_data
 from mocap_id.store import Artefact
 from spatial_trial import ANGLES_OF_ARM, SpatialTrial, context
 

@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 from reporting_cases import LOST, Trial, context
 
 from mocap_id.errors import Refused
-from mocap_id.reporting.numbers import to_number, to_numbers
+from mocap_id.reporting.grids import to_number, to_numbers
 from mocap_id.reporting.summary import encode_summary, summarise
 from mocap_id.reporting.summary_schema import Summary
 from mocap_id.results import join_sentences
-from mocap_id.stages.report.function import report_data
+from mocap_id.stages.report import report_data
 from mocap_id.store import Artefact, Table
 from mocap_id.verdict import Reason
 

@@ -9,7 +9,7 @@ import pytest
 from small_study import Ran
 from study_cases import Made, body, landmarks
 
-from mocap_id.reporting.study.cohort import CohortData
+from mocap_id.reporting.study import CohortData
 from mocap_id.reporting.study.sit_to_stand import render_cohort_page
 from mocap_id.workflows.study.sit_to_stand import STUDY, TrialResult
 

@@ -13,7 +13,7 @@ from curl_cases import cohort
 
 from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError
-from mocap_id.reporting.study.cohort import CohortData
+from mocap_id.reporting.study import CohortData
 from mocap_id.reporting.study.curls import render_curl_page
 from mocap_id.workflows.study.arms import CURLS, ArmTrial
 from mocap_id.workflows.study.study import average_people, sign_flip_p

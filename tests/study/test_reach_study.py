@@ -12,7 +12,7 @@ from reach_cases import THESIS, Reach, results
 from scipy.stats import spearmanr
 
 from mocap_id.reporting.figure import Figure, Line, Panel
-from mocap_id.reporting.study.cohort import CohortData
+from mocap_id.reporting.study import CohortData
 from mocap_id.reporting.study.reach import draw_reach_figures
 from mocap_id.workflows.study.arms import REACHES, make_reach_page, make_shape
 from mocap_id.workflows.study.study import IntervalEstimate, correlate_ranks

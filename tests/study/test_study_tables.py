@@ -12,7 +12,7 @@ from study_cases import Made, body, landmarks
 from mocap_id.config.study import Person
 from mocap_id.dynamics.prediction import Agreement
 from mocap_id.errors import ConfigError
-from mocap_id.reporting.results.columns import ResultTable
+from mocap_id.reporting.results import ResultTable
 from mocap_id.workflows.study import sit_to_stand
 from mocap_id.workflows.study.sit_to_stand import (
     STUDY,

@@ -21,7 +21,7 @@ from mocap_id.config.parsing import (
 )
 from mocap_id.config.trial import Trial, build_trial_model, compose, load, make_absolute
 from mocap_id.errors import ConfigError
-from mocap_id.reporting.contents import COHORT
+from mocap_id.reporting import COHORT
 from mocap_id.stages import STAGES
 from mocap_id.stages.base import Settings
 from mocap_id.stages.trial_keys import ConditionName, Subject, TrialKeys

@@ -26,7 +26,7 @@ class Figure:
 
     def _repr_html_(self) -> str:
         """Return the interactive figure as HTML for a notebook."""
-        from mocap_id.reporting.notebook_view import render_figure_frame  # noqa: PLC0415  needs the page's templates
+        from mocap_id.reporting.report import render_figure_frame  # noqa: PLC0415  needs the page's templates
 
         return render_figure_frame(self._of, self._drawing)
 
@@ -47,7 +47,7 @@ class Figure:
 
     def to_html(self) -> str:
         """Return a complete HTML page with the interactive figure and its scripts; it needs no network (1.2 MB)."""
-        from mocap_id.reporting.notebook_view import render_figure_page  # noqa: PLC0415  needs the page's templates
+        from mocap_id.reporting.report import render_figure_page  # noqa: PLC0415  needs the page's templates
 
         return render_figure_page(self._of, self._drawing)
 

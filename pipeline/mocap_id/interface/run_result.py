@@ -64,8 +64,8 @@ class Run:
 
     def _repr_html_(self) -> str:
         """Return verdict, main numbers and player of the motion as HTML for a notebook."""
-        from mocap_id.reporting.notebook_view import render_notebook_view  # noqa: PLC0415  needs the page's templates
         from mocap_id.reporting.player import make_player  # noqa: PLC0415  needs the page's templates
+        from mocap_id.reporting.report import render_notebook_view  # noqa: PLC0415  needs the page's templates
         from mocap_id.reporting.report_data import ReportData  # noqa: PLC0415  needs the page's templates
 
         if not self.summary:

@@ -3,17 +3,113 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeAlias
 
-from mocap_id.reporting import style
-from mocap_id.reporting.numbers import UNKNOWN, scale, show, show_fixed, show_with_sd
-from mocap_id.results import Result, list_quantities
+import numpy as np
 
-Source: TypeAlias = str | Callable[[Any], Any]
-"""Source of a column's values: the name of a key or attribute of each row, or a function of the row."""
+from mocap_id.arrays import NORMAL_95
+from mocap_id.reporting import style
+from mocap_id.results import Quantity, Result, list_quantities
+
+UNKNOWN = "–"
+"""Text for an unknown quantity."""
+
+
+def to_number(value: object) -> float | None:
+    """Return a value as a finite number; None if it is missing, NaN, infinite or not a number."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
+        return None
+    return float(value) if math.isfinite(value) else None
+
+
+def scale(value: object, factor: float) -> float | None:
+    """Return a value times a factor; None if the value is not a finite number."""
+    number = to_number(value)
+    return None if number is None else factor * number
+
+
+def to_numbers(values: object) -> list[float] | None:
+    """Return a vector as a list of finite numbers; None if it is missing or empty, or if any element is unknown."""
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        return None
+    numbers = [to_number(value) for value in values]
+    found = [number for number in numbers if number is not None]
+    return found if numbers and len(found) == len(numbers) else None
+
+
+def show(value: object, digits: int = 3, unit: str = "") -> str:
+    """Format a number with ``digits`` significant digits and its unit; return a dash if it is unknown.
+
+    >>> show(0.0123456, unit="m")
+    '0.0123 m'
+    >>> show(float("nan"))
+    '–'
+    """
+    number = to_number(value)
+    if number is None:
+        return UNKNOWN
+    decimals = digits - 1 - _find_magnitude(number)
+    text = f"{number:.{digits - 1}e}" if decimals > 6 or decimals < -4 else f"{number:.{max(decimals, 0)}f}"
+    return f"{text.replace('-', '−')} {unit}".rstrip()
+
+
+def show_fixed(value: object, decimals: int, unit: str = "") -> str:
+    """Format a number with a fixed number of decimals and its unit; return a dash if it is unknown."""
+    number = to_number(value)
+    if number is None:
+        return UNKNOWN
+    rounded = round(number, decimals) + 0.0  # no negative zero
+    text = f"{rounded:.{decimals}f}".replace("-", "−")
+    return f"{text} {unit}".rstrip()
+
+
+def show_millimetres(metres: object) -> str:
+    """Format a length given in metres as millimetres with one decimal; return a dash if it is unknown."""
+    return show_fixed(scale(metres, 1e3), 1)
+
+
+def show_with_sd(value: object, sd: object, unit: str = "") -> str:
+    """Format ``value ± sd``, both to the second significant digit of the standard deviation.
+
+    If the standard deviation is 0 or unknown, only the value is returned, with four significant digits.
+
+    >>> show_with_sd(0.41234, 0.00312, "m")
+    '0.4123 ± 0.0031 m'
+    """
+    if not to_number(sd):
+        return show(value, 4, unit)
+    number = show_beside(value, sd)
+    return number if number == UNKNOWN else f"{number} ± {show_beside(sd, sd, unit)}"
+
+
+def show_beside(value: object, sd: object, unit: str = "") -> str:
+    """Format a number to the second significant digit of ``sd``; to four significant digits if it is 0 or None."""
+    spread = to_number(sd)
+    if not spread:
+        return show(value, 4, unit)
+    return show_fixed(value, min(max(1 - _find_magnitude(spread), 0), 6), unit)
+
+
+def show_interval(value: object, sd: object) -> str:
+    """Format the 95 % interval of a normally distributed quantity; return a dash if an argument is unknown."""
+    number, spread = to_number(value), to_number(sd)
+    if number is None or not spread:
+        return UNKNOWN
+    low, high = (show_beside(number + side * NORMAL_95 * spread, spread) for side in (-1, 1))
+    return f"{low} … {high}"
+
+
+def _find_magnitude(number: float) -> int:
+    """Return the power of ten of the leading digit; 0 for zero."""
+    return 0 if number == 0 else math.floor(math.log10(abs(number)))
+
+
+Source: TypeAlias = str | int | Callable[[Any], Any]
+"""Source of a column's values: a key, attribute or place in each row, or a function of the row."""
 
 _SUFFIXES = {"s": "s", "m": "m", "hz": "Hz", "deg": "deg", "kg": "kg", "N": "N"}
 """Units in the suffixes of fact keys."""
@@ -88,11 +184,6 @@ def texts(head: str, source: Source, missing: str = "") -> GridColumn:
     return GridColumn(head, lambda row: str(_get_value(row, source) or missing), text=True)
 
 
-def wholes(head: str, source: Source) -> GridColumn:
-    """Return a column of whole numbers, with a dash for a missing value."""
-    return GridColumn(head, lambda row: show_fixed(_get_value(row, source), 0))
-
-
 def numbers(
     head: str, source: Source, decimals: int | None = None, factor: float = 1.0, *, optional: bool = False
 ) -> GridColumn:
@@ -124,23 +215,37 @@ def with_sd(head: str, value: Source, sd: Source, factor: float = 1.0) -> GridCo
 
 def columns_of(kind: type[Result], names: str = "") -> list[GridColumn]:
     """Return the columns of the described fields of a result: of all fields, or of these, separated by blanks."""
-    described, columns = dict(list_quantities(kind)), []
-    for name in names.split() or described:
-        one = described[name]
-        factor = 100.0 if one.unit.startswith("%") else 1e3 if one.unit in ("mm", "ms") else 1.0
-        decimals = 1 if one.decimals is None and factor != 1.0 else one.decimals
-        head = f"{one.label} ({one.unit})" if one.unit else one.label
-        if one.sd:
-            columns.append(with_sd(head, name, one.sd, factor))
-        elif name.startswith("interval"):
-            columns.append(GridColumn(head, partial(_show_field_ends, name=name, decimals=decimals or 0)))
-        else:
-            columns.append(numbers(head, name, decimals, factor))
-    return columns
+    described = dict(list_quantities(kind))
+
+    def cell(row: Any, name: str) -> str:
+        return _show_quantity(described[name], *(_get_value(row, one) for one in (name, described[name].sd) if one))
+
+    return [GridColumn(described[name].head, partial(cell, name=name)) for name in names.split() or described]
 
 
-def _show_field_ends(row: Any, name: str, decimals: int) -> str:
-    return show_ends(_get_value(row, name), decimals)
+def list_values(found: Result, names: str = "") -> dict[str, str]:
+    """Return the described fields of a result as texts by their headings: all fields, or these."""
+    described = dict(list_quantities(type(found)))
+    return {
+        described[name].head: _show_quantity(described[name], getattr(found, name))
+        for name in names.split() or described
+    }
+
+
+def _show_quantity(one: Quantity, value: Any, *sd: Any) -> str:
+    factor = 100.0 if one.unit.startswith("%") else 1e3 if one.unit in ("mm", "ms") else 1.0
+    if sd:
+        return show_with_sd(scale(value, factor), scale(sd[0], factor))
+    if isinstance(value, list):  # both ends of an interval
+        return " … ".join(_show_quantity(one, end) for end in value)
+    if one.decimals is None and factor == 1.0:
+        return show(value, one.digits)
+    return show_fixed(scale(value, factor), 1 if one.decimals is None else one.decimals)
+
+
+def to_words(entries: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries with underscores in their keys replaced by blanks."""
+    return {name.replace("_", " "): entry for name, entry in entries.items()}
 
 
 def means_with_sd(head: str, name: str, factor: float = 1.0, decimals: int = 1) -> GridColumn:
@@ -152,11 +257,6 @@ def means_with_sd(head: str, name: str, factor: float = 1.0, decimals: int = 1) 
         return shown if sd is None else f"{shown} ± {show_fixed(sd, decimals)}"
 
     return GridColumn(head, cell)
-
-
-def estimate(head: str, name: str) -> GridColumn:
-    """Return an optional column of values with their intervals (see :func:`show_estimate`)."""
-    return GridColumn(head, lambda row: show_estimate(row, name), optional=True)
 
 
 def show_estimate(row: Mapping[Any, Any], name: str, factor: float = 1.0) -> str:
@@ -204,6 +304,8 @@ def list_facts(caption: str, values: Mapping[str, Any]) -> Grid:
 def _get_value(row: Any, source: Source) -> Any:
     if callable(source):
         return source(row)
+    if isinstance(source, int):
+        return row[source]
     return row.get(source) if isinstance(row, Mapping) else getattr(row, source)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import math
+import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -23,8 +24,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure as MplFigure
 from matplotlib.lines import Line2D
 
-from mocap_id.reporting import style
-from mocap_id.reporting.contents import CAPTIONS_FILE, PdfFonts
+from mocap_id.design.proposal import MovementLimits, Trajectory
+from mocap_id.reporting import CAPTIONS_FILE, PdfFonts, style
 from mocap_id.reporting.figure import (
     Band,
     Bars,
@@ -34,7 +35,6 @@ from mocap_id.reporting.figure import (
     Item,
     Key,
     Line,
-    Panel,
     Points,
     Rule,
     Spans,
@@ -149,7 +149,25 @@ def to_matplotlib(figure: Figure) -> MplFigure:
             first = axes if panel.linked else first
             for item in panel.flat().items:
                 _draw_item(axes, item, norm)
-            _set_axes(axes, panel, named=k == 0)
+            axes.set(title=panel.title, xlabel=panel.x, ylabel=panel.y)
+            if panel.x_range is not None:
+                axes.set_xlim(panel.x_range)
+            if panel.y_range is not None:
+                axes.set_ylim(panel.y_range)
+            if panel.x_ticks:
+                axes.set_xticks([at for at, _ in panel.x_ticks], [words for _, words in panel.x_ticks])
+            if panel.rows:
+                small = 6.5 if len(panel.rows) > 20 else 7.5
+                axes.set_yticks(
+                    range(len(panel.rows)), panel.rows if k == 0 else [""] * len(panel.rows), fontsize=small
+                )
+                axes.set_ylim(len(panel.rows) - 0.4, -0.6)
+                axes.grid(False, axis="y")
+            if panel.equal:
+                axes.margins(0.1)
+                axes.set_aspect("equal", adjustable="box" if panel.x_range else "datalim")
+            if panel.linked and not panel.x:
+                axes.tick_params(labelbottom=False)
             if len(line) > 1 and not panel.x_ticks:
                 axes.locator_params(axis="x", nbins=max(2, 7 - len(line)))
             found.append(axes)
@@ -215,22 +233,27 @@ def _draw_item(axes: Axes, item: Item, norm: Normalize | None) -> None:
             axes.add_line(Line2D([], [], marker="s", ls="none", ms=5, color=item.colour, label=item.label))
 
 
-def _set_axes(axes: Axes, panel: Panel, *, named: bool) -> None:
-    """Set title, labels, ranges and scales of ``axes`` as in a panel; ``named`` shows the names of its rows."""
-    axes.set(title=panel.title, xlabel=panel.x, ylabel=panel.y)
-    if panel.x_range is not None:
-        axes.set_xlim(panel.x_range)
-    if panel.y_range is not None:
-        axes.set_ylim(panel.y_range)
-    if panel.x_ticks:
-        axes.set_xticks([at for at, _ in panel.x_ticks], [words for _, words in panel.x_ticks])
-    if panel.rows:
-        small = 6.5 if len(panel.rows) > 20 else 7.5
-        axes.set_yticks(range(len(panel.rows)), panel.rows if named else [""] * len(panel.rows), fontsize=small)
-        axes.set_ylim(len(panel.rows) - 0.4, -0.6)
-        axes.grid(False, axis="y")
-    if panel.equal:
-        axes.margins(0.1)
-        axes.set_aspect("equal", adjustable="box" if panel.x_range else "datalim")
-    if panel.linked and not panel.x:
-        axes.tick_params(labelbottom=False)
+_ADVISED_PANEL = 1.25  # inches
+_DETAIL = 8.0  # s
+
+
+def draw_advice(course: Trajectory, joints: Sequence[str], limits: MovementLimits, words: str) -> MplFigure:
+    """Return the figure; call this within :func:`mocap_id.reporting.paper_figures.use_paper_style`.
+
+    ``limits`` of the angles are dotted lines. ``words``, the instruction for the person, are the title of the figure.
+    """
+    drawing = make_figure(0.9 + _ADVISED_PANEL * len(joints))
+    panels = drawing.subplots(len(joints), 2, squeeze=False, sharey="row", width_ratios=[2, 1])
+    time = course.time - course.time[0]
+    start = max(0.0, (time[-1] - _DETAIL) / 2)
+    close = (time >= start) & (time <= start + _DETAIL)
+    for j, name in enumerate(joints):
+        for axes, part in zip(panels[j], (np.ones_like(close), close), strict=True):
+            axes.plot(time[part], np.degrees(course.q[part, j]), color=style.pick_colour(j + 1))
+            for end in (limits.low[j], limits.high[j]):
+                axes.axhline(float(np.degrees(end)), color=style.FAINT, linewidth=0.8, linestyle=":")
+        panels[j, 0].set_ylabel(f"{style.clean(name, 20)} (°)")
+    for axes in panels[-1]:
+        axes.set_xlabel("time (s)")
+    drawing.suptitle("\n".join(textwrap.wrap(style.clean(words), 105)), fontsize=8, x=0.01, ha="left")
+    return drawing

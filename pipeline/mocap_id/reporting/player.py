@@ -13,8 +13,14 @@ from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry.planar import rotate, segment_poses
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Figure, Line, Panel, Points, Rule, to_json
-from mocap_id.reporting.figures.forces import draw_panels, read_forces
-from mocap_id.reporting.figures.motion import collect_joint_curves, draw_panel, label_angle, label_joints
+from mocap_id.reporting.figures.motion import (
+    draw_joint_panels,
+    draw_panel,
+    draw_panels,
+    label_angle,
+    label_joints,
+    read_forces,
+)
 from mocap_id.reporting.figures.skeleton import ALONG, UP, make_stick_figure
 from mocap_id.reporting.report_data import ReportData, read_positions
 
@@ -32,6 +38,7 @@ TALL, LOW = 5.9, 1.12  # heights of the stick figure and of each panel of curves
 TALL_IN_SPACE = 4.4
 _SHAPE = 0.54  # width divided by height of the figure
 _CELLS = 4  # number of cells of the floor in each direction
+_JOINTS = {"colour": style.INK, "symbol": "ring", "size": 10.0}
 _AXES = {"x": style.VERMILLION, "y, up": style.GREEN, "z": style.BLUE}
 ACROSS, UPWARDS = "across the view (m)", "up the view (m)"
 
@@ -72,37 +79,34 @@ class Player:
         step = max(float(np.abs(rows[known]).max(initial=0.0)), 1e-6) / 32767
         whole = np.where(known, np.round(np.where(known, rows, 0.0) / step), _UNKNOWN).astype("<i2")
         curves = Figure(tuple((panel,) for panel in self.curves))
+        found, items = find_bounds(self.parts), tuple(part.item for part in self.parts)
+        if self.in_space:  # the ranges contain the bounds from any side
+            half = np.ptp(found, axis=1) / 2
+            side = 1.04 * max(float(np.hypot(half[0], half[2])), float(np.linalg.norm(half)), 1e-3)
+            ends = (-side, side)
+            panel = Panel(items, x=ACROSS, y=UPWARDS, x_range=ends, y_range=ends, equal=True, height=TALL_IN_SPACE)
+        else:  # the ranges contain the bounds and the ground, with the aspect ratio of the player
+            low, high = np.minimum(found[:, 0], [np.inf, 0.0]), np.maximum(found[:, 1], [-np.inf, 0.0])
+            shape = np.array([_SHAPE, 1.0])
+            half = 0.56 * max(float(np.max((high - low) / shape)), 1e-3) * shape
+            (left, below), (right, above) = (0.5 * (low + high) - half).tolist(), (0.5 * (low + high) + half).tolist()
+            drawn, across, up = (Rule("y", 0.0, style.FAINT), *items), (left, right), (below, above)
+            panel = Panel(drawn, x=ALONG, y=UP, x_range=across, y_range=up, equal=True, height=TALL)
         return {
-            "figure": to_json(Figure(((self._panel(),),))),
+            "figure": to_json(Figure(((panel,),))),
             "curves": to_json(curves) if self.curves else None,
             "time": [round(float(moment), 4) for moment in self.time],
             "values": base64.b64encode(whole.tobytes()).decode("ascii"),
             "step": step,
             "unknown": _UNKNOWN,
             "rows": [part.values.shape[2] for part in self.parts],
-            **({"centre": find_bounds(self.parts).mean(axis=1).tolist()} if self.in_space else {}),
+            **({"centre": found.mean(axis=1).tolist()} if self.in_space else {}),
         }
 
     @property
     def in_space(self) -> bool:
         """Whether the parts have three coordinates, so that the reader can rotate the view."""
         return any(part.values.shape[1] == 3 for part in self.parts)
-
-    def _panel(self) -> Panel:
-        """Return the panel with sticks, joints, markers, arrows and the ground."""
-        found, items = find_bounds(self.parts), tuple(part.item for part in self.parts)
-        if self.in_space:  # the ranges contain the bounds from any side
-            half = np.ptp(found, axis=1) / 2
-            side = 1.04 * max(float(np.hypot(half[0], half[2])), float(np.linalg.norm(half)), 1e-3)
-            ends = (-side, side)
-            return Panel(items, x=ACROSS, y=UPWARDS, x_range=ends, y_range=ends, equal=True, height=TALL_IN_SPACE)
-        # the ranges contain the bounds and the ground, with the aspect ratio of the player
-        low, high = np.minimum(found[:, 0], [np.inf, 0.0]), np.maximum(found[:, 1], [-np.inf, 0.0])
-        shape = np.array([_SHAPE, 1.0])
-        half = 0.56 * max(float(np.max((high - low) / shape)), 1e-3) * shape
-        (left, below), (right, above) = (0.5 * (low + high) - half).tolist(), (0.5 * (low + high) + half).tolist()
-        drawn = (Rule("y", 0.0, style.FAINT), *items)
-        return Panel(drawn, x=ALONG, y=UP, x_range=(left, right), y_range=(below, above), equal=True, height=TALL)
 
 
 def make_player(data: ReportData) -> Player | None:
@@ -116,9 +120,7 @@ def make_player(data: ReportData) -> Player | None:
     # the markers of each segment as dots, and the markers without a segment as crosses
     labels = tuple(str(label) for label in planar.labels)
     values = read_positions(planar, time, labels, "xyz" if in_space else "xy")
-    skeleton = data.skeleton or data.spatial_skeleton
-    known = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
-    segments = np.array([known.get(label, -1) for label in labels])
+    segments = np.array([data.segment_of.get(label, -1) for label in labels])
     markers = []
     for k in np.unique(segments).tolist():
         own = np.flatnonzero(segments == k)
@@ -128,11 +130,18 @@ def make_player(data: ReportData) -> Player | None:
     wrench = [panel for panel in draw_panels(data, LOW) if any(isinstance(item, Line) for item in panel.items)]
     if in_space:
         moving = [*_make_spatial_chain(data, time), *markers]
-        curves = [*(one.draw_panel(0, LOW) for one in collect_joint_curves(data)), *wrench]
+        curves = [*(panel for (panel,) in draw_joint_panels(data, (0,), LOW)), *wrench]
         if curves and not curves[-1].x:
             curves[-1] = replace(curves[-1], x="time (s)", height=LOW + 0.3)
         return Player(time, (*_make_floor(find_bounds(moving), len(time)), *moving), tuple(curves), None, "")
-    moving = [*_make_chain(data, time), *markers]
+    motion, skeleton, moving = data.motion, data.skeleton, markers
+    if skeleton is not None and motion is not None and len(motion.time):
+        # sticks from joint to joint and to the centroid of the last segment's markers
+        angle, origin = segment_poses(motion.angles[_find_nearest(motion.time, time)], skeleton.centres)
+        tip = origin[:, -1] + rotate(angle[:, -1], skeleton.tip)
+        points = np.concatenate([origin[:, 1:], tip[:, None]], axis=1).swapaxes(1, 2)  # (K, 2, n + 1)
+        sticks = [_make_stick(j + 1, name, points[..., j : j + 2]) for j, name in enumerate(skeleton.joints)]
+        moving = [*sticks, Part("joints", _JOINTS, points[..., :-1]), *markers]
     scale, forces = _make_forces(data, time, float(np.ptp(find_bounds(moving)[1])))
     motion, about = data.shown_motion, ""
     if motion is not None and motion.mean.size:
@@ -161,21 +170,6 @@ def choose_frame_times(time: FloatArray, markers: int, most: int) -> FloatArray:
     wanted = int((time[-1] - time[0]) * RATE) + 1
     count = max(2, min(len(time), wanted, most, _VALUES // (2 * markers + 32)))
     return time[np.unique(np.linspace(0, len(time) - 1, count).round().astype(np.int64))]
-
-
-def _make_chain(data: ReportData, time: FloatArray) -> list[Part]:
-    """Return the joints, and sticks from joint to joint and to the centroid of the last segment's markers.
-
-    The list is empty without a chain or states.
-    """
-    skeleton, motion = data.skeleton, data.motion
-    if skeleton is None or motion is None or not len(motion.time):
-        return []
-    angle, origin = segment_poses(motion.angles[_find_nearest(motion.time, time)], skeleton.centres)
-    tip = origin[:, -1] + rotate(angle[:, -1], skeleton.tip)
-    points = np.concatenate([origin[:, 1:], tip[:, None]], axis=1).swapaxes(1, 2)  # (K, 2, n + 1)
-    sticks = [_make_stick(j + 1, name, points[..., j : j + 2]) for j, name in enumerate(skeleton.joints)]
-    return [*sticks, Part("joints", {"colour": style.INK, "symbol": "ring", "size": 10.0}, points[..., :-1])]
 
 
 def _make_stick(segment: int, name: str, ends: FloatArray) -> Part:
@@ -236,12 +230,11 @@ def _make_spatial_chain(data: ReportData, time: FloatArray) -> list[Part]:
         return []
     # no pose is near these frames
     away = np.abs(poses.time[samples] - time) > np.median(np.diff(poses.time)) if len(poses.time) > 1 else samples > 0
-    *sticks, joints = (
-        np.where(away[:, None, None], np.nan, points).swapaxes(1, 2) for points in (*found.sticks, found.joints)
-    )
-    named = zip(found.segments, sticks, strict=True)
+    segments, drawn, centres, _ = found
+    *sticks, joints = (np.where(away[:, None, None], np.nan, points).swapaxes(1, 2) for points in (*drawn, centres))
+    named = zip(segments, sticks, strict=True)
     parts = [_make_stick(segment, data.segment_names[segment], ends) for segment, ends in named]
-    return [*parts, Part("joints", {"colour": style.INK, "symbol": "ring", "size": 10.0}, joints)]
+    return [*parts, Part("joints", _JOINTS, joints)]
 
 
 def _make_floor(found: FloatArray, frames: int) -> list[Part]:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.reporting.numbers import to_number
+from mocap_id.reporting.grids import to_number
 from mocap_id.store import Artefact, ArtefactSet, LongTable
 from mocap_id.store.views import (
     IdentifiedDynamics,
@@ -23,15 +23,6 @@ from mocap_id.store.views import (
 from mocap_id.verdict import Level, Reason, overall
 
 _MOST_SEVERE_FIRST: tuple[Level, ...] = ("refused", "caution", "ok")
-
-
-@dataclass(frozen=True)
-class Zero:
-    """Zero of the angle of a joint: what defines it, and the value of ``theta_j`` there, rad."""
-
-    source: Literal["static", "standing", "segment line"] = "segment line"
-    value: float = 0.0
-    sd: float | None = 0.0  # None if the states have no standard deviations
 
 
 @dataclass(frozen=True)
@@ -53,6 +44,10 @@ class ReportData(ArtefactSet):
         if self.refusal is not None:
             return f"the trial was refused ({self.refusal.code}) before {file} was computed"
         return f"{file} was not computed"
+
+    def explain(self, file: str) -> str:
+        """Return why a quantity of the artefact ``file`` is unknown: as the artefact says, else why it is missing."""
+        return self.facts(file).get("why") or self.why_missing(file)
 
     def rows(self, file: str) -> list[dict[str, Any]]:
         """Return the rows of a table, each with its values by column name; empty if the table is missing."""
@@ -110,15 +105,18 @@ class ReportData(ArtefactSet):
         return None if table is None or self.in_space else JointStates.from_table(table)
 
     @cached_property
-    def zeros(self) -> tuple[Zero, ...]:
-        """Zero of the angle of each joint in the plane; the segment lines if no pose was found; empty in space."""
+    def zeros(self) -> tuple[tuple[Literal["static", "standing", "segment line"], float, float | None], ...]:
+        """What defines the zero of each joint angle in the plane, and value and sd of ``theta_j`` there, rad.
+
+        The zero is on the segment lines if no pose was found; the sd is None if the states have none. Empty in space.
+        """
         joints = 0 if self.motion is None else self.motion.mean.shape[1]
         if self.skeleton is not None:
             joints = max(joints, len(self.skeleton.centres))
         found = self.facts("phases.parquet").get("zeros")
         if not found:
-            return (Zero(),) * joints
-        return tuple(Zero(each["source"], float(each["zero"]), to_number(each["sd"])) for each in found)
+            return (("segment line", 0.0, 0.0),) * joints
+        return tuple((each["source"], float(each["zero"]), to_number(each["sd"])) for each in found)
 
     @cached_property
     def shown_motion(self) -> JointStates | None:
@@ -126,7 +124,7 @@ class ReportData(ArtefactSet):
         if self.motion is None:
             return None
         shift = np.zeros(self.motion.mean.shape[1:])
-        shift[:, 0] = [zero.value for zero in self.zeros[: len(shift)]]
+        shift[:, 0] = [value for _, value, _ in self.zeros[: len(shift)]]
         return replace(self.motion, mean=self.motion.mean - shift)
 
     @cached_property
@@ -161,18 +159,31 @@ class ReportData(ArtefactSet):
         return None if bands is None else {axis: float(bands[axis]) for axis in ("x", "y", "angle")}
 
     @cached_property
-    def residuals(self) -> dict[str, Residual]:
-        """Residuals of the markers by label; empty if they are unknown."""
-        markers, skeleton = self.long("markers.parquet"), self.skeleton or self.spatial_skeleton
+    def segment_of(self) -> dict[str, int]:
+        """Number of the segment of each marker of the chain, by label."""
+        found = self.skeleton or self.spatial_skeleton
+        return {} if found is None else dict(zip(found.markers, found.marker_segment.tolist(), strict=True))
+
+    @cached_property
+    def residuals(self) -> dict[str, dict[str, float]]:
+        """Distance of each marker from its prediction by the chain, by label; empty if it is unknown.
+
+        ``rms`` and ``q95`` are root mean square and 95 % quantile, m, NaN if the marker is never visible; ``seen`` is
+        the fraction of frames in which it is visible.
+        """
+        markers, found = self.long("markers.parquet"), {}
         if markers is None or not markers.length:
             return {}
-        segment = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
-        found = {}
         for label, column in zip(markers.labels, markers.values["residual"].T, strict=True):
             seen = column[np.isfinite(column)]
             rms, q95 = (np.sqrt(np.mean(seen**2)), np.quantile(seen, 0.95)) if seen.size else (np.nan, np.nan)
-            found[label] = Residual(label, segment.get(label, -1), float(rms), float(q95), seen.size / column.size)
+            found[label] = {"rms": float(rms), "q95": float(q95), "seen": seen.size / column.size}
         return found
+
+    @cached_property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints in the plane; empty without a chain in the plane."""
+        return () if self.skeleton is None else tuple(self.skeleton.joints)
 
     @cached_property
     def segment_names(self) -> tuple[str, ...]:
@@ -199,14 +210,3 @@ def read_positions(planar: LongTable, time: FloatArray, labels: Sequence[str], a
         for axis, name in enumerate(axes):
             found[own, to, axis] = planar.values[name][row[own], column]
     return found
-
-
-@dataclass(frozen=True)
-class Residual:
-    """Distance of one marker from its prediction by the chain; NaN if the marker is never visible."""
-
-    label: str
-    segment: int  # -1 for a marker without a segment
-    rms: float  # root mean square, m
-    q95: float  # 95 % quantile, m
-    seen: float  # fraction of frames in which the marker is visible

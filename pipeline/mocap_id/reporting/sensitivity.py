@@ -7,17 +7,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Bars, Drawing, Drawings, Figure, Key, Panel, Rule, Spans, arrange_in_lines
-from mocap_id.reporting.grids import Grid, GridColumn, texts, to_grid
-from mocap_id.reporting.numbers import show, show_fixed, show_with_sd
+from mocap_id.reporting.grids import GridColumn, show, show_fixed, show_with_sd, texts, to_grid
 from mocap_id.reporting.page import KeyNumber, Page, Section
 from mocap_id.verdict import Level
 
 if TYPE_CHECKING:
-    from mocap_id.reporting.results.columns import ResultTable
+    from mocap_id.reporting.results import ResultTable
 
 
 @dataclass(frozen=True)
@@ -34,20 +32,6 @@ class Parameter:
     def tolerated(self, share: float) -> float:
         """Return the tolerated change as a fraction of the size: ``share``, or sd / size if this is larger."""
         return max(share, self.sd / self.size if self.sd > 0 and self.size > 0 else 0.0)
-
-
-@dataclass(frozen=True)
-class SensitivityData:
-    """The data for the page of a sensitivity study."""
-
-    trial: str  # name of the trial
-    verdict: Level  # verdict of the unperturbed trial
-    note: str  # perturbations that could not be studied; empty if there are none
-    tolerance: float  # tolerated change of a parameter as a fraction of its size
-    seed: int  # seed of the random numbers
-    parameters: tuple[Parameter, ...]  # parameters whose changes are compared
-    titles: Mapping[str, str]  # titles of the kinds of perturbation, by kind
-    tables: Mapping[str, ResultTable]  # the tables `responses`, `perturbations` and `tolerates`
 
 
 CAPTION = (
@@ -69,73 +53,63 @@ _LEGEND = (
 )
 
 
-def draw_tornado(data: SensitivityData) -> Figure | str:
-    """Return a panel for each parameter, or a sentence that says why there is no figure."""
-    counted = {parameter.name for parameter in data.parameters}
-    responses = data.tables["responses"].frame
-    worst = responses[responses["parameter"].isin(counted)].groupby("kind", sort=False)["ratio"].max()
-    kinds = [str(kind) for kind in worst.dropna().sort_values(ascending=False, kind="stable").index]  # largest first
-    if not data.parameters or not kinds:
-        return "No parameter is known that could change."
-    panels = tuple(_draw_panel(data, parameter, kinds) for parameter in data.parameters)
-    return Figure(arrange_in_lines(panels, _COLUMNS))
-
-
-def place(percent: float) -> float:
+def _place(percent: float) -> float:
     """Return the position of a change, in per cent, on the axis: linear up to 1 %, logarithmic beyond."""
     size = abs(percent)
     return float(np.sign(percent) * (_LINEAR * size if size <= 1 else _LINEAR + np.log10(size)))
 
 
-def _draw_panel(data: SensitivityData, parameter: Parameter, kinds: Sequence[str]) -> Panel:
-    responses, perturbations = data.tables["responses"].frame, data.tables["perturbations"].frame
-    own = responses[responses["parameter"] == parameter.name]
+def _draw_tornado(
+    parameters: Sequence[Parameter], titles: Mapping[str, str], tolerance: float, tables: Mapping[str, ResultTable]
+) -> Figure | str:
+    """Return a panel for each parameter, or a sentence that says why there is no figure."""
+    responses, perturbations = tables["responses"].frame, tables["perturbations"].frame
+    counted = responses["parameter"].isin({parameter.name for parameter in parameters})
+    worst = responses[counted].groupby("kind", sort=False)["ratio"].max()
+    kinds = [str(kind) for kind in worst.dropna().sort_values(ascending=False, kind="stable").index]  # largest first
+    if not parameters or not kinds:
+        return "No parameter is known that could change."
     raised = perturbations.set_index("perturbation")["raised"] != ""
-    own = own.assign(noticed=own["perturbation"].map(raised).to_numpy() | own["value"].isna().to_numpy())
-    tolerated = place(100 * parameter.tolerated(data.tolerance))
-    found = [(row, *bar) for row, kind in enumerate(kinds) for bar in _make_bars(own[own["kind"] == kind])]
-    numbers = [[row, place(low), place(high), shade] for row, low, high, shade, _ in found]
-    rows, lows, highs, shades = np.array(numbers, dtype=np.float64).reshape(-1, 4).T
-    names = tuple(style.clean(data.titles[kind], 30) for kind in kinds)
-    items = (
-        *_LEGEND,
-        Spans(np.array([-tolerated]), np.array([tolerated]), style.GRID),
-        Bars(
-            rows,
-            lows,
-            highs,
-            tuple(colour for *_, colour in found),
-            shades,
-            tuple(f"{names[row]}: {low:.2g} … {high:.2g} %" for row, low, high, *_ in found),
-        ),
-        Rule("x", 0.0, style.INK),
-    )
-    ticks = tuple((place(value), f"{value:g}".replace("-", "−")) for value in _TICKS)
-    return Panel(
-        items,
-        style.clean(parameter.name, 34),
-        "change, % of its size",
-        x_range=(place(-_LIMIT), place(_LIMIT)),
-        x_ticks=ticks,
-        rows=names,
-        height=_HEAD + _ROW * len(kinds),
-    )
-
-
-def _make_bars(changes: pd.DataFrame) -> list[tuple[float, float, float, str]]:
-    """Return the bars of one kind of error for one parameter, widest first.
-
-    There is a bar for each absolute level. It has the lowest and the highest change in %, the opacity and the colour.
-    """
-    spans = []
-    for _, group in changes.groupby(changes["level"].abs()):
-        percent = group["change_percent"].fillna(_LIMIT).clip(-_LIMIT, _LIMIT)
-        beyond = group[group["ratio"] > 1]
-        colour = _WITHIN if beyond.empty else _NOTICED if beyond["noticed"].all() else _SILENT
-        spans.append((min(0.0, float(percent.min())), max(0.0, float(percent.max())), colour))
-    spans.sort(key=lambda span: span[0] - span[1])
-    shades = np.linspace(0.35, 1.0, len(spans)) if len(spans) > 1 else [0.35]
-    return [(low, high, float(shade), colour) for (low, high, colour), shade in zip(spans, shades, strict=True)]
+    titles_shown, panels = tuple(style.clean(titles[kind], 30) for kind in kinds), []
+    for parameter in parameters:
+        own = responses[responses["parameter"] == parameter.name]
+        own = own.assign(noticed=own["perturbation"].map(raised).to_numpy() | own["value"].isna().to_numpy())
+        bars, colours, names = [], [], []
+        for row, kind in enumerate(kinds):
+            # a bar for each absolute level, from the lowest to the highest change, %; widest first
+            spans = []
+            changes = own[own["kind"] == kind]
+            for _, group in changes.groupby(changes["level"].abs()):
+                percent = group["change_percent"].fillna(_LIMIT).clip(-_LIMIT, _LIMIT)
+                beyond = group[group["ratio"] > 1]
+                colour = _WITHIN if beyond.empty else _NOTICED if beyond["noticed"].all() else _SILENT
+                spans.append((min(0.0, float(percent.min())), max(0.0, float(percent.max())), colour))
+            spans.sort(key=lambda span: span[0] - span[1])
+            shades = np.linspace(0.35, 1.0, len(spans)) if len(spans) > 1 else [0.35]
+            for (low, high, colour), shade in zip(spans, shades, strict=True):
+                bars.append([row, _place(low), _place(high), float(shade)])
+                colours.append(colour)
+                names.append(f"{titles_shown[row]}: {low:.2g} … {high:.2g} %")
+        rows, lows, highs, opacity = np.array(bars, dtype=np.float64).reshape(-1, 4).T
+        tolerated = np.array([_place(100 * parameter.tolerated(tolerance))])
+        items = (
+            *_LEGEND,
+            Spans(-tolerated, tolerated, style.GRID),
+            Bars(rows, lows, highs, tuple(colours), opacity, tuple(names)),
+            Rule("x", 0.0, style.INK),
+        )
+        panels.append(
+            Panel(
+                items,
+                style.clean(parameter.name, 34),
+                "change, % of its size",
+                x_range=(_place(-_LIMIT), _place(_LIMIT)),
+                x_ticks=tuple((_place(value), f"{value:g}".replace("-", "−")) for value in _TICKS),
+                rows=titles_shown,
+                height=_HEAD + _ROW * len(kinds),
+            )
+        )
+    return Figure(arrange_in_lines(tuple(panels), _COLUMNS))
 
 
 _FAILED = ("refused", "failed")
@@ -146,55 +120,39 @@ _FOOTER = (
 )
 
 
-def render_sensitivity_page(data: SensitivityData) -> bytes:
-    """Return the HTML page in UTF-8."""
-    drawing = Drawing("tornado", "How much each kind of error changes each parameter", CAPTION, draw_tornado(data))
-    sentences = tuple(style.clean(sentence) for sentence in data.tables["tolerates"].frame["sentence"])
-    tried = data.tables["perturbations"].frame
+def render_sensitivity_page(
+    *,
+    trial: str,
+    verdict: Level,
+    note: str,
+    tolerance: float,
+    seed: int,
+    parameters: Sequence[Parameter],
+    titles: Mapping[str, str],
+    tables: Mapping[str, ResultTable],
+) -> bytes:
+    """Return the HTML page in UTF-8.
+
+    ``verdict`` is that of the unperturbed ``trial``; ``note`` says which perturbations could not be studied;
+    ``tolerance`` is the tolerated change of a parameter as a fraction of its size; ``titles`` are those of the kinds of
+    perturbation; ``tables`` are `responses`, `perturbations` and `tolerates`.
+    """
+    title = "How much each kind of error changes each parameter"
+    drawing = Drawing("tornado", title, CAPTION, _draw_tornado(parameters, titles, tolerance, tables))
+    sentences = tuple(style.clean(sentence) for sentence in tables["tolerates"].frame["sentence"])
+    tried = tables["perturbations"].frame
     beyond = tried[~tried["tolerated"]]
     silent = beyond[(beyond["raised"] == "") & ~beyond["verdict"].isin(_FAILED)]
-    parameters = to_grid(
+    unperturbed = to_grid(
         "The unperturbed parameters",
-        data.parameters,
+        parameters,
         (
             texts("parameter", "name"),
             GridColumn("value", lambda one: show_with_sd(one.value, one.sd, style.format_unit(one.unit))),
             GridColumn("size", lambda one: show(one.size, 3, style.format_unit(one.unit))),
-            GridColumn("tolerated change", lambda one: show(100 * one.tolerated(data.tolerance), 2, "%")),
+            GridColumn("tolerated change", lambda one: show(100 * one.tolerated(tolerance), 2, "%")),
         ),
     )
-    return Page(
-        name=data.trial,
-        headline="what this trial tolerates",
-        lead=f"{describe_criterion(data.tolerance)} The limit between two tried levels is interpolated.",
-        note=style.clean(data.note),
-        command="sensitivity",
-        key_numbers=(
-            KeyNumber("perturbations", str(len(tried)), f"{tried['kind'].nunique()} kinds, seed {data.seed}"),
-            KeyNumber("tolerated", str(len(tried) - len(beyond)), "of these perturbations"),
-            KeyNumber("unnoticed", str(len(silent)), "not tolerated, and no new caution"),
-            KeyNumber("unperturbed verdict", data.verdict, data.trial),
-        ),
-        sections=(
-            Section("tolerates", "Tolerated levels", items=sentences),
-            Section("tornado", drawing.title, figures=(drawing.name,)),
-            Section("numbers", "Numbers", (parameters, _list_perturbations(data))),
-        ),
-        figures=Drawings(style.clean(data.trial), (drawing,)),
-        footer=_FOOTER,
-    ).render()
-
-
-def describe_criterion(share: float) -> str:
-    """Return a sentence that says when a perturbation is tolerated."""
-    return (
-        f"A perturbation is tolerated if no parameter changes by more than {show(100 * share, 2, '%')} of its size, or "
-        "by its own stated standard deviation if that is larger."
-    )
-
-
-def _list_perturbations(data: SensitivityData) -> Grid:
-    tried = data.tables["perturbations"].frame
     torques = [name for name in tried.columns if name.startswith("tau_")]
 
     def ratio(row: Mapping[str, Any]) -> str:
@@ -203,7 +161,7 @@ def _list_perturbations(data: SensitivityData) -> Grid:
     def largest_torque(row: Mapping[str, Any]) -> str:
         return show(max((row[name] for name in torques if np.isfinite(row[name])), default=np.nan), 2, "N·m")
 
-    return data.tables["perturbations"].grid(
+    listed = tables["perturbations"].grid(
         "Every perturbation",
         "perturbation",
         GridColumn("change divided by the tolerated change", ratio),
@@ -217,4 +175,32 @@ def _list_perturbations(data: SensitivityData) -> Grid:
         GridColumn("worst torque", largest_torque),
         "ddtheta_r2",
         GridColumn("offset found", lambda row: show_fixed(1e3 * row["clock_offset"], 2, "ms")),
+    )
+    return Page(
+        name=trial,
+        headline="what this trial tolerates",
+        lead=f"{describe_criterion(tolerance)} The limit between two tried levels is interpolated.",
+        note=style.clean(note),
+        command="sensitivity",
+        key_numbers=(
+            KeyNumber("perturbations", str(len(tried)), f"{tried['kind'].nunique()} kinds, seed {seed}"),
+            KeyNumber("tolerated", str(len(tried) - len(beyond)), "of these perturbations"),
+            KeyNumber("unnoticed", str(len(silent)), "not tolerated, and no new caution"),
+            KeyNumber("unperturbed verdict", verdict, trial),
+        ),
+        sections=(
+            Section("tolerates", "Tolerated levels", items=sentences),
+            Section("tornado", drawing.title, figures=(drawing.name,)),
+            Section("numbers", "Numbers", (unperturbed, listed)),
+        ),
+        figures=Drawings(style.clean(trial), (drawing,)),
+        footer=_FOOTER,
+    ).render()
+
+
+def describe_criterion(share: float) -> str:
+    """Return a sentence that says when a perturbation is tolerated."""
+    return (
+        f"A perturbation is tolerated if no parameter changes by more than {show(100 * share, 2, '%')} of its size, or "
+        "by its own stated standard deviation if that is larger."
     )

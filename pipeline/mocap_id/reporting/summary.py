@@ -12,7 +12,7 @@ from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.geometry.so3 import shift_to_shortest_arc
 from mocap_id.protocols.five_times import LOAD_PHASES, Attempt, FiveTimes, LoadShare, Spread
 from mocap_id.reporting import summary_schema as schema
-from mocap_id.reporting.numbers import scale, to_number, to_numbers
+from mocap_id.reporting.grids import scale, to_number, to_numbers
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.results import join_sentences, why_unknown
 from mocap_id.store.views import MEANINGLESS_AT_POLE
@@ -39,12 +39,44 @@ def summarise(data: ReportData) -> schema.Summary:
         why_unknown("attempts: only a sit-to-stand has them", failed) if data.in_space else None,
         why_unknown("time_s: the run times of the stages were not recorded", seconds),
     )
-    residual = data.facts("states.parquet").get("reprojection_rms_m")
-    missing = data.facts("planar.parquet").get("missing_fraction")
-    why_markers = (
-        why_unknown(data.why_missing("states.parquet"), residual),
-        why_unknown(data.why_missing("planar.parquet"), missing),
+    planar, states, segments = (data.facts(f"{name}.parquet") for name in ("planar", "states", "segments"))
+    missing = {name: data.why_missing(f"{name}.parquet") for name in ("planar", "states", "segments", "encoder")}
+    residual, gaps, share = states.get("reprojection_rms_m"), planar.get("missing_fraction"), segments.get("planarity")
+    why_markers = (why_unknown(missing["states"], residual), why_unknown(missing["planar"], gaps))
+    # plane of motion
+    plane = planar.get("plane") or {}
+    if data.in_space:
+        plane = {"planarity": planar.get("planarity"), "why": _NO_PLANE, **plane}
+    yaw, planarity, origin = plane.get("yaw_deg"), plane.get("planarity"), to_numbers(plane.get("origin_m"))
+    why_plane = (
+        why_unknown(plane.get("why") or missing["planar"], yaw, planarity, origin),
+        why_unknown(f"out_of_plane_share: {missing['segments']}", share),
     )
+    # markers by segment, and the segmentations that were considered, the chosen one first
+    assignment = {row["marker"]: row["segment"] for row in data.rows("segments.parquet") if row["segment"] >= 0}
+    hypotheses = segments.get("hypotheses")
+    if hypotheses is not None:
+        hypotheses = [
+            schema.HypothesisEntry.of(
+                {**entry, "chosen": k == 0, "left_out": sum(len(body) for body in entry["left_out"])}
+            )
+            for k, entry in enumerate(hypotheses)
+        ]
+    sigma_v = states.get("sigma_v")
+    each = to_numbers(sigma_v if isinstance(sigma_v, (list, tuple)) else [sigma_v])
+    # clock and zero of the encoder, and the errors of cameras and model against it
+    encoder, torque = data.facts("encoder.parquet"), data.facts("dynamics.h5").get("torque")
+    why_encoder = encoder.get("why")
+    if encoder.get("sign") is None and why_encoder is None:
+        why_encoder = missing["encoder"]
+    if why_encoder is None and torque is None:
+        why_encoder = "torque: " + (
+            "no torque was identified" if encoder.get("torque") else "the encoder record has none"
+        )
+    reach = data.facts(_EVENTS).get("reach")
+    if reach is None:
+        where = "only `protocol: reach` has a reachable volume"
+        reach = {"why": where if data.in_space else f"{where}, which needs `space: 3d`"}
     reasons = [schema.ReasonEntry(**reason.as_dict()) for reason in data.reasons]
     angles, skeleton, landmarks = data.angles, data.spatial_skeleton, {}
     if skeleton is not None:
@@ -59,30 +91,51 @@ def summarise(data: ReportData) -> schema.Summary:
         trial=data.trial,
         product=data.product,
         space="3d" if data.in_space else "plane",
-        mirrored=data.facts("planar.parquet").get("side") == "left",
+        mirrored=planar.get("side") == "left",
         verdict=schema.VerdictEntry(
             level=data.level,
             reasons=[entry for entry in reasons if entry.level != "ok"],
             notes=[entry for entry in reasons if entry.level == "ok"],
         ),
-        plane=_summarise_plane(data),
-        segments=_summarise_segments(data),
+        plane=schema.PlaneEntry(
+            yaw_deg=yaw,
+            planarity=planarity,
+            out_of_plane_share=share,
+            origin_m=origin,
+            why=join_sentences(why_plane),
+        ),
+        segments=schema.SegmentsEntry.explain(
+            data.explain("segments.parquet"),
+            segments,
+            assignment=None if data.table("segments.parquet") is None else assignment,
+            hypotheses=hypotheses,
+        ),
         joints=joints,
         lengths_m=lengths,
         angles={} if angles is None else {name: _summarise_angle(data, k) for k, name in enumerate(angles.names)},
         landmarks=landmarks,
         markers=schema.MarkersEntry(
-            reprojection_rms_mm=scale(residual, 1e3), missing_fraction=missing, why=join_sentences(why_markers)
+            reprojection_rms_mm=scale(residual, 1e3), missing_fraction=gaps, why=join_sentences(why_markers)
         ),
-        noise=_summarise_noise(data),
+        noise=schema.NoiseEntry.explain(
+            data.explain("states.parquet"),
+            states,
+            sigma_v=None if each is None else float(np.sqrt(np.mean(np.square(each)))),
+            sigma_v_per_joint=each,
+        ),
         dynamics=_summarise_dynamics(data),
         repetitions=rises,
         five_times=_summarise_five_times(data),
         attempts=None if failed is None else [Attempt.of(one) for one in failed],
         load_share=_summarise_load_share(data),
-        encoder=_summarise_encoder(data),
-        imus={name: schema.ImuEntry(**entry) for name, entry in data.facts("states.parquet").get("imus", {}).items()},
-        workspace=_summarise_workspace(data),
+        encoder=schema.EncoderEntry.explain(
+            "",
+            encoder,
+            camera=_summarise_channels(encoder.get("camera")) or None,
+            torque=None if torque is None else _summarise_channels({"torque": torque})["torque"],
+        ).model_copy(update={"why": why_encoder}),
+        imus={name: schema.ImuEntry(**entry) for name, entry in states.get("imus", {}).items()},
+        workspace=schema.WorkspaceEntry.of({**reach, "why": reach.get("why") or None}),
         curls=_summarise_curls(data),
         time_s=seconds,
         why=join_sentences(why),
@@ -95,40 +148,6 @@ def encode_summary(summary: schema.Summary) -> bytes:
     return (text + "\n").encode("ascii")
 
 
-def _summarise_plane(data: ReportData) -> schema.PlaneEntry:
-    planar, share = data.facts("planar.parquet"), data.facts("segments.parquet").get("planarity")
-    plane = planar.get("plane") or {}
-    if data.in_space:
-        plane = {"planarity": planar.get("planarity"), "why": _NO_PLANE, **plane}
-    yaw, planarity, origin = plane.get("yaw_deg"), plane.get("planarity"), to_numbers(plane.get("origin_m"))
-    why = (
-        why_unknown(plane.get("why") or data.why_missing("planar.parquet"), yaw, planarity, origin),
-        why_unknown(f"out_of_plane_share: {data.why_missing('segments.parquet')}", share),
-    )
-    return schema.PlaneEntry(
-        yaw_deg=yaw, planarity=planarity, out_of_plane_share=share, origin_m=origin, why=join_sentences(why)
-    )
-
-
-def _summarise_segments(data: ReportData) -> schema.SegmentsEntry:
-    facts = data.facts("segments.parquet")
-    assignment = {row["marker"]: row["segment"] for row in data.rows("segments.parquet") if row["segment"] >= 0}
-    hypotheses = facts.get("hypotheses")  # the chosen one first
-    if hypotheses is not None:
-        hypotheses = [
-            schema.HypothesisEntry.of(
-                {**entry, "chosen": k == 0, "left_out": sum(len(body) for body in entry["left_out"])}
-            )
-            for k, entry in enumerate(hypotheses)
-        ]
-    return schema.SegmentsEntry.explain(
-        facts.get("why") or data.why_missing("segments.parquet"),
-        facts,
-        assignment=None if data.table("segments.parquet") is None else assignment,
-        hypotheses=hypotheses,
-    )
-
-
 def _summarise_chain(data: ReportData) -> tuple[list[schema.JointEntry] | None, dict[str, schema.LengthEntry] | None]:
     """Return joints, and lengths of segments between two joints, of the chain in the plane; None without a chain.
 
@@ -137,20 +156,21 @@ def _summarise_chain(data: ReportData) -> tuple[list[schema.JointEntry] | None, 
     skeleton = data.skeleton
     if skeleton is None:
         return None, None
-    joints = [
-        schema.JointEntry.explain(
-            _NOT_FINITE if data.zeros[j].sd is not None else _NO_STATE_SD,
-            name=name,
-            parent=int(skeleton.parents[j]),
-            centre_m=to_numbers(skeleton.centres[j]),
-            sd_m=to_numbers(skeleton.centre_sd[j]),
-            arc_deg=to_number(np.degrees(skeleton.arc[j])),
-            zero=data.zeros[j].source,
-            zero_deg=float(np.degrees(data.zeros[j].value)),
-            zero_sd_deg=scale(data.zeros[j].sd, 180 / np.pi),
+    joints = []
+    for j, (name, (source, value, sd)) in enumerate(zip(skeleton.joints, data.zeros, strict=False)):
+        joints.append(
+            schema.JointEntry.explain(
+                _NOT_FINITE if sd is not None else _NO_STATE_SD,
+                name=name,
+                parent=int(skeleton.parents[j]),
+                centre_m=to_numbers(skeleton.centres[j]),
+                sd_m=to_numbers(skeleton.centre_sd[j]),
+                arc_deg=to_number(np.degrees(skeleton.arc[j])),
+                zero=source,
+                zero_deg=float(np.degrees(value)),
+                zero_sd_deg=scale(sd, 180 / np.pi),
+            )
         )
-        for j, name in enumerate(skeleton.joints)
-    ]
     lengths = list(zip(skeleton.segments[1:-1], skeleton.lengths, skeleton.lengths_sd, strict=True))
     if data.settings.get("protocol") == "robot-joint" and len(skeleton.centres):
         value = float(np.hypot(*skeleton.centres[0]))
@@ -159,24 +179,31 @@ def _summarise_chain(data: ReportData) -> tuple[list[schema.JointEntry] | None, 
     return joints, {name: schema.LengthEntry.explain(_NOT_FINITE, value=m, sd=sd) for name, m, sd in lengths}
 
 
-def _summarise_noise(data: ReportData) -> schema.NoiseEntry:
-    facts = data.facts("states.parquet")
-    sigma_v = facts.get("sigma_v")
-    each = to_numbers(sigma_v if isinstance(sigma_v, (list, tuple)) else [sigma_v])
-    return schema.NoiseEntry.explain(
-        facts.get("why") or data.why_missing("states.parquet"),
-        facts,
-        sigma_v=None if each is None else float(np.sqrt(np.mean(np.square(each)))),
-        sigma_v_per_joint=each,
-    )
-
-
 def _summarise_dynamics(data: ReportData) -> schema.DynamicsEntry:
     facts, measured = data.facts("dynamics.h5"), data.facts("wrench.parquet")
+    # motion of the masses; the gaps in the order of the joints
+    motion, found = None, facts.get("motion")
+    if found is not None:
+        gaps = found.get("joints") or {}
+        order = {name: k for k, name in enumerate(data.joint_names)}
+        joints = {
+            name: schema.GapEntry.explain("no interval without gaps is long enough", gaps[name])
+            for name in sorted(gaps, key=lambda name: order.get(name, len(order)))
+        }
+        missing = dict.fromkeys(schema.MotionEntry.model_fields)
+        motion = schema.MotionEntry.of(missing | found | {"bands_hz": data.bands, "joints": joints or None})
+    # errors of the pinned chain and of the measured poses on the same left-out repetitions
+    pins, errors = facts.get("pins") or {}, {}
+    for source in ("chain", "segments"):
+        own = pins.get(source)
+        errors[source] = own and schema.PredictedEntry.explain(
+            "no sample has a centre of pressure", own, wrench=_summarise_channels(own["wrench"])
+        )
+    no_pins = pins.get("why") or (_PINNED if found else data.explain("dynamics.h5"))
     identified: dict[str, Any] = {
         "base": _summarise_parameters(data),
         "wrench": _summarise_channels(facts.get("wrench")) or None,
-        "motion": _summarise_motion(data),
+        "motion": motion,
         **{
             key: facts.get(key)
             for key in (
@@ -190,8 +217,8 @@ def _summarise_dynamics(data: ReportData) -> schema.DynamicsEntry:
         valid = wrench["cop_x"][wrench["plate_ok"] & np.isfinite(wrench["cop_x"])]
         cop = float(valid.mean()) if len(valid) else None
     why = (
-        why_unknown(facts.get("why") or data.why_missing("dynamics.h5"), *identified.values()),
-        why_unknown(measured.get("why") or data.why_missing("wrench.parquet"), mass, cop),
+        why_unknown(data.explain("dynamics.h5"), *identified.values()),
+        why_unknown(data.explain("wrench.parquet"), mass, cop),
     )
     return schema.DynamicsEntry(
         **identified,
@@ -207,7 +234,7 @@ def _summarise_dynamics(data: ReportData) -> schema.DynamicsEntry:
             for name, body in (facts.get("rivals") or {}).items()
         },
         held_out=_summarise_held_out(data),
-        pins=_summarise_pins(data),
+        pins=schema.PinsEntry.explain(no_pins, pins, **errors),
         legs=data.facts("dynamics.parquet").get("legs", "none"),
         torques=_summarise_torques(data, identified["base"], mass),
         why=join_sentences(why),
@@ -287,35 +314,6 @@ def _summarise_parameters(data: ReportData) -> list[schema.BaseEntry] | None:
     return entries
 
 
-def _summarise_motion(data: ReportData) -> schema.MotionEntry | None:
-    """Return the entry on the motion of the masses; None if nothing was identified."""
-    found = data.facts("dynamics.h5").get("motion")
-    if found is None:
-        return None
-    order = () if data.skeleton is None else data.skeleton.joints
-    gaps = found.get("joints") or {}
-    joints = {
-        name: schema.GapEntry.explain("no interval without gaps is long enough", gaps[name])
-        for name in sorted(gaps, key=lambda name: (*order, name).index(name))
-    }
-    missing = dict.fromkeys(schema.MotionEntry.model_fields)
-    return schema.MotionEntry.of(missing | found | {"bands_hz": data.bands, "joints": joints or None})
-
-
-def _summarise_pins(data: ReportData) -> schema.PinsEntry:
-    """Return the errors of the pinned chain and the measured poses on the same left-out repetitions."""
-    facts = data.facts("dynamics.h5")
-    found = facts.get("pins") or {}
-    unknown = _PINNED if facts.get("motion") else facts.get("why") or data.why_missing("dynamics.h5")
-    errors = {}
-    for motion in ("chain", "segments"):
-        own = found.get(motion)
-        errors[motion] = own and schema.PredictedEntry.explain(
-            "no sample has a centre of pressure", own, wrench=_summarise_channels(own["wrench"])
-        )
-    return schema.PinsEntry.explain(found.get("why") or unknown, found, **errors)
-
-
 def _summarise_held_out(data: ReportData) -> schema.HeldOutEntry:
     """Return the prediction errors on left-out repetitions; null with a ``why`` if there are none."""
     facts = data.facts("dynamics.h5")
@@ -327,7 +325,7 @@ def _summarise_held_out(data: ReportData) -> schema.HeldOutEntry:
         values["unfiltered"] = model
     reference = _summarise_channels(found.get("reference")) or None
     inside = {str(name): share for name, share in (found.get("inside") or {}).items() if share is not None} or None
-    unknown = found.get("why") or facts.get("why") or data.why_missing("dynamics.h5")
+    unknown = found.get("why") or data.explain("dynamics.h5")
     no_share = f"inside: {_PINNED}" if data.low_pass is None else "inside: at least two repetitions are needed"
     why = (
         why_unknown(unknown, *values.values()),
@@ -390,19 +388,6 @@ def _summarise_load_share(data: ReportData) -> LoadShare:
 
 def _explain_missing(data: ReportData) -> str:
     return "the protocol is not sit-to-stand" if _EVENTS in data.artefacts else data.why_missing(_EVENTS)
-
-
-def _summarise_encoder(data: ReportData) -> schema.EncoderEntry:
-    """Return clock and zero of the encoder, and the errors of cameras and model against the encoder."""
-    facts, torque = data.facts("encoder.parquet"), data.facts("dynamics.h5").get("torque")
-    why = facts.get("why")
-    if facts.get("sign") is None and why is None:
-        why = data.why_missing("encoder.parquet")
-    if why is None and torque is None:
-        why = "torque: " + ("no torque was identified" if facts.get("torque") else "the encoder record has none")
-    camera = _summarise_channels(facts.get("camera")) or None
-    found = None if torque is None else _summarise_channels({"torque": torque})["torque"]
-    return schema.EncoderEntry.explain("", facts, camera=camera, torque=found).model_copy(update={"why": why})
 
 
 def _summarise_spatial_chain(
@@ -495,16 +480,29 @@ def _summarise_curls(data: ReportData) -> schema.CurlsEntry:
         return schema.CurlsEntry(why="only `protocol: curl` counts curls")
     torque = [one for one in facts.get("torque") or () if one is not None]
     peak: Mapping[str, Any] = max(torque, key=lambda one: one["peak_Nm"], default={})
-    end, in_step = facts.get("end") or {}, facts.get("in_step") or {}
+    end, compensation = facts.get("end") or {}, {}
+
+    def degrees(one: Mapping[str, Any] | None, name: str) -> Any:
+        return np.degrees(one[name]).tolist() if one else None
+
+    for name, found in (facts.get("compensation") or {}).items():
+        # an entry for each curl, None for a failed attempt; and the part of the angle that depends on the flexion alone
+        in_step = (facts.get("in_step") or {}).get(name)
+        compensation[name] = schema.CompensationEntry(
+            range_deg=[degrees(one, "range_rad") for one in found],
+            interval_deg=[degrees(one, "interval_rad") for one in found],
+            floor_deg=[degrees(one, "floor_rad") for one in found],
+            offset_deg=[degrees(one, "offset_rad") for one in found],
+            sustained_s=[one["sustained_s"] if one else None for one in found],
+            in_step_deg=degrees(in_step, "range_rad"),
+            in_step_interval_deg=degrees(in_step, "interval_rad"),
+        )
     return schema.CurlsEntry.of(
         facts
         | {
             "end_s": end.get("time_s"),
             "end_rule": end.get("rule"),
-            "compensation": {
-                name: _summarise_compensation(found, in_step.get(name))
-                for name, found in (facts.get("compensation") or {}).items()
-            },
+            "compensation": compensation,
             "largest_torque_nm": peak.get("peak_Nm"),
             "largest_torque_sd_nm": peak.get("sd_Nm"),
             "fatigue": {
@@ -515,35 +513,3 @@ def _summarise_curls(data: ReportData) -> schema.CurlsEntry:
             "why": facts.get("why") or facts.get("torque_why") or None,
         }
     )
-
-
-def _summarise_compensation(
-    found: list[dict[str, Any] | None], in_step: Mapping[str, Any] | None
-) -> schema.CompensationEntry:
-    """Return the compensation of one angle, degrees.
-
-    ``found`` has an entry for each curl, None for a failed attempt; ``in_step`` is the part of the angle that depends
-    on the flexion alone, None if it is not separated.
-    """
-
-    def degrees(one: Mapping[str, Any] | None, name: str) -> Any:
-        return np.degrees(one[name]).tolist() if one else None
-
-    return schema.CompensationEntry(
-        range_deg=[degrees(one, "range_rad") for one in found],
-        interval_deg=[degrees(one, "interval_rad") for one in found],
-        floor_deg=[degrees(one, "floor_rad") for one in found],
-        offset_deg=[degrees(one, "offset_rad") for one in found],
-        sustained_s=[one["sustained_s"] if one else None for one in found],
-        in_step_deg=degrees(in_step, "range_rad"),
-        in_step_interval_deg=degrees(in_step, "interval_rad"),
-    )
-
-
-def _summarise_workspace(data: ReportData) -> schema.WorkspaceEntry:
-    """Return the reachable volume and the quantities about it; null with a ``why`` for other protocols."""
-    facts = data.facts(_EVENTS).get("reach")
-    if facts is None:
-        where = "only `protocol: reach` has a reachable volume"
-        return schema.WorkspaceEntry(why=where if data.in_space else f"{where}, which needs `space: 3d`")
-    return schema.WorkspaceEntry.of({**facts, "why": facts.get("why") or None})

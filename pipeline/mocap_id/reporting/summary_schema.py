@@ -241,8 +241,8 @@ class BaseEntry(Result):
 class ChannelEntry(Result):
     """Error of a model or measurement in one component, such as Fx, over the samples of the entry that contains it."""
 
-    bias: float | None
-    sd: float | None
+    bias: Annotated[float | None, Quantity("bias")]
+    sd: Annotated[float | None, Quantity("standard deviation")]
     r2: float | None
     why: str | None
 
@@ -287,8 +287,8 @@ class HeldOutEntry(Result):
 class GapEntry(Result):
     """Gap between the two sides of a joint and its acceleration below 3 Hz, both rms; whether the joint is pinned."""
 
-    gap_m: float | None
-    acceleration_m_s2: float | None
+    gap_m: Annotated[float | None, Quantity("gap", "mm")]
+    acceleration_m_s2: Annotated[float | None, Quantity("acceleration below 3 Hz", "m/s²")]
     pinned: bool
     why: str | None
 
@@ -376,13 +376,13 @@ class DynamicsEntry(Result):
     base: list[BaseEntry] | None
     condition_number: float | None
     condition_number_scaled: float | None
-    clock_offset_s: float | None
-    clock_offset_sd_s: float | None
+    clock_offset_s: Annotated[float | None, Quantity("clock offset, plates after cameras", "ms", decimals=2)]
+    clock_offset_sd_s: Annotated[float | None, Quantity("standard deviation of the clock offset", "ms", decimals=2)]
     wrench: dict[str, ChannelEntry] | None
-    cop_rms_m: float | None
-    samples: int | None
-    mass_kg: float | None
-    cop_mean_m: float | None
+    cop_rms_m: Annotated[float | None, Quantity("rms error of the centre of pressure", "mm")]
+    samples: Annotated[int | None, Quantity("samples in the fit", decimals=0)]
+    mass_kg: Annotated[float | None, Quantity("mass measured by the plates", "kg", digits=4)]
+    cop_mean_m: Annotated[float | None, Quantity("mean centre of pressure", "mm")]
     consistency: Literal["grid", "cone", "bounded-cone"] | None
     rivals: dict[str, RivalEntry]
     held_out: HeldOutEntry

@@ -31,11 +31,9 @@ from mocap_id.dynamics.instrument_errors import KinematicError
 from mocap_id.dynamics.regressor import base_names, list_base_units
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.kinematics.skin_slides import predict_skin
-from mocap_id.reporting.advised_movement import draw
-from mocap_id.reporting.numbers import show
-from mocap_id.reporting.paper_figures import render
-from mocap_id.reporting.results.columns import to_finite
-from mocap_id.reporting.results.result import CommandResult
+from mocap_id.reporting.grids import show
+from mocap_id.reporting.paper_figures import draw_advice, render
+from mocap_id.reporting.results import CommandResult, to_finite
 from mocap_id.stages import STAGES, skin_motion
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
@@ -358,7 +356,7 @@ def make_output(advised: Advice) -> CommandResult:
         rows, stream = np.column_stack([path.time - path.time[0], path.q, path.dq, path.ddq]), io.StringIO()
         np.savetxt(stream, rows, fmt="%.6f", delimiter=",", header=",".join(["time_s", *heads]), comments="")
         title = f"A movement to record after {advised.trial}"
-        figure = render("movement", title, lambda: draw(path, advised.joints, advised.limits, movement.words))
+        figure = render("movement", title, lambda: draw_advice(path, advised.joints, advised.limits, movement.words))
         return {"movement.csv": stream.getvalue().encode(), **figure}
 
     return CommandResult("advice", "advice.json", content, other_files=draw_movement, indent=2)

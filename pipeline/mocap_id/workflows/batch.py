@@ -21,8 +21,8 @@ from mocap_id.config.parsing import Source, read_source
 from mocap_id.config.study import load_study
 from mocap_id.config.trial import build_trial_model, compose
 from mocap_id.errors import ConfigError, StoreError
-from mocap_id.reporting.results.columns import ResultColumn as Column
-from mocap_id.reporting.results.columns import ResultTable, count, number, text, whole
+from mocap_id.reporting.results import ResultColumn as Column
+from mocap_id.reporting.results import ResultTable, count, number, text, whole
 from mocap_id.store import TableSchema
 from mocap_id.store.atomic import converting_errors, write_files
 from mocap_id.store.folder import OWNER_FILE, read_owner

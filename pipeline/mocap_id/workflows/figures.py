@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mocap_id import plain_files
 from mocap_id.errors import ConfigError, StoreError
-from mocap_id.reporting.contents import COHORT_PAGE, PAGE_FILE, PdfFonts
+from mocap_id.reporting import COHORT_PAGE, PAGE_FILE, PdfFonts
 from mocap_id.reporting.figure import Drawings
 from mocap_id.reporting.page import read_figures
 from mocap_id.store.atomic import write_files

@@ -30,7 +30,7 @@ from mocap_id import __version__, runner
 from mocap_id.config import Trial
 from mocap_id.errors import ConfigError, MocapIdError, NumericalError, Refused
 from mocap_id.extras import optional
-from mocap_id.reporting.contents import FILES
+from mocap_id.reporting import FILES
 from mocap_id.runner.dependencies import find_user_files
 from mocap_id.stages import STAGES
 from mocap_id.store import Folder

@@ -19,7 +19,7 @@ from mocap_id.store.folder import Owner, check_owner, hash_path, hash_texts, rea
 from mocap_id.store.provenance import SCHEMAS
 
 if TYPE_CHECKING:
-    from mocap_id.reporting.results.result import CommandResult
+    from mocap_id.reporting.results import CommandResult
     from mocap_id.store import Artefact
 
 SUMMARY = "summary.json"

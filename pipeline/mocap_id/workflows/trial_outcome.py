@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from mocap_id.errors import Refused
-from mocap_id.reporting.contents import ENDINGS, SUMMARY_FILE
-from mocap_id.reporting.numbers import to_number
-from mocap_id.reporting.results.columns import ResultColumn, count, number, text, whole
+from mocap_id.reporting import ENDINGS, SUMMARY_FILE
+from mocap_id.reporting.grids import to_number
+from mocap_id.reporting.results import ResultColumn, count, number, text, whole
 from mocap_id.reporting.summary_schema import ReasonEntry
 from mocap_id.workflows.parallel import NOT_RUN, TrialRun
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from mocap_id.config.study import StudyTrial
-    from mocap_id.reporting.study.cohort import TrialEntry
+    from mocap_id.reporting.study import TrialEntry
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +51,7 @@ class TrialOutcome:
 
     def entry(self, name: str, about: str, report: str) -> TrialEntry:
         """Return the entry of the trial on a page; `report` is the path of its report, unused for a failed trial."""
-        from mocap_id.reporting.study.cohort import TrialEntry  # noqa: PLC0415  only a page needs it
+        from mocap_id.reporting.study import TrialEntry  # noqa: PLC0415  only a page needs it
 
         reasons = [ReasonEntry(**reason) for reason in self.value("verdict", "reasons") or ()]
         link = None if self.summary is None else report

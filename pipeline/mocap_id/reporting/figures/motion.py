@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,10 +14,13 @@ from mocap_id.reporting.figure import (
     Bars,
     Dash,
     Figure,
+    Heat,
     Item,
     Line,
     Panel,
+    Points,
     Rule,
+    Scale,
     Spans,
     Text,
     arrange_in_lines,
@@ -54,7 +57,7 @@ def draw_states(data: ReportData) -> Figure | str:
 
 def label_joints(data: ReportData) -> tuple[str, ...]:
     """Return a label for each joint in the states; "joint 1" and so on if it has no name."""
-    names = data.skeleton.joints if data.skeleton is not None else ()
+    names = data.joint_names
     count = 0 if data.motion is None else data.motion.mean.shape[1]
     return tuple(style.clean(names[j], 20) if j < len(names) else f"joint {j + 1}" for j in range(count))
 
@@ -62,7 +65,7 @@ def label_joints(data: ReportData) -> tuple[str, ...]:
 def label_angle(data: ReportData) -> str:
     """Return the label of an axis with joint angles, which says where they are zero."""
     where = {"static": ", static pose", "standing": " from standing", "segment line": ", segment line"}
-    sources = {zero.source for zero in data.zeros}
+    sources = {source for source, *_ in data.zeros}
     return f"angle{where.get(sources.pop(), '') if len(sources) == 1 else ''} (deg)"
 
 
@@ -157,8 +160,7 @@ def draw_phases(data: ReportData) -> Figure | str:
     table = data.table("phases.parquet")
     if table is None:
         return f"No averages over repetitions: {data.why_missing('phases.parquet')}."
-    names = data.skeleton.joints if data.skeleton is not None else ()
-    wrench = []
+    names, wrench = data.joint_names, []
     for name, label in _WRENCH:
         items, curves = [], []
         for suffix, colour, dash, what in _PHASE_SOURCES:
@@ -204,27 +206,12 @@ _ANATOMICAL = {"upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist"}
 """Names of the angles of the joints that move these segments."""
 
 
-@dataclass(frozen=True)
-class JointCurves:
-    """The angles of one joint with velocities and accelerations."""
+def collect_joint_curves(data: ReportData) -> list[tuple[str, tuple[str, ...], JointStates, BoolArray]]:
+    """Return the angles of each joint, and at the end any other angles; empty if nothing was estimated.
 
-    title: str
-    names: tuple[str, ...]  # names of the angles
-    states: JointStates  # NaN where an angle has no meaning
-    near_gimbal: BoolArray  # (T,) samples in which some of the angles have no meaning
-
-    def draw_panel(self, order: int, height: float, *, below: str = "") -> Panel:
-        """Return angles, velocities or accelerations (``order`` 0, 1 or 2) over time, with 95 % bands and shades.
-
-        ``below`` is the label of the time axis.
-        """
-        drawn = draw_panel(self.states, order, self.names, height)
-        shade = draw_shades(self.states.time, self.near_gimbal, style.SKY, opacity=0.25)
-        return replace(drawn, items=(*shade, *drawn.items), title=self.title, x=below)
-
-
-def collect_joint_curves(data: ReportData) -> list[JointCurves]:
-    """Return the angles of each joint, and at the end any other angles; empty if nothing was estimated."""
+    An entry has the title, the names of the angles, their states, NaN where an angle has no meaning, and the samples
+    (T,) in which some of the angles have no meaning.
+    """
     angles, poses, skeleton = data.angles, data.segment_poses, data.spatial_skeleton
     if angles is None or not angles.names or not len(angles.time):
         return []
@@ -253,27 +240,27 @@ def collect_joint_curves(data: ReportData) -> list[JointCurves]:
         states = JointStates(angles.time, mean, angles.sd[:, columns], np.tile(observed[:, None], (1, len(own))))
         near = angles.near_gimbal & any(name in MEANINGLESS_AT_POLE for name in own)
         names = tuple(style.clean(name.replace("_", " "), 24) for name in own)
-        found.append(JointCurves(style.clean(joint.replace("_", " "), 24), names, states, near))
+        found.append((style.clean(joint.replace("_", " "), 24), names, states, near))
     return found
 
 
-def draw_angles(data: ReportData) -> Figure | str:
-    """Return a panel with the angles of each joint."""
-    return _draw_derivatives(data, "angles", (0,), 1.9)
+def draw_joint_panels(data: ReportData, orders: tuple[int, ...], height: float) -> list[tuple[Panel, ...]]:
+    """Return a line of panels for each joint: its angles, velocities or accelerations over time (order 0, 1 or 2)."""
+    lines = []
+    for title, names, states, near in collect_joint_curves(data):
+        shade = draw_shades(states.time, near, style.SKY, opacity=0.25)
+        drawn = [draw_panel(states, order, names, height) for order in orders]
+        lines.append(tuple(replace(panel, items=(*shade, *panel.items), title=title) for panel in drawn))
+    return lines
 
 
-def draw_rates(data: ReportData) -> Figure | str:
-    """Return velocities and accelerations side by side, one line of panels for each joint."""
-    return _draw_derivatives(data, "velocities and accelerations", (1, 2), 1.7)
-
-
-def _draw_derivatives(data: ReportData, what: str, derivatives: tuple[int, ...], height: float) -> Figure | str:
-    found = collect_joint_curves(data)
-    if not found:
+def draw_derivatives(data: ReportData, what: str, orders: tuple[int, ...], height: float) -> Figure | str:
+    """Return angles, or velocities and accelerations side by side, one line of panels for each joint."""
+    lines = draw_joint_panels(data, orders, height)
+    if not lines:
         return f"No {what}: {data.why_missing('angles.parquet')}."
-    below = ["" for _ in found[1:]] + ["time (s)"]
-    rows = zip(found, below, strict=True)
-    return Figure(tuple(tuple(one.draw_panel(order, height, below=x) for order in derivatives) for one, x in rows))
+    lines[-1] = tuple(replace(panel, x="time (s)") for panel in lines[-1])
+    return Figure(tuple(lines))
 
 
 _PORTRAITS = ("elbow_flexion", "shoulder_elevation", "shoulder_plane", "shoulder_axial")
@@ -307,3 +294,148 @@ def draw_phase_portraits(data: ReportData) -> Figure | str:
         title = style.clean(name.replace("_", " "), 24)
         panels.append(Panel(tuple(items), title, "angle (deg)", "acceleration (rad/s²)", height=_HEIGHT))
     return Figure(arrange_in_lines(tuple(panels), 2))
+
+
+_ROWS = (("Fx", "Fx (N)"), ("Fy", "Fy, up (N)"), ("tauz", "τz (N·m)"), ("cop_x", "CoP x (m)"))
+_ROWS_IN_SPACE = (
+    ("Fx", "Fx (N)"), ("Fy", "Fy, up (N)"), ("Fz", "Fz (N)"),
+    ("taux", "τx (N·m)"), ("tauy", "τy (N·m)"), ("tauz", "τz (N·m)"),
+)  # fmt: skip
+_SOURCES: tuple[tuple[str, str, Dash, float, str], ...] = (
+    ("", style.MEASURED, "-", 0.9, "measured"),
+    ("_reference", style.REFERENCE, "--", 1.1, "allometric reference"),
+    ("_model", style.MODEL, "-", 1.1, "identified model"),
+)
+_COP_TAIL = 0.005  # outliers of the centre of pressure at low load
+
+
+def draw_wrench(data: ReportData) -> Figure | str:
+    """Return a panel over time for each component, with model and reference if the parameters were identified."""
+    rows = draw_panels(data, height=1.75)
+    if not any(isinstance(item, Line) for row in rows for item in row.items):
+        return f"No ground reaction wrench: {style.clean(data.explain('wrench.parquet'))}."
+    return Figure(tuple((row,) for row in rows))
+
+
+def draw_torques(data: ReportData) -> Figure | str:
+    """Return a panel over time with the torque of every joint and its 95 % band; contact is shaded."""
+    table, names = data.table("dynamics.parquet"), data.joint_names
+    known = [j for j in range(1, len(names) + 1) if table is not None and np.isfinite(table[f"tau_{j}"]).any()]
+    if table is None or not known:
+        return f"No joint torques: {style.clean(data.explain('dynamics.h5'))}."
+    time, words = table["time"], data.facts("dynamics.parquet").get("positive") or {}
+    panels = []
+    for j in known:
+        torque, half = table[f"tau_{j}"], NORMAL_95 * table[f"sd_tau_{j}"]
+        colour, name = style.pick_colour(j), style.clean(names[j - 1], 20)
+        items: tuple[Item, ...] = (
+            *draw_shades(time, data.contact),
+            Band(*thin_band(time, torque - half, torque + half), colour),
+            Line(*thin_curve(time, torque), colour, name),
+        )
+        positive = words[names[j - 1]][0] if names[j - 1] in words else ""
+        title = f"{name}, positive: {positive}" if positive else name
+        below = "time (s)" if j == known[-1] else ""
+        panels.append(
+            Panel(
+                items, title, below, "torque (N·m)", (float(time[0]), float(time[-1])), style.find_range([torque]),
+                linked=True, height=1.9,
+            )
+        )  # fmt: skip
+    return Figure(tuple((one,) for one in panels))
+
+
+def draw_panels(data: ReportData, height: float) -> tuple[Panel, ...]:
+    """Return a panel for each component of the wrench; empty without measured forces.
+
+    A panel contains shaded samples of the fit, the model with its band, the reference and the measurement.
+    """
+    table = read_forces(data)
+    rows = _ROWS_IN_SPACE if data.in_space else _ROWS
+    if table is None or not {name for name, _ in rows} <= set(table.names):
+        return ()
+    time, panels = table["time"], []
+    ends = (float(time[0]), float(time[-1])) if len(time) else None
+    for name, label in rows:
+        known = {
+            suffix: table[name + suffix]
+            for suffix, *_ in _SOURCES
+            if name + suffix in table.names and np.isfinite(table[name + suffix]).any()
+        }
+        items: list[Item] = list(draw_shades(time, table["in_fit"])) if "in_fit" in table.names else []
+        if "_model" in known and f"sd_{name}_model" in table.names:
+            half = NORMAL_95 * table[f"sd_{name}_model"]
+            items.append(Band(*thin_band(time, known["_model"] - half, known["_model"] + half), style.MODEL))
+        for suffix, colour, dash, width, what in _SOURCES:
+            if suffix in known:
+                items.append(Line(*thin_curve(time, known[suffix]), colour, what, dash, width))
+        framed = style.find_range(list(known.values()), _COP_TAIL if name == "cop_x" else 0.0)
+        below, tall = ("time (s)", height + 0.3) if name == rows[-1][0] else ("", height + 0.0)
+        panels.append(Panel(tuple(items), x=below, y=label, x_range=ends, y_range=framed, linked=True, height=tall))
+    return tuple(panels)
+
+
+def read_forces(data: ReportData) -> Table | None:
+    """Return the table of measured and modelled wrench, else of the measured wrench alone; None without both."""
+    found = data.table("dynamics.parquet")
+    return data.table("wrench.parquet") if found is None else found
+
+
+_ROW = 0.24  # inches per parameter
+
+
+def draw_parameters(data: ReportData) -> Figure | str:
+    """Return a panel for each unit: dot and 95 % interval of each parameter, and a cross for the reference."""
+    dynamics = data.dynamics
+    if dynamics is None or not np.isfinite(dynamics.value).any():
+        return f"No base parameters: {style.clean(data.explain('dynamics.h5'))}."
+    units, panels = np.array(dynamics.units), []
+    for unit in dict.fromkeys(dynamics.units):
+        member = np.flatnonzero(units == unit)
+        rows = np.arange(len(member), dtype=np.float64)
+        half = NORMAL_95 * np.where(np.isfinite(dynamics.sd[member]), dynamics.sd[member], 0.0)
+        reference = dynamics.base_reference[member]
+        known = np.isfinite(reference)
+        items: list[Item] = [
+            Rule("x", 0.0, style.INK),
+            Points(dynamics.value[member], rows, style.MODEL, "identified, 95 % interval", half=half),
+        ]
+        if known.any():
+            items.append(Points(reference[known], rows[known], style.REFERENCE, "allometric reference", "x", 6.0))
+        names, height = tuple(style.clean(dynamics.names[i], 34) for i in member), 0.55 + _ROW * len(member)
+        panels.append(Panel(tuple(items), x=style.format_unit(unit), rows=names, height=height))
+    return Figure(tuple((panel,) for panel in panels))
+
+
+_SEGMENT_COLUMNS = 4
+_LEAST_MASS = 1e-3  # kg; a point with less mass is drawn as a point without mass
+
+
+def draw_point_masses(data: ReportData) -> Figure | str:
+    """Return a panel for each body, in the frame of the body, with a common colour scale."""
+    dynamics = data.dynamics
+    if dynamics is None or not np.isfinite(dynamics.grid_mass).any():
+        why = data.explain("dynamics.h5")
+        if data.facts("dynamics.h5").get("consistency") in ("cone", "bounded-cone"):
+            why = (
+                "the fit uses the exact cone of physically consistent bodies, which gives mass, first moments and "
+                "inertia but no point masses"
+            )
+        return f"No point masses: {style.clean(why)}."
+    # for the pinned chain, the bodies are the segments
+    bodies = data.facts("dynamics.h5")["motion"].get("bodies") or () if data.measured_poses else data.segment_names
+    names, panels = tuple(map(str, bodies)), []
+    for k in np.unique(dynamics.grid_segment):
+        own = dynamics.grid_segment == k
+        (x, y), mass = dynamics.grid_position[own].T, dynamics.grid_mass[own]
+        carries, nothing = mass > _LEAST_MASS, np.zeros(1)
+        items = (
+            Points(x[~carries], y[~carries], style.GRID, size=2.0),
+            Points(nothing, nothing, style.INK, symbol="+", size=8.0),
+            Heat(x[carries], y[carries], mass[carries]),
+        )
+        name = names[k] if k < len(names) else f"segment {k}"
+        title = f"{style.clean(name, 18)}, {np.nansum(mass):.1f} kg"
+        panels.append(Panel(items, title, "x in the segment frame (m)", "y (m)", equal=True, height=3.2))
+    scale = Scale(0.0, max(float(np.nanmax(dynamics.grid_mass)), _LEAST_MASS), "mass of a point (kg)")
+    return Figure(arrange_in_lines(tuple(panels), _SEGMENT_COLUMNS), scale)

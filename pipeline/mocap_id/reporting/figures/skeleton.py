@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from mocap_id.reporting import style
 from mocap_id.reporting.figure import Bars, Figure, Item, Key, Line, Panel, Points, Text, arrange_in_lines, project
 from mocap_id.reporting.report_data import ReportData, read_positions
 from mocap_id.store import LongTable, Table
-from mocap_id.store.views import JointStates, Skeleton
+from mocap_id.store.views import JointStates
 
 ALONG, UP = "x, along the motion (m)", "y, up (m)"
 
@@ -32,7 +31,7 @@ def draw_skeleton(data: ReportData) -> Figure | str:
             return f"No markers to draw: {data.why_missing('planar.parquet')}."
         time = float(planar.time[len(planar.time) // 2])
         title = f"measured markers at {time:.2f} s; no chain was recovered"
-        items = tuple(_draw_markers(planar, time, None, filled=True))
+        items = tuple(_draw_markers(planar, time, {}, filled=True))
         return Figure(((Panel(items, title, ALONG, UP, equal=True, height=4.2),),))
     found, drawn = [], []
     for name, sample in moments:
@@ -47,8 +46,8 @@ def draw_skeleton(data: ReportData) -> Figure | str:
                 Text(float(points[j, 0]), float(points[j, 1]), style.clean(joint, 20)),
             ]
         items = (
-            *_draw_markers(planar, time, skeleton, filled=True),
-            *_draw_markers(data.long("markers.parquet"), time, skeleton, filled=False),
+            *_draw_markers(planar, time, data.segment_of, filled=True),
+            *_draw_markers(data.long("markers.parquet"), time, data.segment_of, filled=False),
             *sticks,
         )
         drawn += [item for item in items if isinstance(item, (Line, Points))]
@@ -88,14 +87,13 @@ def choose_moments(motion: JointStates, events: Table | None) -> tuple[tuple[str
     return tuple((f"extreme posture {k + 1}", sample) for k, sample in enumerate(ends))
 
 
-def _draw_markers(table: LongTable | None, time: float, skeleton: Skeleton | None, *, filled: bool) -> list[Item]:
+def _draw_markers(table: LongTable | None, time: float, segment_of: Mapping[str, int], *, filled: bool) -> list[Item]:
     """Return the markers in the frame nearest to ``time``, coloured by segment; dots if ``filled``, else rings."""
     if table is None or not table.length:
         return []
     frame = int(np.abs(table.time - time).argmin())
     x, y = table.values["x"][frame], table.values["y"][frame]
-    known = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
-    segment = np.array([known.get(label, -1) for label in table.labels])
+    segment = np.array([segment_of.get(label, -1) for label in table.labels])
     names = np.array([style.clean(label, 24) for label in table.labels])
     items: list[Item] = []
     for k in np.unique(segment).tolist():
@@ -165,25 +163,26 @@ _MOST_MARKERS = 80  # markers in the figure; the table lists all
 
 def draw_residuals(data: ReportData) -> Figure | str:
     """Return a bar for each of the largest residuals, grouped by segment; within a group, the largest is first."""
-    found = [one for one in data.residuals.values() if np.isfinite(one.rms)]
+    found = [
+        (label, data.segment_of.get(label, -1), one) for label, one in data.residuals.items() if np.isfinite(one["rms"])
+    ]
     if not found:
         return f"No residuals: {data.why_missing('markers.parquet')}."
-    worst = sorted(found, key=lambda one: -one.rms)[:_MOST_MARKERS]
-    of = sorted(worst, key=lambda one: one.segment)  # stable: the worst stay first
-    rms, q95 = 1e3 * np.array([one.rms for one in of]), 1e3 * np.array([one.q95 for one in of])
-    rows = np.arange(len(of), dtype=np.float64)
-    labels = tuple(style.clean(one.label, 24) for one in of)
+    worst = sorted(found, key=lambda row: -row[2]["rms"])[:_MOST_MARKERS]
+    of = sorted(worst, key=lambda row: row[1])  # stable: the worst stay first
+    rms, q95 = (1e3 * np.array([one[name] for *_, one in of]) for name in ("rms", "q95"))
+    rows, colours = np.arange(len(of), dtype=np.float64), tuple(style.pick_colour(segment) for _, segment, _ in of)
+    labels, names = tuple(style.clean(label, 24) for label, *_ in of), data.segment_names
     texts = tuple(
         f"{label}: {value:.1f} mm, 95 % {most:.1f}" for label, value, most in zip(labels, rms, q95, strict=True)
     )
-    names = data.segment_names
     keys = (
         Key(style.pick_colour(k), style.clean(names[k], 20) if 0 <= k < len(names) else "no segment")
-        for k in sorted({one.segment for one in of})
+        for k in sorted({segment for _, segment, _ in of})
     )
     items: tuple[Item, ...] = (
         *keys,
-        Bars(rows, np.zeros(len(of)), rms, tuple(style.pick_colour(one.segment) for one in of), names=texts),
+        Bars(rows, np.zeros(len(of)), rms, colours, names=texts),
         Points(q95, rows, style.INK, "95 % quantile", "|", 6.0),
     )
     title = f"{len(of)} largest residuals of {len(found)} markers" if len(of) < len(found) else ""
@@ -192,18 +191,13 @@ def draw_residuals(data: ReportData) -> Figure | str:
     return Figure(((panel,),))
 
 
-@dataclass(frozen=True)
-class StickFigure:
-    """Sticks and joints of the chain in K samples; joints whose centre is unknown are left out."""
+def make_stick_figure(
+    data: ReportData, samples: IntArray
+) -> tuple[tuple[int, ...], list[FloatArray], FloatArray, tuple[str, ...]] | None:
+    """Return the stick figure at K samples of the poses; None without chain or poses.
 
-    segments: tuple[int, ...]  # segment of each stick
-    sticks: tuple[FloatArray, ...]  # (K, 2, 3) start and end of each stick, m
-    joints: FloatArray  # (K, J, 3) centres of the joints, m
-    names: tuple[str, ...]  # names of the joints
-
-
-def make_stick_figure(data: ReportData, samples: IntArray) -> StickFigure | None:
-    """Return the stick figure at some samples of the poses; None without chain or poses.
+    It has the segment of each stick, start and end of each stick, (K, 2, 3), m, and centres, (K, J, 3), m, and names of
+    the joints whose centre is known.
 
     A stick leads from the joint of a segment to each next joint, or to the centroid of its markers if there is none. It
     begins at this centroid if the segment is the base, or if the centre of its joint is unknown.
@@ -224,7 +218,7 @@ def make_stick_figure(data: ReportData, samples: IntArray) -> StickFigure | None
             sticks.append(np.stack([start, end], axis=1))
     shown = [j for j, joint in enumerate(chain.joints) if joint.known]
     names = tuple(skeleton.joints[j] for j in shown)
-    return StickFigure(tuple(segments), tuple(sticks), origins[:, [1 + j for j in shown]], names)
+    return tuple(segments), sticks, origins[:, [1 + j for j in shown]], names
 
 
 _VIEWS = (
@@ -237,7 +231,7 @@ _VIEWS = (
 
 def draw_spatial_skeleton(data: ReportData) -> Figure | str:
     """Return sticks, joint centres and markers in three views, for the two extremes of the motion."""
-    planar, skeleton = data.long("planar.parquet"), data.spatial_skeleton
+    planar = data.long("planar.parquet")
     if planar is None or not planar.length:
         return f"No markers to draw: {data.why_missing('planar.parquet')}."
     samples = choose_samples(data)
@@ -246,15 +240,14 @@ def draw_spatial_skeleton(data: ReportData) -> Figure | str:
     else:
         time, sticks = data.segment_poses.time[samples], make_stick_figure(data, samples)
     # markers at K instants, (K, M, 3), and the segment of each; -1 without a segment
-    own = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
-    segment = np.array([own.get(label, -1) for label in planar.labels])
+    segment = np.array([data.segment_of.get(label, -1) for label in planar.labels])
     at = planar.time[np.abs(planar.time[:, None] - time).argmin(axis=0)]
     markers = read_positions(planar, at, tuple(planar.labels), "xyz")
     names = np.array([style.clean(label, 24) for label in planar.labels])
     # the views contain all markers and joints
     points = markers.reshape(-1, 3)
     if sticks is not None:
-        points = np.concatenate([points, sticks.joints.reshape(-1, 3)])
+        points = np.concatenate([points, sticks[2].reshape(-1, 3)])
     points = points[np.isfinite(points).all(axis=1)]
     middle, half = np.zeros(3), 1.0
     if len(points):
@@ -271,12 +264,13 @@ def draw_spatial_skeleton(data: ReportData) -> Figure | str:
                 x_seen, y_seen = project(markers[k, known], turn, tilt).T
                 items.append(Points(x_seen, y_seen, style.pick_colour(number), **look))
             if sticks is not None:
-                for number, ends in zip(sticks.segments, sticks.sticks, strict=True):
+                numbers, drawn, joints, called = sticks
+                for number, ends in zip(numbers, drawn, strict=True):
                     name, colour = style.clean(data.segment_names[number], 20), style.pick_colour(number)
                     x_seen, y_seen = project(ends[k], turn, tilt).T
                     items.append(Line(x_seen, y_seen, colour, name, width=3.5, opacity=0.55))
-                look = {"symbol": "ring", "size": 9.0, "names": tuple(style.clean(name, 24) for name in sticks.names)}
-                x_seen, y_seen = project(sticks.joints[k], turn, tilt).T
+                look = {"symbol": "ring", "size": 9.0, "names": tuple(style.clean(name, 24) for name in called)}
+                x_seen, y_seen = project(joints[k], turn, tilt).T
                 items.append(Points(x_seen, y_seen, style.INK, **look))
             title = view if panels else f"{moment:.2f} s, {view}"
             across, up = ((float(at - half), float(at + half)) for at in project(middle, turn, tilt))
@@ -295,10 +289,10 @@ def choose_samples(data: ReportData) -> IntArray | None:
         return None
     usable = np.flatnonzero(np.isfinite(poses.quaternion).all(axis=(1, 2)) & np.isfinite(poses.origin).all(axis=(1, 2)))
     whole = make_stick_figure(data, usable[:: max(1, len(usable) // 2000)])
-    if whole is None or not len(usable) or not whole.sticks:
+    if whole is None or not len(usable) or not whole[1]:
         return None
     usable = usable[:: max(1, len(usable) // 2000)]
-    points = np.concatenate(whole.sticks, axis=1).reshape(len(usable), -1)
+    points = np.concatenate(whole[1], axis=1).reshape(len(usable), -1)
     centred = points - points.mean(axis=0)
     along = centred @ np.linalg.eigh(centred.T @ centred)[1][:, -1]
     return np.unique(usable[[along.argmin(), along.argmax()]])

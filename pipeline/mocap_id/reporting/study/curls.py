@@ -7,12 +7,11 @@ from collections.abc import Collection, Iterator
 import numpy as np
 import pandas as pd
 
-from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Bars, Drawing, Drawings, Figure, Item, Line, Panel, Points, Rule, arrange_in_lines
 from mocap_id.reporting.grids import Grid, numbers, show_estimate
 from mocap_id.reporting.page import KeyNumber, Section
-from mocap_id.reporting.study.cohort import CohortData, render_study_page, spread_evenly, to_floats
+from mocap_id.reporting.study import CohortData, render_study_page, spread_evenly, to_floats
 
 _FOOTER = (
     "The same numbers in SI units, angles in degrees, are in the CSV and Parquet files beside this page, which "
@@ -42,8 +41,24 @@ def render_curl_page(data: CohortData, reference: str) -> bytes:
 
     ``reference`` is the name of the reference condition.
     """
+    boxes = Drawing(
+        "repetitions",
+        "Repetitions by condition",
+        f"Number of repetitions (left), and the same divided by the number in the person's {reference} trial with "
+        "the same trial number (right). A box contains the middle half of the trials, its line is the median, and the "
+        "whiskers reach the lowest and the highest trial. A dot is a trial; each person has a colour.",
+        _draw_repetitions(data),
+    )
+    compensation = Drawing(
+        "compensation",
+        "Compensation by condition",
+        "Mean range of each angle within a curl: dots are trials, rings the mean over people with its 95 % interval. "
+        "A range left of the dotted line can be due to errors alone.",
+        _draw_compensation(data),
+    )
+    figures = Drawings(style.clean(data.study), (boxes, compensation))
     numbers, sections = _make_key_numbers(data, reference), _make_sections(data, reference)
-    return render_study_page(data, numbers, sections, _draw_figures(data, reference), _FOOTER)
+    return render_study_page(data, numbers, sections, figures, _FOOTER)
 
 
 def _make_key_numbers(data: CohortData, reference: str) -> Iterator[KeyNumber]:
@@ -106,25 +121,6 @@ def _make_sections(data: CohortData, reference: str) -> Iterator[Section]:
     yield Section("trials", "Trials", (trials,))
 
 
-def _draw_figures(data: CohortData, reference: str) -> Drawings:
-    boxes = Drawing(
-        "repetitions",
-        "Repetitions by condition",
-        f"Number of repetitions (left), and the same divided by the number in the person's {reference} trial with "
-        "the same trial number (right). A box contains the middle half of the trials, its line is the median, and the "
-        "whiskers reach the lowest and the highest trial. A dot is a trial; each person has a colour.",
-        _draw_repetitions(data),
-    )
-    compensation = Drawing(
-        "compensation",
-        "Compensation by condition",
-        "Mean range of each angle within a curl: dots are trials, rings the mean over people with its 95 % interval. "
-        "A range left of the dotted line can be due to errors alone.",
-        _draw_compensation(data),
-    )
-    return Drawings(style.clean(data.study), (boxes, compensation))
-
-
 def _draw_repetitions(data: CohortData) -> Figure | str:
     trials = data.frame("trials")
     if trials["repetitions"].isna().all():
@@ -135,7 +131,13 @@ def _draw_repetitions(data: CohortData) -> Figure | str:
         for row, condition in enumerate(data.list_labels("condition")):
             values = to_floats(trials[trials["condition"] == condition][name].dropna())
             if len(values):
-                items += _draw_box(values, row)
+                lowest, q1, median, q3, highest = np.quantile(values, (0, 0.25, 0.5, 0.75, 1))
+                ends, at = np.array([lowest, q1, np.nan, q3, highest]), np.array([row])
+                items += [
+                    Bars(at, np.array([q1]), np.array([q3]), (style.BLUE,), np.array([0.3]), thick=2 * _BOX),
+                    Line(ends, np.full(5, float(row)), style.INK, width=0.8),
+                    Line(np.array([median, median]), np.array([row - _BOX, row + _BOX]), style.INK, width=1.6),
+                ]
         panels.append(_make_panel(data, name, [*items, *_draw_trials(data, name)], 0.35))
     return Figure((tuple(panels),))
 
@@ -163,17 +165,6 @@ def _make_panel(data: CohortData, name: str, items: list[Item], row_height: floa
     """Return a panel for a measure with a row for every condition."""
     rows = tuple(style.clean(condition, 16) for condition in data.list_labels("condition"))
     return Panel(tuple(items), x=data.tables["trials"].heads[name], rows=rows, height=0.8 + row_height * len(rows))
-
-
-def _draw_box(values: FloatArray, row: int) -> list[Item]:
-    """Return the box plot of the values (N,) in the row with this number."""
-    lowest, q1, median, q3, highest = np.quantile(values, (0, 0.25, 0.5, 0.75, 1))
-    ends = np.array([lowest, q1, np.nan, q3, highest])
-    return [
-        Bars(np.array([row]), np.array([q1]), np.array([q3]), (style.BLUE,), np.array([0.3]), thick=2 * _BOX),
-        Line(ends, np.full(5, float(row)), style.INK, width=0.8),
-        Line(np.array([median, median]), np.array([row - _BOX, row + _BOX]), style.INK, width=1.6),
-    ]
 
 
 def _draw_trials(data: CohortData, name: str, size: float = 3.0) -> list[Item]:

@@ -11,10 +11,9 @@ from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Item, Line, Panel, Points, arrange_in_lines
 from mocap_id.reporting.figures.skeleton import make_turnable_panel
-from mocap_id.reporting.grids import show_estimate
-from mocap_id.reporting.numbers import UNKNOWN, show, to_number
+from mocap_id.reporting.grids import UNKNOWN, show, show_estimate, to_number
 from mocap_id.reporting.page import KeyNumber, Section
-from mocap_id.reporting.study.cohort import CohortData, draw_separators, place_trials, render_study_page, to_floats
+from mocap_id.reporting.study import CohortData, draw_separators, place_trials, render_study_page, to_floats
 
 _SIDES = {"right": style.BLUE, "left": style.VERMILLION}
 _CAPTION = (

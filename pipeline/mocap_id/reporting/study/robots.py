@@ -14,13 +14,12 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Band, Dash, Drawing, Drawings, Figure, Item, Line, Panel, Points, Text, thin_curve
-from mocap_id.reporting.grids import Grid, GridColumn, numbers, texts
-from mocap_id.reporting.numbers import UNKNOWN, show_fixed, to_number
+from mocap_id.reporting.grids import UNKNOWN, Grid, GridColumn, numbers, show_fixed, texts, to_number
 from mocap_id.reporting.page import Page, Section
-from mocap_id.reporting.study.cohort import TrialEntry, count_passed
+from mocap_id.reporting.study import TrialEntry, count_passed
 
 if TYPE_CHECKING:
-    from mocap_id.reporting.results.columns import ResultTable
+    from mocap_id.reporting.results import ResultTable
 
 LEGEND = (
     "Mean (standard deviation). Values: over the trials of a cell; errors: over all samples of these trials. P: states "

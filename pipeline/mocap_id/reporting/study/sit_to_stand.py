@@ -11,10 +11,9 @@ import pandas as pd
 from mocap_id.reporting import style
 from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Item, Panel, Points, Symbol, arrange_in_lines
-from mocap_id.reporting.grids import means_with_sd, texts
-from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed
+from mocap_id.reporting.grids import UNKNOWN, means_with_sd, show, show_fixed, texts
 from mocap_id.reporting.page import KeyNumber, Section
-from mocap_id.reporting.study.cohort import (
+from mocap_id.reporting.study import (
     CohortData,
     draw_dots,
     draw_separators,
@@ -34,8 +33,31 @@ _FOOTER = (
 
 def render_cohort_page(data: CohortData) -> bytes:
     """Return the HTML page in UTF-8, from the tables trials, lengths, strategies, models, parameters and variation."""
+    lengths = Drawing(
+        "lengths",
+        "Segment lengths against their reference",
+        "A dot for each trial with its 95 % interval, coloured by strategy. Bars are the lengths measured on the body; "
+        "crosses are the lengths of the allometric table for the person's height.",
+        _draw_lengths(data),
+    )
+    pressure = Drawing(
+        "pressure",
+        "Centre of pressure: own models and the allometric body",
+        "Root mean square error of the predicted centre of pressure off the chair, a mark for each prediction. Own: "
+        "the trial's model on its own samples. Held out: models on repetitions to which they were not fitted. Other "
+        "trial: the model of another trial of the same person.",
+        _draw_pressure(data),
+    )
+    parameters = Drawing(
+        "parameters",
+        "Base parameters of every person",
+        "A dot for each trial with its 95 % interval, coloured by strategy; crosses are the allometric body. Each "
+        "panel has its own scale.",
+        _draw_parameters(data),
+    )
+    figures = Drawings(style.clean(data.study), (lengths, pressure, parameters))
     numbers = [number for number in _make_key_numbers(data) if number.value != UNKNOWN]
-    return render_study_page(data, numbers, _make_sections(data), draw_cohort_figures(data), _FOOTER)
+    return render_study_page(data, numbers, _make_sections(data), figures, _FOOTER)
 
 
 def _make_key_numbers(data: CohortData) -> Iterator[KeyNumber]:
@@ -140,33 +162,6 @@ def _make_sections(data: CohortData) -> Iterator[Section]:
     yield Section("parameters", "Inertial parameters", (of_cohort,), ("parameters",), (of_people,))
 
 
-def draw_cohort_figures(data: CohortData) -> Drawings:
-    """Return all figures of the page."""
-    lengths = Drawing(
-        "lengths",
-        "Segment lengths against their reference",
-        "A dot for each trial with its 95 % interval, coloured by strategy. Bars are the lengths measured on the body; "
-        "crosses are the lengths of the allometric table for the person's height.",
-        _draw_lengths(data),
-    )
-    pressure = Drawing(
-        "pressure",
-        "Centre of pressure: own models and the allometric body",
-        "Root mean square error of the predicted centre of pressure off the chair, a mark for each prediction. Own: "
-        "the trial's model on its own samples. Held out: models on repetitions to which they were not fitted. Other "
-        "trial: the model of another trial of the same person.",
-        _draw_pressure(data),
-    )
-    parameters = Drawing(
-        "parameters",
-        "Base parameters of every person",
-        "A dot for each trial with its 95 % interval, coloured by strategy; crosses are the allometric body. Each "
-        "panel has its own scale.",
-        _draw_parameters(data),
-    )
-    return Drawings(style.clean(data.study), (lengths, pressure, parameters))
-
-
 def _draw_lengths(data: CohortData) -> Figure | str:
     """Return the lengths of shank and thigh: identified, by landmarks and by stature (table 6.1 as a figure)."""
     trials = data.frame("trials")
@@ -174,8 +169,29 @@ def _draw_lengths(data: CohortData) -> Figure | str:
         return "No segment lengths: no trial has a shank or a thigh."
     panels = []
     for segment in _SEGMENTS:
-        dots = draw_dots(data, trials, segment, f"{segment}_sd", factor=100)
-        items = [*draw_separators(data), *_draw_reference_lengths(data, segment), *dots]
+        # the lengths measured on the body, and the lengths of the table for the person's height
+        items = draw_separators(data)
+        lengths = data.of_people("lengths")
+        own = lengths[lengths["segment"] == segment]
+        framework, stature = own[own["method"] == "framework"], own[own["method"] == "stature"]
+        measured = framework["reference"] == "landmarks"
+        by_height = pd.concat(
+            [
+                framework[~measured][["subject", "reference_length"]],
+                stature[["subject", "length_mean"]].rename(columns={"length_mean": "reference_length"}),
+            ]
+        )
+        kinds: tuple[tuple[pd.DataFrame, str, str, Symbol, float], ...] = (
+            (framework[measured], style.INK, "landmarks", "|", 14.0),
+            (by_height, style.REFERENCE, "stature", "x", 6.0),
+        )
+        for frame, colour, label, symbol, size in kinds:
+            known = frame[np.isfinite(to_floats(frame["reference_length"]))]
+            if not known.empty:
+                y = np.array([data.subjects.index(subject) for subject in known["subject"]], dtype=np.float64)
+                x = 100 * to_floats(known["reference_length"])
+                items.append(Points(x, y, colour, label, symbol, size))
+        items += draw_dots(data, trials, segment, f"{segment}_sd", factor=100)
         panels.append(_make_panel(data, items, segment, "length (cm)", 0.7 + 0.3 * len(data.subjects)))
     return Figure((tuple(panels),))
 
@@ -184,32 +200,6 @@ def _make_panel(data: CohortData, items: list[Item], title: str, x: str, height:
     return Panel(
         tuple(items), title, x, rows=tuple(style.clean(subject, 16) for subject in data.subjects), height=height
     )
-
-
-def _draw_reference_lengths(data: CohortData, segment: str) -> list[Item]:
-    """Return the lengths measured on the body, and the lengths of the table for the person's height."""
-    lengths = data.of_people("lengths")
-    own = lengths[lengths["segment"] == segment]
-    framework, stature = own[own["method"] == "framework"], own[own["method"] == "stature"]
-    measured = framework["reference"] == "landmarks"
-    by_height = pd.concat(
-        [
-            framework[~measured][["subject", "reference_length"]],
-            stature[["subject", "length_mean"]].rename(columns={"length_mean": "reference_length"}),
-        ]
-    )
-    kinds: tuple[tuple[pd.DataFrame, str, str, Symbol, float], ...] = (
-        (framework[measured], style.INK, "landmarks", "|", 14.0),
-        (by_height, style.REFERENCE, "stature", "x", 6.0),
-    )
-    items: list[Item] = []
-    for frame, colour, label, symbol, size in kinds:
-        known = frame[np.isfinite(to_floats(frame["reference_length"]))]
-        if not known.empty:
-            y = np.array([data.subjects.index(subject) for subject in known["subject"]], dtype=np.float64)
-            x = 100 * to_floats(known["reference_length"])
-            items.append(Points(x, y, colour, label, symbol, size))
-    return items
 
 
 def _draw_pressure(data: CohortData) -> Figure | str:

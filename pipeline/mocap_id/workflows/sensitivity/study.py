@@ -28,11 +28,10 @@ from mocap_id import __version__, runner
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, MocapIdError, NumericalError, Refused
 from mocap_id.geometry.planar import rotate
-from mocap_id.reporting.numbers import show
-from mocap_id.reporting.results.columns import ResultColumn as Column
-from mocap_id.reporting.results.columns import ResultTable, declare_tables, number, text, to_finite, whole
-from mocap_id.reporting.results.result import CommandResult
-from mocap_id.reporting.sensitivity import Parameter, SensitivityData, render_sensitivity_page
+from mocap_id.reporting.grids import show
+from mocap_id.reporting.results import CommandResult, ResultTable, declare_tables, number, text, to_finite, whole
+from mocap_id.reporting.results import ResultColumn as Column
+from mocap_id.reporting.sensitivity import Parameter, render_sensitivity_page
 from mocap_id.stages.base import Context
 from mocap_id.stages.calibration_trial import has_no_markers
 from mocap_id.store import Artefact, Folder, Table, Tree
@@ -673,17 +672,17 @@ def study_sensitivity(
         tables = {name: ResultTable.of(schema, rows[name]) for name, schema in TABLES.items()}
 
         def make_page() -> dict[str, bytes]:
-            data = SensitivityData(
+            page = render_sensitivity_page(
                 trial=trial.name,
                 verdict=own.level,
                 note=note,
                 tolerance=share,
                 seed=options.seed,
-                parameters=tuple(own.parameters[name] for name in judged),
+                parameters=[own.parameters[name] for name in judged],
                 titles={run.perturbation.kind: run.perturbation.definition.title for run in runs},
                 tables=tables,
             )
-            return {PAGE: render_sensitivity_page(data)}
+            return {PAGE: page}
 
         def describe(one: Parameter) -> dict[str, Any]:
             numbers = {name: to_finite(getattr(one, name)) for name in ("value", "sd", "size")}

@@ -20,10 +20,10 @@ import numpy as np
 
 from mocap_id.arrays import NORMAL_95
 from mocap_id.config.study import Study, StudyTrial
-from mocap_id.reporting.contents import COHORT
+from mocap_id.reporting import COHORT
 from mocap_id.reporting.figures.skeleton import make_wires
-from mocap_id.reporting.numbers import UNKNOWN, show_fixed, to_numbers
-from mocap_id.reporting.results.columns import (
+from mocap_id.reporting.grids import UNKNOWN, show_fixed, to_numbers
+from mocap_id.reporting.results import (
     ResultColumn,
     count,
     declare_tables,
@@ -33,7 +33,7 @@ from mocap_id.reporting.results.columns import (
     text,
     whole,
 )
-from mocap_id.reporting.study.cohort import CohortData
+from mocap_id.reporting.study import CohortData
 from mocap_id.reporting.study.curls import render_curl_page
 from mocap_id.reporting.study.reach import Shape, render_reach_page, show_score
 from mocap_id.store import Folder

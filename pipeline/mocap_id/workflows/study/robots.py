@@ -29,8 +29,9 @@ from mocap_id.config import Trial
 from mocap_id.config.study import RobotStudy, RobotTrial, load_robot_study
 from mocap_id.dynamics.preparation import SampledWrench
 from mocap_id.errors import ConfigError, MocapIdError, RecordingError
-from mocap_id.reporting.numbers import UNKNOWN, show_fixed, to_number
-from mocap_id.reporting.results.columns import (
+from mocap_id.reporting.grids import UNKNOWN, show_fixed, to_number
+from mocap_id.reporting.results import (
+    CommandResult,
     ResultColumn,
     ResultTable,
     declare_tables,
@@ -40,8 +41,7 @@ from mocap_id.reporting.results.columns import (
     text,
     whole,
 )
-from mocap_id.reporting.results.result import CommandResult
-from mocap_id.reporting.study.cohort import CohortData
+from mocap_id.reporting.study import CohortData
 from mocap_id.reporting.study.robots import (
     AveragedWrench,
     Recovery,

@@ -21,10 +21,9 @@ from mocap_id.dynamics.priors import TableName, look_up_table
 from mocap_id.dynamics.regressor import PLANAR_PARAMETERS
 from mocap_id.errors import ConfigError
 from mocap_id.protocols.five_times import FiveTimes
-from mocap_id.reporting.contents import COHORT
-from mocap_id.reporting.grids import millimetres
-from mocap_id.reporting.numbers import UNKNOWN, scale, show, show_fixed, to_number
-from mocap_id.reporting.results.columns import (
+from mocap_id.reporting import COHORT
+from mocap_id.reporting.grids import UNKNOWN, millimetres, scale, show, show_fixed, to_number
+from mocap_id.reporting.results import (
     ResultColumn,
     count,
     declare_tables,

@@ -26,9 +26,8 @@ from mocap_id.config import Trial
 from mocap_id.config.study import Study, StudyTrial, load_study
 from mocap_id.dynamics.prediction import Agreement
 from mocap_id.errors import StoreError
-from mocap_id.reporting.contents import COHORT, COHORT_PAGE, SUMMARY_FILE
-from mocap_id.reporting.results.columns import ResultTable
-from mocap_id.reporting.results.result import CommandResult
+from mocap_id.reporting import COHORT, COHORT_PAGE, SUMMARY_FILE
+from mocap_id.reporting.results import CommandResult, ResultTable
 from mocap_id.stages import STAGES
 from mocap_id.stages.trial_keys import list_sensors
 from mocap_id.store import Folder, TableSchema, dumps, hash_bytes, hash_file
@@ -37,7 +36,7 @@ from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, r
 from mocap_id.workflows.trial_outcome import TrialOutcome
 
 if TYPE_CHECKING:
-    from mocap_id.reporting.study.cohort import CohortData
+    from mocap_id.reporting.study import CohortData
 
 T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)
@@ -378,7 +377,7 @@ def run_study(
         tables = kind.make_tables(trials)
 
         def make_page() -> dict[str, bytes]:
-            from mocap_id.reporting.study.cohort import CohortData  # noqa: PLC0415  only a page needs it
+            from mocap_id.reporting.study import CohortData  # noqa: PLC0415  only a page needs it
 
             entries = tuple(
                 one.entry(one.name, ", ".join(filter(None, [one.subject, *own.values()])), f"../{one.name}/report.html")

@@ -1,4 +1,4 @@
-"""Result tables: declared columns, and rows as data frame, CSV, Parquet and table of a page.
+"""Results of commands: tables with declared columns, and a JSON document that is written with all other files or not.
 
 A column is declared once: its name, unit and meaning for the files, the source of its values, and, if a page shows it,
 its heading and the form of its cells.
@@ -7,10 +7,12 @@ its heading and the form of its cells.
 from __future__ import annotations
 
 import io
+import json
 import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import pandas as pd
@@ -20,9 +22,12 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from mocap_id import __version__
+from mocap_id.errors import StoreError
 from mocap_id.reporting import grids
 from mocap_id.reporting.grids import Grid, GridColumn
-from mocap_id.store import Column, Table, TableSchema
+from mocap_id.store import Column, Table, TableSchema, hash_bytes
+from mocap_id.store.atomic import write_files
+from mocap_id.store.folder import describe_conflict
 from mocap_id.store.parquet import expand_columns, to_arrow
 from mocap_id.store.provenance import PREFIX
 
@@ -66,12 +71,12 @@ def number(
 
 def whole(name: str, meaning: str, value: Value = None, head: str | None = None) -> ResultColumn:
     """Return a column of whole numbers in which no value may be missing."""
-    return ResultColumn(name, "int64", "1", meaning, value, None if head is None else grids.wholes(head, name))
+    return ResultColumn(name, "int64", "1", meaning, value, None if head is None else grids.numbers(head, name, 0))
 
 
 def count(name: str, meaning: str, value: Value = None, head: str | None = None) -> ResultColumn:
     """Return a column of whole numbers in which values may be missing."""
-    return ResultColumn(name, "Int64", "1", meaning, value, None if head is None else grids.wholes(head, name))
+    return ResultColumn(name, "Int64", "1", meaning, value, None if head is None else grids.numbers(head, name, 0))
 
 
 def shown_as(
@@ -99,7 +104,10 @@ def estimate_columns(
         number(f"{name}_{end}" if end else name, unit, f"{meaning}{words}", read_part(end or "value"))
         for end, words in _INTERVAL_ENDS.items()
     )
-    return [value if head is None else replace(value, shown=grids.estimate(head, name)), *ends]
+    return [
+        value if head is None else shown_as(value, head, lambda row: grids.show_estimate(row, name), optional=True),
+        *ends,
+    ]
 
 
 _PARTS = {"mean": "mean", "sd": "standard deviation", "rms": "root mean square"}
@@ -231,3 +239,67 @@ class ResultTable:
 def to_finite(value: float) -> float | None:
     """Return a number for a JSON document; None if it is not finite."""
     return float(value) if math.isfinite(value) else None
+
+
+@dataclass(frozen=True)
+class CommandResult:
+    """The output of a command: a JSON document (``file``), tables and other files."""
+
+    kind: str  # kind of the result, such as ``study``; the schema of the document is ``mocap-id/<kind>``
+    file: str  # name of the JSON document
+    content: Mapping[str, Any]  # content of the document after the keys for schema and version; without NaN
+    # Tables by name; each is written as CSV and Parquet.
+    tables: Mapping[str, ResultTable] = field(default_factory=dict)
+    # Function that returns the other files, such as page and figures, by name. It is called once.
+    other_files: Callable[[], Mapping[str, bytes]] = dict
+    hashed: bool = False  # whether the document ends with the hash of every other file
+    # Names of what the result is made from, and hashes that identify it; the document contains them.
+    made_from: Mapping[str, Sequence[str]] | None = None
+    indent: int = 1  # indentation of the document
+    end: str = "\n"  # last characters of the document
+
+    @cached_property
+    def files(self) -> dict[str, bytes]:
+        """All files except the document, by name."""
+        files = {}
+        for name, table in self.tables.items():
+            files[f"{name}.csv"] = table.csv()
+            files[f"{name}.parquet"] = table.parquet(self.kind)
+        return {**files, **self.other_files()}
+
+    @cached_property
+    def document(self) -> Mapping[str, Any]:
+        """Content of the JSON document, including schema, version and, if requested, the hashes of all other files."""
+        head = {"schema": f"mocap-id/{self.kind}", "version": 1, **self.content}
+        head |= {} if self.made_from is None else {"made_from": self.made_from}
+        return head | {"files": {name: hash_bytes(file) for name, file in self.files.items()}} if self.hashed else head
+
+    def write(self, folder: Path) -> tuple[str, ...]:
+        """Write all files, or none if one cannot be written; return their names, the document first.
+
+        Raises
+        ------
+        StoreError
+            The folder cannot be written, or contains this document, made from something else.
+        """
+        before = None if self.made_from is None else _read_made_from(folder / self.file)
+        if before is not None and self.made_from is not None and not {*before["hashes"]} & {*self.made_from["hashes"]}:
+            names = (", ".join(each["names"]) for each in (before, self.made_from))
+            raise StoreError(describe_conflict(folder / self.file, *names))
+        text = json.dumps(self.document, indent=self.indent, ensure_ascii=False, allow_nan=False) + self.end
+        write_files(folder, {**self.files, self.file: text.encode()})
+        return (self.file, *self.files)
+
+
+def _read_made_from(file: Path) -> Mapping[str, Sequence[str]] | None:
+    """Return from what an existing document was made; None if it does not say so."""
+    try:
+        found = json.loads(file.read_text("utf-8"))["made_from"]
+        return {key: [str(text) for text in found[key]] for key in ("names", "hashes")}
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def make_text_file(lines: Iterable[str]) -> bytes:
+    """Return lines as the content of a text file."""
+    return "".join(f"{line}\n" for line in lines).encode()

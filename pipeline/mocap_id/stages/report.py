@@ -1,12 +1,28 @@
-"""Function of the stage report: writes summary, page and figures."""
+"""Stage report: writes verdict and numbers of a trial for people and programs."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+from pydantic import Field
+
 from mocap_id import __version__
-from mocap_id.reporting.report_data import ReportData
-from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.trial_keys import BalanceBoard, StaticTrial, list_sensors
+from mocap_id.reporting import FILES, PdfFonts
+from mocap_id.stages import STAGE_HELP
+from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.trial_keys import BalanceBoard, StaticTrial, TrialKeys, list_sensors
+from mocap_id.store.provenance import SCHEMAS
 from mocap_id.verdict import Reason
+
+if TYPE_CHECKING:
+    from mocap_id.reporting.report_data import ReportData
+
+
+class ReportSettings(Settings):
+    """Settings of the files with figures."""
+
+    figures: bool = Field(False, description="also write the figures as SVG and PDF, like `mocap-id figures`")
+    pdf_fonts: PdfFonts = Field("type-3", description="fonts in the PDF figures; some journals require truetype")
 
 
 def report(context: Context) -> Outputs:
@@ -14,7 +30,7 @@ def report(context: Context) -> Outputs:
 
     For a refused trial (``context.refused``), these documents are made from the existing artefacts.
     """
-    from mocap_id.reporting.report import make_documents  # noqa: PLC0415  report_data needs no template
+    from mocap_id.reporting.report import make_documents  # noqa: PLC0415  loads its libraries only when run
 
     settings = context.settings
     return make_documents(report_data(context), figures=settings.figures, pdf_fonts=settings.pdf_fonts)
@@ -22,6 +38,8 @@ def report(context: Context) -> Outputs:
 
 def report_data(context: Context) -> ReportData:
     """Return the artefacts, settings and refusal from which the report is made."""
+    from mocap_id.reporting.report_data import ReportData  # noqa: PLC0415  loads its libraries only when run
+
     refused, trial = context.refused, context.trial
     refusal = None
     if refused is not None:
@@ -59,3 +77,15 @@ def report_data(context: Context) -> ReportData:
         seconds=context.seconds,
         settings={key: value for key, value in texts.items() if value},
     )
+
+
+STAGE = Stage(
+    name="report",
+    version=11,
+    inputs=tuple(SCHEMAS),
+    outputs=FILES,
+    uses=tuple(TrialKeys.model_fields),
+    settings=ReportSettings,
+    function=report,
+    help=STAGE_HELP["report"],
+)

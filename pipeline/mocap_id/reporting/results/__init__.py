@@ -1,1 +1,0 @@
-"""Results of studies: tables with declared columns, files that are written all or none, and the page of a study."""
