@@ -24,7 +24,7 @@ from harness import (
     temporary_folder,
 )
 
-from mocap_id.store.views import Skeleton
+from mocap_id.store.artefacts import Skeleton
 from mocap_id.workflows.sensitivity.perturbations import (
     JOINTS,
     KINDS,

@@ -22,7 +22,7 @@ from mocap_id_assist.level_set import (
     make_grid,
     solve_level_set,
 )
-from mocap_id_assist.one_joint import OneJoint
+from mocap_id_assist.springs import OneJoint
 
 HORIZON = 2.0
 WEIGHT, INERTIA, STIFFNESS, REST = 3.43 * 9.81 * 0.30, 0.43, 4.297, np.radians(210)

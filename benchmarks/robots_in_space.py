@@ -16,7 +16,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.space.consistency import change_of_frame
 from mocap_id.geometry import se3
 from mocap_id.kinematics.space.bodies import rigid_poses
-from mocap_id.store.views import SpatialSkeleton
+from mocap_id.store.artefacts import SpatialSkeleton
 from mocap_id.workflows.run_folder import open_run
 from mocap_id.workflows.transfer import find_payload
 from mocap_id_simulation.space_robot import SpaceRobotOptions, simulate_space_robot

@@ -18,16 +18,19 @@ from mocap_id_assist.controllers import Controlled
 from mocap_id_assist.devices import NearestSpring
 from mocap_id_assist.files import PrescriptionConfig, Task
 from mocap_id_assist.level_set import JointDynamics, ReachableStates
-from mocap_id_assist.one_joint import REST, OneJoint, Prescription, find_least_spring
-from mocap_id_assist.several_joints import (
+from mocap_id_assist.springs import (
+    REST,
     ChainMasses,
     Graph,
+    OneJoint,
     Postures,
+    Prescription,
     SpringPlace,
     Springs,
     SubWorkspace,
     build_graph,
     find_held_postures,
+    find_least_spring,
     prescribe_several,
     sample_postures,
 )

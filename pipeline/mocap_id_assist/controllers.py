@@ -32,7 +32,7 @@ from scipy.spatial import cKDTree
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.priors import ADIABATIC, ISOTHERMAL, Cylinder, PressureLimits
 from mocap_id_assist.devices import RESERVE
-from mocap_id_assist.one_joint import OneJoint
+from mocap_id_assist.springs import OneJoint
 
 JOINT_STEP, CHAIN_STEP = 0.002, 0.01
 """Time steps of the simulated tours of a joint and of a chain, s."""

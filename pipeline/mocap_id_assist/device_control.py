@@ -35,8 +35,7 @@ from mocap_id_assist.controllers import (
 )
 from mocap_id_assist.devices import find_held_angles, find_task_setting, gas_of_change
 from mocap_id_assist.files import ControllerRules, Task
-from mocap_id_assist.one_joint import OneJoint
-from mocap_id_assist.several_joints import SubWorkspace, sample_postures
+from mocap_id_assist.springs import OneJoint, SubWorkspace, sample_postures
 
 _GRID = 721
 _MEETINGS = 13  # number of angles or postures at which two sub-workspaces may be joined

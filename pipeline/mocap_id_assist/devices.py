@@ -29,7 +29,7 @@ from mocap_id.dynamics.priors import ADIABATIC, ISOTHERMAL, Cylinder, PressureLi
 from mocap_id.errors import NumericalError
 
 if TYPE_CHECKING:
-    from mocap_id_assist.one_joint import OneJoint  # loads numba, which `mocap-id pneumatic` does not need
+    from mocap_id_assist.springs import OneJoint  # loads numba, which `mocap-id pneumatic` does not need
 
 _STROKE_GRID = 361
 _CLOSE = 0.01  # largest differences of an attained spring: fraction of the stiffness, and rad

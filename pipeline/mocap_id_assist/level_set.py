@@ -9,7 +9,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, find_runs
 from mocap_id_assist.level_set_kernels import MarchOptions, StateRates, march
-from mocap_id_assist.one_joint import OneJoint
+from mocap_id_assist.springs import OneJoint
 
 CFL = 0.8
 """Time step as a fraction of the largest stable one."""

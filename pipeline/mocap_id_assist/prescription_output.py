@@ -18,9 +18,8 @@ from mocap_id.reporting.results import CommandResult, make_text_file, to_finite
 from mocap_id_assist.assisted_body import PrescriptionResult, SpringMap
 from mocap_id_assist.controllers import Controlled
 from mocap_id_assist.level_set import JointDynamics, ReachableStates
-from mocap_id_assist.one_joint import OneJoint, Prescription
 from mocap_id_assist.pneumatic import spring_document
-from mocap_id_assist.several_joints import find_held_postures
+from mocap_id_assist.springs import OneJoint, Prescription, find_held_postures
 from mocap_id_assist.workspaces import workspace_result
 
 _EVERY = 10  # every tenth sample of a tour is drawn

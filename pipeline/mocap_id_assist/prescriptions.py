@@ -29,11 +29,14 @@ from mocap_id_assist.device_control import control_chain, control_joint
 from mocap_id_assist.devices import find_held_range, find_nearest_setting, find_widest_setting
 from mocap_id_assist.files import LevelSet, PrescriptionConfig, SearchGrid, SpringWish
 from mocap_id_assist.level_set import JointDynamics, Scheme, compute_reachable_states, find_reached_and_held
-from mocap_id_assist.one_joint import REST, OneJoint, Prescription, prescribe_spring
-from mocap_id_assist.several_joints import (
+from mocap_id_assist.springs import (
+    REST,
+    OneJoint,
+    Prescription,
     SpringPlace,
     find_held_postures,
     prescribe_several,
+    prescribe_spring,
     sample_postures,
 )
 from mocap_id_assist.workspaces import measure_workspace

@@ -23,7 +23,7 @@ from mocap_id.reporting.paper_figures import render
 from mocap_id.reporting.results import CommandResult, make_text_file
 from mocap_id.stages.base import Settings
 from mocap_id.store import Folder, Table, Tree
-from mocap_id.store.views import Skeleton, joint_columns
+from mocap_id.store.artefacts import Skeleton, joint_columns
 from mocap_id.workflows.run_folder import check_provenance, open_run_to
 from mocap_id_assist.workspace import (
     POSTURES,

@@ -2,8 +2,6 @@ from mocap_id_simulation.arm import generate_arm as generate_arm
 from mocap_id_simulation.arm import simulate_arm as simulate_arm
 from mocap_id_simulation.arm_files import write_arm as write_arm
 from mocap_id_simulation.arm_files import write_chain as write_chain
-from mocap_id_simulation.chains import SimulatedSpaceTrial as SimulatedSpaceTrial
-from mocap_id_simulation.chains import simulate_chain as simulate_chain
 from mocap_id_simulation.options import ArmOptions as ArmOptions
 from mocap_id_simulation.options import ChainOptions as ChainOptions
 from mocap_id_simulation.options import Kind as Kind
@@ -15,9 +13,11 @@ from mocap_id_simulation.scene import generate as generate
 from mocap_id_simulation.sit_to_stand import JointMotion as JointMotion
 from mocap_id_simulation.sit_to_stand import motion_through as motion_through
 from mocap_id_simulation.space_robot import RobotSet as RobotSet
+from mocap_id_simulation.space_robot import SimulatedSpaceTrial as SimulatedSpaceTrial
 from mocap_id_simulation.space_robot import SpaceRobotOptions as SpaceRobotOptions
 from mocap_id_simulation.space_robot import SpaceRobotTrial as SpaceRobotTrial
 from mocap_id_simulation.space_robot import generate_space_robot as generate_space_robot
+from mocap_id_simulation.space_robot import simulate_chain as simulate_chain
 from mocap_id_simulation.space_robot import simulate_robot_set as simulate_robot_set
 from mocap_id_simulation.space_robot import simulate_space_robot as simulate_space_robot
 from mocap_id_simulation.studies import Cohort as Cohort

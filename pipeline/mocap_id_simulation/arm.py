@@ -20,7 +20,6 @@ from mocap_id.geometry import so3
 from mocap_id.stages.device import Condition, DeviceFile
 from mocap_id.stages.trial_keys import Body
 from mocap_id_simulation.bodies import GRAVITY
-from mocap_id_simulation.chains import SimulatedSpaceTrial, film_markers, transform_points
 from mocap_id_simulation.options import (
     PRESETS,
     ArmOptions,
@@ -45,6 +44,7 @@ from mocap_id_simulation.sit_to_stand import (
     ramp_up,
     smoothstep,
 )
+from mocap_id_simulation.space_robot import SimulatedSpaceTrial, film_markers, transform_points
 
 SEGMENTS = ("thorax", "upper_arm", "forearm", "hand")
 THORAX, UPPER_ARM, FOREARM, HAND = range(4)

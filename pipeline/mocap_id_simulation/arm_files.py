@@ -27,10 +27,10 @@ from mocap_id_simulation.arm import (
     person_seed,
 )
 from mocap_id_simulation.bodies import GRAVITY
-from mocap_id_simulation.chains import SimulatedSpaceTrial, generate_chain
 from mocap_id_simulation.instruments import IMU_SEED, measure_motion
 from mocap_id_simulation.options import PRESETS, ArmOptions, ChainOptions
 from mocap_id_simulation.sit_to_stand import X, Y
+from mocap_id_simulation.space_robot import SimulatedSpaceTrial, generate_chain
 from mocap_id_simulation.trial_files import flow_mapping, points_bytes, trial_contents, write_trial, yaml_head
 
 

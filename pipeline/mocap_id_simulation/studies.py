@@ -27,7 +27,6 @@ from mocap_id.store.atomic import replace_together, write_files
 from mocap_id_simulation.arm import body_keys, carried_loads, device_yaml, generate_arm
 from mocap_id_simulation.arm_files import arm_document, film_skeleton, spatial_arrays
 from mocap_id_simulation.bodies import draw_person
-from mocap_id_simulation.chains import SimulatedSpaceTrial
 from mocap_id_simulation.options import (
     ArmOptions,
     CurlCondition,
@@ -39,6 +38,7 @@ from mocap_id_simulation.options import (
     option,
 )
 from mocap_id_simulation.scene import generate, random_streams
+from mocap_id_simulation.space_robot import SimulatedSpaceTrial
 from mocap_id_simulation.trial_files import (
     c3d_bytes,
     create_folder,

@@ -22,7 +22,7 @@ from mocap_id_assist.controllers import (
     simulate_chain_tour,
 )
 from mocap_id_assist.devices import find_held_angles, find_task_setting
-from mocap_id_assist.one_joint import OneJoint
+from mocap_id_assist.springs import OneJoint
 
 CYLINDER = Cylinder(0.03, 2.835e-4, 2.552e-4, 0.09, 0.09, 0.08, np.radians(140), 1.2, 0.2, 0.02)
 JOINT = OneJoint(4.336, 0.0, 0.0, np.radians(140), -2.2, 2.2)

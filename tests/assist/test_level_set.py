@@ -16,8 +16,8 @@ from mocap_id_assist.level_set import (
     find_reached_and_held,
     solve_level_set,
 )
-from mocap_id_assist.one_joint import OneJoint
 from mocap_id_assist.prescriptions import ROWS_FILE, map_springs
+from mocap_id_assist.springs import OneJoint
 
 WEIGHT, INERTIA, STIFFNESS, REST = 3.43 * 9.81 * 0.30, 0.43, 4.297, float(np.radians(210))
 SECOND, FIRST = Scheme(second_order=True, grows_only=False), Scheme(second_order=False, grows_only=False)

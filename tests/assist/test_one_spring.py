@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id_assist.one_joint import OneJoint, Prescription, find_least_spring, prescribe_spring
+from mocap_id_assist.springs import OneJoint, Prescription, find_least_spring, prescribe_spring
 
 LOWER, UPPER = np.radians([-60.0, 180.0])
 

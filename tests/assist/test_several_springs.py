@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
-from mocap_id_assist.several_joints import (
+from mocap_id_assist.springs import (
     ChainMasses,
     SpringPlace,
     SubWorkspace,

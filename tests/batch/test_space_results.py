@@ -11,7 +11,7 @@ import pytest
 from mocap_id.errors import StoreError
 from mocap_id.reporting.summary import encode_summary, summarise
 from mocap_id.stages.report import report_data
-from mocap_id.store.views import Skeleton
+from mocap_id.store.artefacts import Skeleton
 from mocap_id.workflows.batch import make_row
 from mocap_id.workflows.parallel import TrialRun
 from mocap_id.workflows.regress import compare_results, compare_tables, list_expected

@@ -11,8 +11,8 @@ from simulated_chains import Moving, measured, rms, swinging
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError
 from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE, filter_problem, filterpy_engine
-from mocap_id.estimation.alternative_estimators import LEAST_SAMPLES, average_two_passes, smooth_butterworth
 from mocap_id.estimation.filter_problem import START_SD, Anchors, noise_shape, transition
+from mocap_id.estimation.smoothing import LEAST_SAMPLES, average_two_passes, smooth_butterworth
 
 SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
 RIVALS = ("two-filter", *FRAMEWISE)

@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.interpolate import BSpline, make_smoothing_spline
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.estimation.alternative_estimators import DEGREE, _freedom, _penalty, fit_smoothing_spline
+from mocap_id.estimation.smoothing import DEGREE, _freedom, _penalty, fit_smoothing_spline
 
 
 def everything(angle: FloatArray) -> BoolArray:

@@ -15,8 +15,8 @@ import pytest
 from mocap_id.geometry import so3
 from mocap_id.recording import read_table
 from mocap_id.store import Tree
+from mocap_id.store.artefacts import MeasuredPoses, SpatialSkeleton
 from mocap_id.store.provenance import DYNAMICS_TREE
-from mocap_id.store.views import MeasuredPoses, SpatialSkeleton
 from mocap_id.workflows.export import FORMATS, IN_SPACE
 from mocap_id.workflows.export.opensim_model import ModelJoint, convert_spatial_inertia, model_joints
 from mocap_id.workflows.export.opensim_tables import convert_spatial_wrench

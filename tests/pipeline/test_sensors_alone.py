@@ -22,7 +22,7 @@ from mocap_id.stages import STAGES
 from mocap_id.stages.base import Context
 from mocap_id.stages.ukf_smooth.inertial import _calibrate_chain
 from mocap_id.store import Folder
-from mocap_id.store.views import Skeleton
+from mocap_id.store.artefacts import Skeleton
 from mocap_id.workflows.sensitivity.study import study_sensitivity
 from worn_sensors import without_recording, worn_sensors
 

@@ -22,7 +22,7 @@ from mocap_id.protocols.reach import (
     measure_ranges,
 )
 from mocap_id.store import Table, Tree
-from mocap_id.store.views import MeasuredPoses, SpatialAngles, SpatialSkeleton
+from mocap_id.store.artefacts import MeasuredPoses, SpatialAngles, SpatialSkeleton
 from spatial_trial import SpatialTrial
 
 

@@ -12,7 +12,7 @@ from mocap_id.config import load
 from mocap_id.recording import write_c3d
 from mocap_id.runner import run_stage
 from mocap_id.store import Folder
-from mocap_id.store.views import Skeleton
+from mocap_id.store.artefacts import Skeleton
 from mocap_id_simulation import Options, SimulatedTrial, motion_through
 from mocap_id_simulation.bodies import Link, add_plate_markers
 from mocap_id_simulation.scene import draw_scene, measure_scene, random_streams

@@ -21,8 +21,8 @@ from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.stages.trial_keys import Files, PlateUse, TrialKeys
 from mocap_id.store import LongTable, Table
+from mocap_id.store.artefacts import Trajectories
 from mocap_id.store.provenance import PLANAR, WRENCH
-from mocap_id.store.views import Trajectories
 from mocap_id_simulation import Options, generate
 
 

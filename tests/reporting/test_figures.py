@@ -18,8 +18,8 @@ from mocap_id.reporting.page import read_figures
 from mocap_id.reporting.report_data import read_positions
 from mocap_id.stages.report import STAGE, ReportSettings, report_data
 from mocap_id.store import Artefact, Document, Table
+from mocap_id.store.artefacts import IdentifiedDynamics, JointStates
 from mocap_id.store.provenance import SCHEMAS
-from mocap_id.store.views import IdentifiedDynamics, JointStates
 
 
 def motion_of(trial: Trial) -> JointStates:

@@ -15,7 +15,7 @@ import numpy as np
 
 from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray, find_runs
 from mocap_id.geometry.so3 import shift_to_shortest_arc
-from mocap_id.store.views import MEANINGLESS_AT_POLE, MeasuredPoses, SpatialAngles, SpatialSkeleton
+from mocap_id.store.artefacts import MEANINGLESS_AT_POLE, MeasuredPoses, SpatialAngles, SpatialSkeleton
 
 _MOVING = 0.12  # share of the 98 % quantile of the speed; below it, the hand rests
 _SLOWEST = 0.04  # m/s, lowest threshold of the speed

@@ -12,7 +12,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.reporting.grids import to_number
 from mocap_id.store import Artefact, ArtefactSet, LongTable
-from mocap_id.store.views import (
+from mocap_id.store.artefacts import (
     IdentifiedDynamics,
     JointStates,
     MeasuredPoses,

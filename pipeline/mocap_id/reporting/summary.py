@@ -15,7 +15,7 @@ from mocap_id.reporting import summary_schema as schema
 from mocap_id.reporting.grids import scale, to_number, to_numbers
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.results import join_sentences, why_unknown
-from mocap_id.store.views import MEANINGLESS_AT_POLE
+from mocap_id.store.artefacts import MEANINGLESS_AT_POLE
 
 _EVENTS = "events.parquet"
 _NOT_FINITE = "the joint fit gave no finite value"

@@ -1,8 +1,7 @@
 """Runs of one trial: reuse of earlier results, computation, writing, refusals and failures."""
 
 from mocap_id.runner.dependencies import make_rules
-from mocap_id.runner.execution import LOG_FILE, Outcome, Progress, Step, run, run_stage, run_to
-from mocap_id.runner.log import RUN_LOG
+from mocap_id.runner.execution import LOG_FILE, RUN_LOG, Outcome, Progress, Step, run, run_stage, run_to
 from mocap_id.runner.status import TrialStatus, clean, status
 
 __all__ = [

@@ -12,8 +12,7 @@ from filelock import Timeout
 from mocap_id.config import Trial
 from mocap_id.errors import MocapIdError, StoreError
 from mocap_id.runner.dependencies import FileHashes, collect_parameters, compute_cache_key, find_owner
-from mocap_id.runner.execution import LOG_FILE, forget_refusal, read_refusal
-from mocap_id.runner.log import RUN_LOG, read_last_failure
+from mocap_id.runner.execution import LOG_FILE, RUN_LOG, forget_refusal, read_last_failure, read_refusal
 from mocap_id.stages import STAGES, Stage
 from mocap_id.store import Folder, Origin
 from mocap_id.store.atomic import LOCK, create_lock

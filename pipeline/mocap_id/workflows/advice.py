@@ -41,7 +41,7 @@ from mocap_id.stages.identify_dim.plane import choose_weak_share, identify_trial
 from mocap_id.stages.identify_dim.trial_data import NotIdentifiable
 from mocap_id.stages.trial_keys import TrialKeys
 from mocap_id.store import Artefact, Folder
-from mocap_id.store.views import Skeleton
+from mocap_id.store.artefacts import Skeleton
 from mocap_id.workflows.identified_trial import open_identified_trial
 
 _WIDEN_ROBOT, _WIDEN = 20.0, 5.0  # degrees beyond the observed range, for a robot and for a person

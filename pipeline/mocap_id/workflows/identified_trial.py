@@ -29,7 +29,7 @@ from mocap_id.geometry import planar
 from mocap_id.kinematics.clusters import measure_cluster
 from mocap_id.stages.identify_dim.segment_fit import bridge_gaps, read_bodies
 from mocap_id.store import Folder, Table
-from mocap_id.store.views import Skeleton, Trajectories, joint_columns
+from mocap_id.store.artefacts import Skeleton, Trajectories, joint_columns
 from mocap_id.workflows.run_folder import check_provenance, open_run_to
 
 _LAST = "identify-dim"

@@ -37,7 +37,7 @@ from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, variance
 from mocap_id.dynamics.space import identification as dynamics
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.reporting.results import to_finite
-from mocap_id.store.views import SpatialSkeleton
+from mocap_id.store.artefacts import SpatialSkeleton
 from mocap_id.verdict import Reason
 from mocap_id.workflows.identified_trial import IdentifiedTrial, MovingBodies, match_bodies, open_identified_trial
 from mocap_id.workflows.run_folder import open_run

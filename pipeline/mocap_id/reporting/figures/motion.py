@@ -30,7 +30,7 @@ from mocap_id.reporting.figure import (
 )
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store import Table
-from mocap_id.store.views import MEANINGLESS_AT_POLE, JointStates
+from mocap_id.store.artefacts import MEANINGLESS_AT_POLE, JointStates
 
 _RATES = ("velocity (deg/s)", "acceleration (deg/s²)")
 _STRIP = 0.16  # inches per joint in the panel of gaps

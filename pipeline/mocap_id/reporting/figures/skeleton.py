@@ -14,7 +14,7 @@ from mocap_id.reporting import style
 from mocap_id.reporting.figure import Bars, Figure, Item, Key, Line, Panel, Points, Text, arrange_in_lines, project
 from mocap_id.reporting.report_data import ReportData, read_positions
 from mocap_id.store import LongTable, Table
-from mocap_id.store.views import JointStates
+from mocap_id.store.artefacts import JointStates
 
 ALONG, UP = "x, along the motion (m)", "y, up (m)"
 

@@ -39,7 +39,7 @@ from mocap_id.stages.base import Context, Findings
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.stages.skin_motion import correct_axial_rotation, fit_cluster_poses
 from mocap_id.stages.trial_keys import TrialKeys, get_landmark_labels
-from mocap_id.store.views import Trajectories
+from mocap_id.store.artefacts import Trajectories
 from mocap_id.verdict import Reason
 
 _OTHER_CLUSTER = 0.004  # m, largest rms change of a cluster between two recordings; skin and bending: 0.1 to 2.5 mm

@@ -20,8 +20,8 @@ from mocap_id.stages.calibration_trial import get_calibration, has_no_markers, r
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.stages.trial_keys import StaticTrial, Subject
 from mocap_id.store import Tree
+from mocap_id.store.artefacts import Trajectories
 from mocap_id.store.provenance import CHAIN
-from mocap_id.store.views import Trajectories
 
 _MARKED_SD = 0.005  # m; limit for a joint with a marker at it, and for the first joint if its segment has few
 _OTHER_PERSON = 0.03  # m; rms distance of the static pose's markers from the chain; the same person: below 0.015

@@ -29,8 +29,8 @@ from mocap_id.stages.fit_joints.plane import report_estimator, report_uncertain_
 from mocap_id.stages.skin_motion import correct_axial_rotation, fit_cluster_poses
 from mocap_id.stages.trial_keys import Calibration, get_landmark_labels
 from mocap_id.store import Tree
+from mocap_id.store.artefacts import SpatialSkeleton, Trajectories, is_skeleton
 from mocap_id.store.provenance import CHAIN
-from mocap_id.store.views import SpatialSkeleton, Trajectories, is_skeleton
 from mocap_id.verdict import Reason
 
 _ANATOMICAL_KINDS: Mapping[str, JointKind] = {

@@ -77,8 +77,7 @@ from mocap_id.stages.base import Context, Findings
 from mocap_id.stages.device import DeviceFile
 from mocap_id.stages.trial_keys import Body, StaticTrial
 from mocap_id.store import Column, Table
-from mocap_id.store.provenance import EVENTS, PHASES, RISE
-from mocap_id.store.views import (
+from mocap_id.store.artefacts import (
     MEANINGLESS_AT_POLE,
     NEAR_GIMBAL,
     MeasuredPoses,
@@ -88,6 +87,7 @@ from mocap_id.store.views import (
     joint_columns,
     joint_count,
 )
+from mocap_id.store.provenance import EVENTS, PHASES, RISE
 from mocap_id.verdict import Reason
 
 

@@ -108,8 +108,8 @@ from mocap_id.stages.identify_dim.trial_data import (
     read_wrench,
 )
 from mocap_id.store import Table, Tree
+from mocap_id.store.artefacts import Skeleton, find_measured
 from mocap_id.store.provenance import DYNAMICS_TABLE, DYNAMICS_TREE
-from mocap_id.store.views import Skeleton, find_measured
 from mocap_id.verdict import Reason
 
 _LET_GO = 0.4  # s after `stand`: in simulations, a person comes to rest up to 0.37 s later

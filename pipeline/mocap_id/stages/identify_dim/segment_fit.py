@@ -67,7 +67,7 @@ from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.stages.identify_dim.dynamics_artefacts import find_spans, validate
 from mocap_id.stages.identify_dim.trial_data import ReferenceBodies, describe_errors, read_plate_position_sd
 from mocap_id.store import Table
-from mocap_id.store.views import Skeleton
+from mocap_id.store.artefacts import Skeleton
 from mocap_id.verdict import Reason
 
 _RATE = 50.0  # Hz; smallest reduced rate

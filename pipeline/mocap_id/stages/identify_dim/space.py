@@ -47,8 +47,8 @@ from mocap_id.stages.identify_dim.trial_data import (
     read_wrench,
 )
 from mocap_id.store import Table, Tree
+from mocap_id.store.artefacts import SpatialSkeleton
 from mocap_id.store.provenance import DYNAMICS_TABLE, DYNAMICS_TREE, PHASES
-from mocap_id.store.views import SpatialSkeleton
 from mocap_id.verdict import Reason
 
 _EXPLAINED = 0.5  # smallest share of the variance of the horizontal force that the model explains

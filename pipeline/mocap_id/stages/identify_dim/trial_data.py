@@ -35,7 +35,7 @@ from mocap_id.stages import skin_motion
 from mocap_id.stages.base import Context, Findings
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.store import Table
-from mocap_id.store.views import Skeleton, joint_columns
+from mocap_id.store.artefacts import Skeleton, joint_columns
 from mocap_id.verdict import Reason
 
 _SEARCH = 0.15  # s: range of the fit's search around the coarse offset, whose error is up to 0.04 s

@@ -17,8 +17,8 @@ from mocap_id.stages.base import Context, Findings, Outputs, find_markers
 from mocap_id.stages.calibration_trial import get_calibration, read_chain
 from mocap_id.stages.segment import SegmentSettings
 from mocap_id.store import Table
+from mocap_id.store.artefacts import Trajectories
 from mocap_id.store.provenance import SEGMENTS
-from mocap_id.store.views import Trajectories
 
 UNSURE = 0.5
 """Confidence below which there is a caution."""

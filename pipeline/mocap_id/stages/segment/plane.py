@@ -19,7 +19,7 @@ from mocap_id.protocols.body_names import LONGEST, name_chain
 from mocap_id.protocols.movement import ELSEWHERE, recognise_movement
 from mocap_id.stages.base import Context, Findings, Outputs, find_markers
 from mocap_id.stages.segment import SegmentSettings, hints
-from mocap_id.store.views import Trajectories
+from mocap_id.store.artefacts import Trajectories
 from mocap_id.verdict import Reason
 
 _WRONG = 1e-3  # confidence below which a trial is refused, unless the user gave the segments

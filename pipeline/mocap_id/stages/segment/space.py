@@ -19,7 +19,7 @@ from mocap_id.stages.segment import SegmentSettings, hints
 from mocap_id.stages.segment.plane import explain_bad_markers, remove_repeats
 from mocap_id.stages.trial_keys import Calibration, get_landmark_labels
 from mocap_id.store import Table
-from mocap_id.store.views import Trajectories, is_skeleton
+from mocap_id.store.artefacts import Trajectories, is_skeleton
 
 _LONGEST = 9  # largest number of segments
 _ARM = ("thorax", "girdle", "upper_arm", "forearm", "hand")

@@ -14,7 +14,7 @@ from mocap_id.estimation.lasting_errors import ResidualSpectrum
 from mocap_id.estimation.smoothing import find_stretches
 from mocap_id.stages.base import Findings
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
-from mocap_id.store.views import Trajectories
+from mocap_id.store.artefacts import Trajectories
 
 UNKNOWN_SD_HZ = 5.0
 """Cut-off, Hz: a filter with a lower cut-off also removes movement, so that the standard deviations are unknown."""

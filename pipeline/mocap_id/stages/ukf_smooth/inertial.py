@@ -30,8 +30,8 @@ from mocap_id.stages.trial_keys import InertialSensor, list_sensors
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.stages.ukf_smooth.plane import SKIN, assume_skin, empty_encoder_table, state_columns
 from mocap_id.store import LongTable, Table
+from mocap_id.store.artefacts import JointStates, Skeleton, Trajectories
 from mocap_id.store.provenance import ANGLES, MARKERS, POSES, STATES
-from mocap_id.store.views import JointStates, Skeleton, Trajectories
 
 _SATURATED = 3e-3  # fraction of saturated samples above which they are reported
 _DIFFERS, _LEAST_RATE = 0.15, 0.8  # fraction of the angular velocity from which a difference is reported; rad/s

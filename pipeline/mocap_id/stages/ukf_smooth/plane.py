@@ -45,8 +45,8 @@ from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.trial_keys import list_sensors
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings, checks
 from mocap_id.store import LongTable, Table
+from mocap_id.store.artefacts import Skeleton, Trajectories
 from mocap_id.store.provenance import ANGLES, ENCODER, MARKERS, POSES, STATES
-from mocap_id.store.views import Skeleton, Trajectories
 
 _ENCODER_NOISE = "encoder noise"
 _SNAP_RATIO = 2.0  # in people, the hip, which moves fastest, has 1.5 to 1.8 times the median of the joints

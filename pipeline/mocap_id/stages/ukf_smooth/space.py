@@ -34,8 +34,8 @@ from mocap_id.stages.trial_keys import list_sensors
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings, checks
 from mocap_id.stages.ukf_smooth.plane import empty_encoder_table
 from mocap_id.store import LongTable, Table, Tree
+from mocap_id.store.artefacts import SpatialSkeleton, Trajectories, is_skeleton
 from mocap_id.store.provenance import ANGLES, MARKERS, POSES, SKIN, STATES
-from mocap_id.store.views import SpatialSkeleton, Trajectories, is_skeleton
 
 _COMMON_WITH_IMUS = 0.1
 """Fraction of the axial rotation by which the skin under all markers and the sensor of a segment may lag together."""

@@ -19,7 +19,7 @@ from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.regressor import LINK_PARAMETERS, PLANAR_PARAMETERS
 from mocap_id.geometry import so3
 from mocap_id.geometry.so3 import hat
-from mocap_id.store.views import JointStates, MeasuredPoses, Skeleton, SpatialSkeleton
+from mocap_id.store.artefacts import JointStates, MeasuredPoses, Skeleton, SpatialSkeleton
 from mocap_id.workflows.export.tables import (
     ANGLES,
     BASE,

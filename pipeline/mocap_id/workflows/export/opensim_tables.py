@@ -12,7 +12,7 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.preparation import SampledWrench
 from mocap_id.dynamics.regressor import PLANAR_PARAMETERS
 from mocap_id.recording import format_motion_table
-from mocap_id.store.views import JointStates, Skeleton, SpatialAngles, joint_columns
+from mocap_id.store.artefacts import JointStates, Skeleton, SpatialAngles, joint_columns
 from mocap_id.workflows.export.opensim_model import (
     LEAST_RANGE,
     body_element,

@@ -21,8 +21,8 @@ from mocap_id.arrays import FloatArray
 from mocap_id.recording import format_trc
 from mocap_id.recording.ktk_file import CLASS, POINTS, SERIES
 from mocap_id.store import LongTable, Table
+from mocap_id.store.artefacts import IdentifiedDynamics, Skeleton, SpatialSkeleton
 from mocap_id.store.parquet import expand_columns
-from mocap_id.store.views import IdentifiedDynamics, Skeleton, SpatialSkeleton
 from mocap_id.workflows.run_folder import RunFolder
 
 MODEL, FREE_MODEL = ".osim", "_free.osim"

@@ -31,8 +31,8 @@ from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Settings
 from mocap_id.stages.trial_keys import Subject, TrialKeys, list_sensors
 from mocap_id.store import Artefact, Folder, Table, dumps
+from mocap_id.store.artefacts import joint_columns
 from mocap_id.store.folder import ArtefactReader
-from mocap_id.store.views import joint_columns
 from mocap_id.workflows.run_folder import check_provenance, open_run_to
 
 Entry: TypeAlias = Literal["fit-joints", "ukf-smooth", "identify-dim"]

@@ -35,8 +35,8 @@ from mocap_id.reporting.sensitivity import Parameter, render_sensitivity_page
 from mocap_id.stages.base import Context
 from mocap_id.stages.calibration_trial import has_no_markers
 from mocap_id.store import Artefact, Folder, Table, Tree
+from mocap_id.store.artefacts import Skeleton, joint_columns
 from mocap_id.store.folder import check_owner, store_owner
-from mocap_id.store.views import Skeleton, joint_columns
 from mocap_id.verdict import Level, overall
 from mocap_id.workflows.parallel import LocalBackend
 from mocap_id.workflows.run_folder import find_owner_of_files

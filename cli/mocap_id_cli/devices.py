@@ -1,4 +1,4 @@
-"""``mocap-id pneumatic``: a pneumatic cylinder, described in a file, as a spring."""
+"""``mocap-id prescribe``, ``pneumatic`` and ``workspace``: devices for a measured person, and what an arm reaches."""
 
 from __future__ import annotations
 
@@ -8,15 +8,49 @@ from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
+import typer
 from typer import Argument, Option
 
 from mocap_id.arrays import NORMAL_95
 from mocap_id.config.device import load_device
-from mocap_id.errors import ConfigError
+from mocap_id.errors import ConfigError, Refused
 from mocap_id.stages.device import Condition
 from mocap_id.workflows.run_folder import write_result
-from mocap_id_assist import pneumatic as workflow
-from mocap_id_cli.console import AsJson, Output, align, make_group
+from mocap_id_assist import pneumatic as cylinders
+from mocap_id_assist import workspaces
+from mocap_id_assist.files import load_prescription
+from mocap_id_assist.prescription_output import prescription_lines, prescription_output
+from mocap_id_assist.prescriptions import prescribe_from
+from mocap_id_assist.workspace import ReachableWorkspace
+from mocap_id_cli.console import AsJson, Output, align, common_options, make_group
+
+
+@common_options
+def prescribe(
+    config: Annotated[
+        Path, Argument(metavar="CONFIG.yaml", help="The prescription's configuration (docs/prescribe.md).")
+    ],
+    *,
+    out: Annotated[
+        Path | None,
+        Option(
+            metavar="FOLDER",
+            help="Folder for JSON, tables and figures; with the same folder, an interrupted search is continued.",
+        ),
+    ] = None,
+    output: Output,
+) -> None:
+    """Find springs that let a weak person hold a wider range.
+
+    The range is that of one joint or of a whole chain.
+    """
+    found = prescribe_from(load_prescription(config), out, output.report_stage, output.say)
+    result, written = write_result(prescription_output(found), out, config)
+    output.print_result(result.document, chain(prescription_lines(found), written))
+    if found.refused is not None:
+        raise typer.Exit(Refused.exit_code)
+
 
 Device = Annotated[Path, Argument(metavar="DEVICE.yaml", help="The device's description (docs/assist.md).")]
 _Pressure = Annotated[float | None, Option(metavar="PA", help="Sealed absolute pressure.")]
@@ -44,7 +78,7 @@ def _curve(
         if not all(0 < pressure < math.inf for pressure in changed.values()):
             raise ConfigError(f"--flexion and --extension: expected pressures above 0 Pa, not {changed}")
         state = Condition(**(state.model_dump() | changed | {"worn": True}))
-    found, written = write_result(workflow.device_curve(config, state, polytropic, angles), out, device)
+    found, written = write_result(cylinders.device_curve(config, state, polytropic, angles), out, device)
     Output(as_json).print_result(found.document, chain(_describe_curve(found.content), written))
 
 
@@ -76,7 +110,7 @@ def _pressures(
     as_json: AsJson = False,
 ) -> None:
     """Find the two pressures that come nearest to a desired spring."""
-    found = workflow.spring_pressures(load_device(device), stiffness, rest_angle, span)
+    found = cylinders.spring_pressures(load_device(device), stiffness, rest_angle, span)
     Output(as_json).print_result(found, _describe_pressures(found))
 
 
@@ -106,7 +140,7 @@ def _identify(
     as_json: AsJson = False,
 ) -> None:
     """Estimate the parameters of a cylinder from angles and torques."""
-    found = workflow.identify_device(load_device(device), log, joint)
+    found = cylinders.identify_device(load_device(device), log, joint)
     Output(as_json).print_result(found, _describe_parameters(found))
 
 
@@ -126,7 +160,7 @@ def _describe_parameters(found: Mapping[str, Any]) -> Iterator[str]:
 
 def _budget(device: Device, *, as_json: AsJson = False) -> None:
     """Compute the gas for every change between two conditions."""
-    found = workflow.gas_budget(load_device(device))
+    found = cylinders.gas_budget(load_device(device))
     rows = [["from", "to", "gas", "at 0 °C and 1 atm", "changes"]]
     for change in found["changes"]:
         times = "–" if change["changes_per_reservoir"] is None else str(change["changes_per_reservoir"])
@@ -142,3 +176,60 @@ pneumatic = make_group(
     identify=_identify,
     budget=_budget,
 )
+
+
+@common_options
+def workspace(
+    trial: Annotated[
+        Path, Argument(metavar="TRIAL", help="A trial's YAML file or run folder, or a chain's YAML file.")
+    ],
+    *,
+    compare: Annotated[Path | None, Option(metavar="TRIAL", help="A later session to compare with the first.")] = None,
+    tip: Annotated[
+        str | None,
+        Option(
+            metavar="MARKER", help="Marker of the last segment, or x,y in its frame, m.", show_default="farthest marker"
+        ),
+    ] = None,
+    quantile: Annotated[
+        float, Option(help="Fraction of samples that is excluded at each end of an angle's range.")
+    ] = 0.0,
+    samples: Annotated[int, Option(help="Number of postures to sample.")] = 10_000,
+    seed: Annotated[int, Option(help="Seed of the samples.")] = 0,
+    out: Annotated[Path | None, Option(metavar="FOLDER", help="Folder for JSON, CSV and figures.")] = None,
+    output: Output,
+) -> None:
+    """Compute what the tip of a chain reaches within its limits.
+
+    The result is an area (in space a volume) for the observed limits of the joints. Forces are not needed. If TRIAL is
+    a trial's YAML file, missing or outdated stages up to the joint states are computed first; a run folder is read
+    unchanged.
+    """
+    paths = [trial] if compare is None else [trial, compare]
+    subjects = [workspaces.read_arm(path, tip, quantile, output.report_stage) for path in paths]
+    reaches = [workspaces.measure_workspace(subject, samples, seed) for subject in subjects]
+    later = None
+    if compare is not None:
+        change = workspaces.compare_workspaces(subjects[0], reaches[0], subjects[1], reaches[1])
+        later = subjects[1], reaches[1], change
+    result, written = write_result(workspaces.workspace_result(subjects[0], reaches[0], later), out, *paths)
+    lines = [line for each in zip(subjects, reaches, strict=True) for line in _lines(*each)]
+    if compare is not None:
+        unit = "m²" if change.points.shape[1] == 2 else "m³"
+        lines.append(
+            f"from the first to the second: gained {change.gained:.5f} {unit}, lost {change.lost:.5f}, kept "
+            f"{change.kept:.5f}; both are aligned at the first joint"
+        )
+        lines += [f"  note: {each}" for each in result.content["change"]["notes"]]
+    output.print_result(result.document, [*lines, *written])
+
+
+def _lines(subject: workspaces.SubjectArm, found: ReachableWorkspace) -> Iterator[str]:
+    kind, unit = ("area", "m²") if subject.arm.dimension == 2 else ("volume", "m³")
+    low, high = found.interval
+    yield f"{subject.name}: {kind} {found.measure:.5f} {unit}, 95 % interval {low:.5f} to {high:.5f}; tip {subject.tip}"
+    bounds = zip(subject.joints, *np.degrees([subject.limits.lower, subject.limits.upper]), strict=True)
+    yield from (f"  {name}: {lower:.1f}° to {upper:.1f}°" for name, lower, upper in bounds)
+    steps = ", ".join(f"{value:.5f} with {count}" for count, _, value in found.convergence)
+    yield f"  samples: {steps}"
+    yield from (f"  note: {note}" for note in subject.notes)
