@@ -11,6 +11,9 @@ IntArray: TypeAlias = NDArray[np.int64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 ComplexArray: TypeAlias = NDArray[np.complex128]
 
+GRAVITY = 9.81
+"""Acceleration of gravity, m/s²; a trial's setting `gravity` of identify-dim may give another."""
+
 NORMAL_95 = 1.96
 """Half-width of a 95 % interval of a normal distribution, in standard deviations."""
 

@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import Bounds, minimize
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray, sobol
+from mocap_id.arrays import GRAVITY, BoolArray, FloatArray, IntArray, sobol
 from mocap_id.geometry.planar import rotate, segment_poses
 from mocap_id_assist.holding_kernels import count_cells, find_widest_runs
 from mocap_id_assist.workspace import JointLimits, PlanarArm
@@ -368,7 +368,7 @@ class ChainMasses:
     # (n, 3) m, mx, my of each moving segment in its own frame, kg and kg·m. Identified parameters are sufficient:
     # only the combinations that they determine affect the torques.
     masses: FloatArray
-    gravity: float = 9.81  # m/s², along -y
+    gravity: float = GRAVITY  # m/s², along -y
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.masses).all():

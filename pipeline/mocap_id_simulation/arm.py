@@ -14,12 +14,11 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from mocap_id.anatomy.frames import draw_skin_motion
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import GRAVITY, BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.priors import look_up_arm
 from mocap_id.geometry import so3
 from mocap_id.stages.device import Condition, DeviceFile
 from mocap_id.stages.trial_keys import Body
-from mocap_id_simulation.bodies import GRAVITY
 from mocap_id_simulation.options import (
     PRESETS,
     ArmOptions,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray, sobol
+from mocap_id.arrays import GRAVITY, BoolArray, FloatArray, IntArray, sobol
 from mocap_id.geometry import so3
 from mocap_id.recording.sensor_logs import ImuLog, format_imu_csv
 from mocap_id_simulation.arm import (
@@ -26,7 +26,6 @@ from mocap_id_simulation.arm import (
     generate_arm,
     person_seed,
 )
-from mocap_id_simulation.bodies import GRAVITY
 from mocap_id_simulation.instruments import IMU_SEED, measure_motion
 from mocap_id_simulation.options import PRESETS, ArmOptions, ChainOptions
 from mocap_id_simulation.sit_to_stand import X, Y

@@ -13,8 +13,6 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry import spatial_inertia
 from mocap_id_simulation.options import JointName, MarkerSetName, SimulatedSubject, Speed
 
-GRAVITY = 9.81  # m/s²
-
 WINTER: Mapping[str, float] = {
     "h_ankle": 0.039,
     "l_foot": 0.152,

@@ -13,9 +13,9 @@ from functools import cached_property
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import GRAVITY, FloatArray, IntArray
 from mocap_id.geometry import Chain, Revolute, inverse_dynamics, link_motion, planar, se3, spatial_inertia
-from mocap_id_simulation.bodies import GRAVITY, Link, MarkerSet, SimulatedBody
+from mocap_id_simulation.bodies import Link, MarkerSet, SimulatedBody
 from mocap_id_simulation.options import PersonOptions
 from mocap_id_simulation.sit_to_stand import (
     Chair,

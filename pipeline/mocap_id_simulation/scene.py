@@ -9,14 +9,13 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from mocap_id.anatomy.frames import draw_centred_skin_motion
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import GRAVITY, BoolArray, FloatArray
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import PlaneFrame, planar
 from mocap_id.recording.lab_plates import PlateSignals
 from mocap_id_simulation.bodies import (
     AMPLITUDE,
     FREQUENCY,
-    GRAVITY,
     LEAD,
     MarkerSet,
     SimulatedBody,

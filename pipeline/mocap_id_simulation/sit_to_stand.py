@@ -18,10 +18,10 @@ from scipy.linalg import solve_banded
 from scipy.optimize import brentq
 from scipy.special import betainc
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import GRAVITY, FloatArray
 from mocap_id.errors import NumericalError
 from mocap_id.geometry import planar, so3
-from mocap_id_simulation.bodies import GRAVITY, SimulatedBody
+from mocap_id_simulation.bodies import SimulatedBody
 from mocap_id_simulation.options import Options, Strategy
 
 STEP = 0.005  # s, between the samples of a motion's spline

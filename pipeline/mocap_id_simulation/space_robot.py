@@ -14,7 +14,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from mocap_id.anatomy.frames import draw_skin_motion
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import GRAVITY, FloatArray, IntArray
 from mocap_id.dynamics.regressor import torque_regressor
 from mocap_id.dynamics.space.consistency import point_mass
 from mocap_id.dynamics.space.identification import SpatialCalibration, make_exact
@@ -30,7 +30,7 @@ from mocap_id.geometry import PlaneFrame, se3, so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 from mocap_id.recording.lab_plates import PlateSignals
 from mocap_id.store.atomic import replace_together
-from mocap_id_simulation.bodies import GRAVITY, REFERENCE, TOTAL
+from mocap_id_simulation.bodies import REFERENCE, TOTAL
 from mocap_id_simulation.instruments import (
     FORCE_BIAS,
     MOMENT_BIAS,

@@ -12,13 +12,12 @@ from typing import Any, get_args
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import GRAVITY, FloatArray
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.recording.lab_plates import PlateSignals
 from mocap_id.recording.sensor_logs import format_imu_csv
 from mocap_id.recording.writer import write_c3d
 from mocap_id.store.atomic import converting_errors, write_files
-from mocap_id_simulation.bodies import GRAVITY
 from mocap_id_simulation.forces import BodiesState, DividedBody
 from mocap_id_simulation.instruments import (
     FORCE_NOISE,

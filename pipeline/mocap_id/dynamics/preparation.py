@@ -12,7 +12,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_complete_rows, find_runs
+from mocap_id.arrays import GRAVITY, BoolArray, FloatArray, IntArray, chunks, find_complete_rows, find_runs
 from mocap_id.dynamics.priors import BodyPrior
 from mocap_id.dynamics.regressor import (
     SEAT,
@@ -302,7 +302,7 @@ class FitSettings:
     # first two base parameters.
     plate_zero: tuple[float, float] = (5.0, 0.5)
     block: float = 1.0  # length of the blocks between which residuals count as independent, s
-    gravity: float = 9.81  # gravitational acceleration, m/s²
+    gravity: float = GRAVITY  # gravitational acceleration, m/s²
 
 
 @dataclass(frozen=True)

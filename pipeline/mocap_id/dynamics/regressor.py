@@ -15,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import GRAVITY, BoolArray, FloatArray, IntArray
 from mocap_id.geometry import Chain, link_motion, planar, se3, so3, spatial_jacobian
 
 
@@ -160,7 +160,7 @@ def number_joints(chain: Chain) -> IntArray:
     return np.repeat(np.arange(1, len(chain.joints) + 1), [joint.dimension for joint in chain.joints])
 
 
-def wrench_regressor(motion: PlanarMotion, gravity: float = 9.81) -> FloatArray:
+def wrench_regressor(motion: PlanarMotion, gravity: float = GRAVITY) -> FloatArray:
     """Return the regressor (T, 3, 4K) of the ground's wrench on K bodies in the plane (eq. 4.15 to 4.22).
 
     Rows: Fx, Fy, tauz of the ground on the bodies about the origin of the plane frame. Columns: m, mx, my, Izz of every
@@ -187,7 +187,7 @@ def torque_regressor(motion: BodyMotion, regressor: FloatArray) -> FloatArray:
 
 
 def planar_regressor(
-    centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray, gravity: float = 9.81
+    centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray, gravity: float = GRAVITY
 ) -> FloatArray:
     """Return the regressor (T, 3, 4(n + 1)) of the ground's wrench on a planar chain, with the segments base first.
 

@@ -24,11 +24,9 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.interpolate import CubicSpline
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import GRAVITY, BoolArray, FloatArray, IntArray
 from mocap_id.geometry import so3
 from mocap_id.verdict import Reason
-
-GRAVITY = 9.81  # gravity, m/s²; in the trial's axes, it acts along -y
 
 _GAP = 2.5  # times the usual time between samples; a longer time is a gap
 _AVERAGED = 1.5  # samples in a frame; if there are more, they are averaged

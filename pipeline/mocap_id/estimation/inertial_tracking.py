@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import (
+    GRAVITY,
     BoolArray,
     ComplexArray,
     FloatArray,
@@ -34,7 +35,6 @@ from mocap_id.estimation.filter_problem import (
     smooth_backwards,
 )
 from mocap_id.estimation.inertial import (
-    GRAVITY,
     WORSE,
     MotionFromMarkers,
     PreparedSensor,

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from scipy.optimize import nnls
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_runs
+from mocap_id.arrays import GRAVITY, BoolArray, FloatArray, IntArray, find_runs
 from mocap_id.errors import ConfigError
 from mocap_id.recording.lab_plates import LOADED_N, PlateSamples
 from mocap_id.recording.model import Plate
@@ -156,7 +156,6 @@ def _average_force(values: FloatArray, where: BoolArray) -> float:
 
 ZeroRule: TypeAlias = Literal["standing", "none"]
 
-GRAVITY = 9.81  # m/s^2
 
 _STILL_M_S = 0.02  # largest vertical speed of a person who stands nearly still
 # A speed is the difference between heights this time before and after a sample. A shorter time gives more noise.

@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.plates.choice import GRAVITY, average_markers, group_by_height
+from mocap_id.arrays import GRAVITY, FloatArray, IntArray
+from mocap_id.plates.choice import average_markers, group_by_height
 from mocap_id.recording import Plate, decimate
 from mocap_id.recording.sample_checks import measure_body_height
 

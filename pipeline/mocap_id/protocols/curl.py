@@ -11,6 +11,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from mocap_id.arrays import (
+    GRAVITY,
     NORMAL_95,
     BoolArray,
     FloatArray,
@@ -320,7 +321,6 @@ def fit_part_in_step(  # noqa: PLR0917
     return curve, rest, size, [max(size - float(half), 0.0), size + float(half)]
 
 
-_GRAVITY = 9.81  # m/s²
 _ELBOW_CUTOFF = 4.0  # Hz: the elbow rests or moves slowly
 
 
@@ -359,7 +359,7 @@ def compute_elbow_torque(
     """
     rate = (len(time) - 1) / (time[-1] - time[0])
     elbow = segments[0].origin
-    down = np.array([0.0, -_GRAVITY, 0.0])
+    down = np.array([0.0, -GRAVITY, 0.0])
     total, weight_moment, variance = np.zeros(len(time)), np.zeros(len(time)), np.zeros(len(time))
     # acceleration of the segment's origin, from low-passed positions; zero if more than half of them are missing
     acceleration = np.zeros_like(elbow)
@@ -381,7 +381,7 @@ def compute_elbow_torque(
             torque = by_force + np.einsum("ti,ti->t", axis, moment)
             about_elbow = np.einsum("ti,tik,tk->t", axis, inertia, axis) + body.mass * np.sum(lever**2, axis=1)
             total += torque
-            weight_moment += body.mass * _GRAVITY * np.linalg.norm(lever, axis=1)
+            weight_moment += body.mass * GRAVITY * np.linalg.norm(lever, axis=1)
             variance += (body.relative_sd * torque) ** 2 + (about_elbow * motion.sd_alpha) ** 2
     return total, np.sqrt(variance + (weight_moment * tilt) ** 2)
 

@@ -10,7 +10,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows, find_runs
+from mocap_id.arrays import GRAVITY, BoolArray, FloatArray, find_complete_rows, find_runs
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.c3d_reader import find_clipped
 from mocap_id.recording.lab_plates import LOADED_N, reverse_force_on_plate
@@ -309,7 +309,6 @@ LOAD = "load_kg"
 CELLS_BELOW_SURFACE_M = 0.053
 """Depth of the cells below the surface on which the person stands, m."""
 
-_GRAVITY = 9.81
 _WIDTH_M, _DEPTH_M = 0.433, 0.238  # distances of the cells, left to right and bottom to top
 _ACROSS = np.array([-1.0, 1.0, -1.0, 1.0]) * _WIDTH_M / 2.0  # m, position of each cell to the right of the centre
 _ALONG = np.array([1.0, 1.0, -1.0, -1.0]) * _DEPTH_M / 2.0  # m, position of each cell towards the top
@@ -370,7 +369,7 @@ def read_board(path: Path, loads: Path | None = None) -> BoardLog:
     rate = (len(time) - 1) / float(np.ptp(time))
     rows = [each & (np.abs(cells).sum(axis=1) > _UNLOADED_KG) for each in find_held(cells, rate)]
     kept = ~rows[0] & ~rows[1]
-    newtons = cells[kept] * _GRAVITY
+    newtons = cells[kept] * GRAVITY
     held = list_held(f"the balance board ({path.name})", time, *rows)
     stretches = [np.searchsorted(time[kept], first) for each in held for first, _ in each.stretches]
     filled = sum(time[kept][k] - time[kept][k - 1] > _LONGEST_GAP_S for k in stretches if 0 < k < kept.sum())

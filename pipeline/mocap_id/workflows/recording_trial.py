@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from mocap_id import plain_files
+from mocap_id.arrays import GRAVITY
 from mocap_id.config import Trial, load
 from mocap_id.config.parsing import Source
 from mocap_id.config.trial import compose
 from mocap_id.errors import ConfigError, RecordingError, StoreError
-from mocap_id.plates.choice import GRAVITY
 from mocap_id.protocols.movement import recognise_movement
 from mocap_id.recording import Recording, ThinnedFrames, read, write_recording, write_recording_as_text
 from mocap_id.recording.skeleton_log import read_skeleton

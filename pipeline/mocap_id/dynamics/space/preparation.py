@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_complete_rows
+from mocap_id.arrays import GRAVITY, BoolArray, FloatArray, IntArray, find_complete_rows
 from mocap_id.dynamics.preparation import (
     NO_CLOCK,
     CoarseClock,
@@ -63,7 +63,7 @@ def spatial_point_acceleration(arm: FloatArray, omega: FloatArray, alpha: FloatA
     return np.asarray(np.cross(alpha, arm) + np.cross(omega, np.cross(omega, arm)))
 
 
-def segment_regressor(motion: SpatialMotion, gravity: float = 9.81) -> FloatArray:
+def segment_regressor(motion: SpatialMotion, gravity: float = GRAVITY) -> FloatArray:
     """Return the regressor (T, 6, 10K) of the ground's wrench on K bodies in space (eq. 4.15 to 4.22).
 
     Rows: force and moment of the ground about the origin. Columns: the ten

@@ -8,11 +8,10 @@ from functools import partial
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
+from mocap_id.arrays import GRAVITY, BoolArray, FloatArray, IntArray, chunks, find_runs
 from mocap_id.errors import NumericalError
 from mocap_id.estimation.filter_problem import ORDER
 from mocap_id.estimation.inertial import (
-    GRAVITY,
     WORSE,
     MotionFromMarkers,
     PreparedSensor,

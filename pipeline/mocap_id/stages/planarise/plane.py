@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from mocap_id import recording
-from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
+from mocap_id.arrays import GRAVITY, BoolArray, FloatArray, IntArray, chunks, find_runs
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.kinematics.base_motion import BaseMotion, find_base_motion, find_heel_lift, propose_window
 from mocap_id.kinematics.marker_faults import find_bursts, find_lone_markers, find_swaps, undo_swaps
 from mocap_id.kinematics.plane import find_feet, fit_plane
-from mocap_id.plates.choice import GRAVITY, PlateChoice, choose_plates, compare_courses, find_dropouts
+from mocap_id.plates.choice import PlateChoice, choose_plates, compare_courses, find_dropouts
 from mocap_id.plates.clock import ClockSearch, find_clock_offset
 from mocap_id.plates.placement import find_standing_feet
 from mocap_id.recording import Plate, PlateSamples, Recording, ThinnedFrames

@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mocap_id import recording
-from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
+from mocap_id.arrays import GRAVITY, BoolArray, FloatArray, find_complete_rows
 from mocap_id.errors import ConfigError, RecordingError, Refused
 from mocap_id.geometry.planar import PlaneFrame
 from mocap_id.kinematics.base_motion import BaseMotion
 from mocap_id.kinematics.plane import find_feet
 from mocap_id.plates.choice import (
-    GRAVITY,
     PlateChoice,
     ZeroRule,
     compare_directions,

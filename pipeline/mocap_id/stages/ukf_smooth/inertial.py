@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import GRAVITY, FloatArray
 from mocap_id.errors import ConfigError, NumericalError, RecordingError, Refused
 from mocap_id.estimation import States
 from mocap_id.estimation.filter_problem import MarkerChain
-from mocap_id.estimation.inertial import GRAVITY, OBSERVABLE_SD, Clock, SensorResult, SensorSignals
+from mocap_id.estimation.inertial import OBSERVABLE_SD, Clock, SensorResult, SensorSignals
 from mocap_id.estimation.inertial_tracking import (
     FORCE_BIAS,
     SWITCHED_ON,

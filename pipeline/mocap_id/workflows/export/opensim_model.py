@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from mocap_id import __version__
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import GRAVITY, FloatArray, IntArray
 from mocap_id.dynamics.regressor import LINK_PARAMETERS, PLANAR_PARAMETERS
 from mocap_id.geometry import so3
 from mocap_id.geometry.so3 import hat
@@ -299,7 +299,7 @@ def read_gravity(run: RunFolder) -> float:
     """Return the gravity that the identification used, m/s²; 9.81 if there is no identification."""
     about = run.provenance.get("dynamics.h5")
     settings = {} if about is None else about.origin.parameters.get("identify-dim") or {}
-    return float(settings.get("gravity", 9.81))
+    return float(settings.get("gravity", GRAVITY))
 
 
 def planar_joint(name: str, body: str, coordinates: Sequence[Element]) -> Element:

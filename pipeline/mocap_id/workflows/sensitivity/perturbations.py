@@ -19,13 +19,12 @@ from pydantic import Field
 
 from mocap_id import runner
 from mocap_id.anatomy.frames import draw_centred_skin_motion
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import GRAVITY, FloatArray, IntArray
 from mocap_id.config.parsing import Source, parse, raise_mistakes, read_source, suggest_name
 from mocap_id.dynamics.preparation import SampledWrench
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.geometry import so3
 from mocap_id.geometry.planar import marker_positions, rotate
-from mocap_id.plates.choice import GRAVITY
 from mocap_id.recording.sensor_logs import ImuLog, format_imu_csv, read_imu
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Settings
