@@ -167,7 +167,7 @@ def _prescribe_chain(result: PrescriptionResult) -> PrescriptionResult:
 def _add_devices(result: PrescriptionResult) -> PrescriptionResult:
     """Return the result with the pressures of the devices that replace springs, and with their controller.
 
-    ConfigError is raised as for :func:`mocap_id.config.trial.load_device`.
+    ConfigError is raised as for :func:`mocap_id.config.device.load_device`.
     """
     wishes = result.config.wishes
     devices = [None if spring.device is None else load_device(spring.device) for spring in wishes.springs or ()]

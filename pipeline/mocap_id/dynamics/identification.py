@@ -64,7 +64,7 @@ class Identification(Identified):
     gain: FloatArray | None = None
     # effect of the instruments' errors of scale, which `covariance` contains; None if it does not
     calibration: CalibrationEffect | None = None
-    # result of the check for a wrong scale (`scale_check`); None if this check was not possible
+    # result of the check for a wrong scale (`check_scales`); None if this check was not possible
     scales: ScaleCheck | None = None
     # identification with a prior of the foot, used only for the torques; None without this prior
     with_foot: Identification | None = None

@@ -201,7 +201,7 @@ FRAMEWISE: tuple[Method, ...] = ("butterworth", "spline")
 class FilterSettings:
     """Settings of the state estimation in the plane."""
 
-    method: Method = "rts"  # filter and smoother, or one of :mod:`mocap_id.estimation.alternative_estimators`
+    method: Method = "rts"  # filter and smoother, or another estimator of this module
     butterworth_hz: float = 6.0  # cut-off of ``butterworth``, Hz
     engine: Literal["compiled", "filterpy"] = "compiled"  # filterpy gives the same result a hundred times slower
     marker_sd: float | None = None  # standard deviation of a marker's coordinate, m; None: estimated

@@ -214,7 +214,7 @@ def transfer_model(model: Path, trials: Sequence[Path], progress: runner.Progres
 
     Paths and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`. RecordingError is raised if the
     model's trial has no identified body, ConfigError as by :func:`apply_model`, and the errors of
-    :func:`mocap_id.workflows.run_folder.open_identified_trial`.
+    :func:`mocap_id.workflows.identified_trial.open_identified_trial`.
     """
     source = open_identified_trial(model, progress)
     if not np.isfinite(source.parameters).all():

@@ -36,7 +36,7 @@ from mocap_id.stages.identify_dim.dynamics_artefacts import (
     make_datasets,
     make_dynamics_columns,
 )
-from mocap_id.stages.identify_dim.events import make_events
+from mocap_id.stages.identify_dim.events import find_curl_events, find_reach_events, make_events
 from mocap_id.stages.identify_dim.trial_data import (
     NotIdentifiable,
     describe_errors,
@@ -68,12 +68,8 @@ def identify_in_space(context: Context) -> Outputs:
     events = make_events(())
     torques: dict[str, FloatArray] = {}
     if context.trial.protocol == "curl":
-        from mocap_id.stages.identify_dim.events import find_curl_events  # noqa: PLC0415  only for curls
-
         events, torques = find_curl_events(context)
     elif context.trial.protocol == "reach":
-        from mocap_id.stages.identify_dim.events import find_reach_events  # noqa: PLC0415  only for reaches
-
         events = find_reach_events(context)
     if isinstance(trial, NotIdentifiable):
         dynamics, tree = _describe_unidentified(context, skeleton, time, wrench, trial)
