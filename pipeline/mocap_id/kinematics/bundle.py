@@ -2,9 +2,9 @@
 
 The fit solves :mod:`mocap_id.kinematics.chain_fit` by Gauss-Newton; bursts (large residuals) have less weight.
 The data do not determine the orientation of a segment frame. Each iteration therefore takes the shortest step, and
-:func:`orient_frames` sets the orientation afterwards (the purpose of lambda_phi in 3.16). Each marker is weighted by
-its residuals, because skin over muscle slides more than skin over bone. The frames of a fit are enough of every
-posture, and few of postures that last long (:func:`frames_along_motion`).
+:func:`mocap_id.kinematics.chain_fit.orient_frames` sets the orientation afterwards (the purpose of lambda_phi in 3.16).
+Each marker is weighted by its residuals, because skin over muscle slides more than skin over bone. The frames of a fit
+are enough of every posture, and few of postures that last long (:func:`frames_along_motion`).
 """
 
 from __future__ import annotations

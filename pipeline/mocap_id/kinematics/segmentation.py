@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -29,6 +30,9 @@ from mocap_id.kinematics.link_fit import (
     find_hypotheses,
     log_cost,
 )
+
+Evidence: TypeAlias = Literal["skipped", "left-out", "axis", "first-joint", "base", "runner-up", "links", "ankle"]
+"""Names of the evidence against the segments; the report has a sentence for each."""
 
 _BEST = 3.8  # log odds without evidence against the segments
 _SURE_SKIPPED = 3.5  # growth of the residual without a segment; 4.0 for correct segments, 3.0 for wrong ones

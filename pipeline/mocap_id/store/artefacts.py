@@ -523,7 +523,7 @@ class MeasuredPoses:
         return np.stack(columns, axis=1) if columns else np.zeros((table.length, 0, len(endings)))
 
     def find_measured(self, *segments: str) -> BoolArray:
-        """Return True (T,) except where markers of ``segments`` are rejected; see :func:`~.views.find_measured`."""
+        """Return True (T,) except where markers of ``segments`` are rejected; see :func:`find_measured`."""
         return find_measured(self.time, self.rejected, segments)
 
     @cached_property

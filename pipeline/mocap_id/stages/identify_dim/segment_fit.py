@@ -487,7 +487,10 @@ def check_and_calibrate(
 
 
 def explain_scales(out: Findings, found: Identification, given: float | None, *, stands: bool) -> None:
-    """Add a caution about suspected errors of scale, and a note if the mass is not ``given`` and the person stands."""
+    """Add a caution about suspected errors of scale, and a note if no mass, kg, is ``given``.
+
+    The note is added if the person ``stands`` on plates or a board, or if the scales were checked.
+    """
     causes, suspects = found.scales or ({}, ())
     if given is None and (stands or found.scales is not None):
         out.reasons.append(ON_TRUST)

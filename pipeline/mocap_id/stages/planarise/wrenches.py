@@ -86,8 +86,8 @@ def check_registration(
 ) -> tuple[Findings, str | None, bool]:
     """Compare the feet's plates with the markers.
 
-    The results are facts for wrench.parquet with reasons to doubt the plates' positions; the reason why the moments are
-    missing, so that no parameter can be identified, or None; and whether the horizontal force along the plane is
+    The results are facts for wrench.parquet with reasons to doubt the plates' positions; the reason why no
+    parameter can be identified, or None; and whether the horizontal force along the plane is
     measured.
 
     ``samples`` are the plates' wrenches at the times of ``positions`` (F, M, 3), lab axes with Z up, m. ``person`` is
