@@ -54,7 +54,7 @@ _AFTER_STAGES = (
     ("devices", "workspace", "Compute what the tip of a chain reaches within its limits."),
     ("devices", "prescribe", "Find springs that let a weak person hold a wider range."),
     ("studies", "sensitivity", "Perturb a trial and report which errors it tolerates."),
-    ("studies", "advise", "Propose the movement to record next."),
+    ("advise", "advise", "Propose the movement to record next."),
     ("inspect", "inspect", "Print what a recording contains."),
     ("simulate", "simulate", "Simulate recordings whose exact truth is known."),
     ("validate", "validate", "Repeat the validation studies of the thesis."),

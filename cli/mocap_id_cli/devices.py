@@ -19,9 +19,6 @@ from mocap_id.stages.device import Condition
 from mocap_id.workflows.run_folder import write_result
 from mocap_id_assist import pneumatic as cylinders
 from mocap_id_assist import workspaces
-from mocap_id_assist.files import load_prescription
-from mocap_id_assist.prescription_output import prescription_lines, prescription_output
-from mocap_id_assist.prescriptions import prescribe_from
 from mocap_id_assist.workspace import ReachableWorkspace
 from mocap_id_cli.console import AsJson, Output, align, common_options, make_group
 
@@ -45,6 +42,11 @@ def prescribe(
 
     The range is that of one joint or of a whole chain.
     """
+    # these load numba, which the other commands of this module do not need
+    from mocap_id_assist.files import load_prescription  # noqa: PLC0415
+    from mocap_id_assist.prescription_output import prescription_lines, prescription_output  # noqa: PLC0415
+    from mocap_id_assist.prescriptions import prescribe_from  # noqa: PLC0415
+
     found = prescribe_from(load_prescription(config), out, output.report_stage, output.say)
     result, written = write_result(prescription_output(found), out, config)
     output.print_result(result.document, chain(prescription_lines(found), written))

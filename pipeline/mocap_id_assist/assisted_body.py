@@ -10,7 +10,7 @@ import numpy as np
 from mocap_id import runner
 from mocap_id.arrays import BoolArray, FloatArray, sobol
 from mocap_id.config.device import DeviceConfig
-from mocap_id.dynamics.priors import Setting
+from mocap_id.dynamics.cylinder import Setting
 from mocap_id.errors import ConfigError
 from mocap_id.store import Tree
 from mocap_id.workflows.run_folder import check_provenance, open_run_to

@@ -30,7 +30,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.priors import ADIABATIC, ISOTHERMAL, Cylinder, PressureLimits
+from mocap_id.dynamics.cylinder import ADIABATIC, ISOTHERMAL, Cylinder, PressureLimits
 from mocap_id_assist.devices import RESERVE
 from mocap_id_assist.springs import OneJoint
 

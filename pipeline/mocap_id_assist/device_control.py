@@ -10,7 +10,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config.device import DeviceConfig
-from mocap_id.dynamics.priors import Setting
+from mocap_id.dynamics.cylinder import Setting
 from mocap_id_assist.assisted_body import PrescriptionResult, find_task_points
 from mocap_id_assist.controllers import (
     TOLERANCE,

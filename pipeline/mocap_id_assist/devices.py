@@ -25,7 +25,7 @@ import numpy as np
 from scipy.optimize import least_squares, linprog, lsq_linear
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_runs
-from mocap_id.dynamics.priors import ADIABATIC, ISOTHERMAL, Cylinder, PressureLimits, Setting
+from mocap_id.dynamics.cylinder import ADIABATIC, ISOTHERMAL, Cylinder, PressureLimits, Setting
 from mocap_id.errors import NumericalError
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from mocap_id import __version__
 from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.config.device import DeviceConfig
-from mocap_id.dynamics.priors import ADIABATIC, ISOTHERMAL, Setting
+from mocap_id.dynamics.cylinder import ADIABATIC, ISOTHERMAL, Setting
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.sample_checks import SENSOR_HZ, check_times
 from mocap_id.recording.text_tables import read_csv

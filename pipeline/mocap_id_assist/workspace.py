@@ -2,9 +2,8 @@
 
 W = {g(θ) : θ ∈ Q} (eq. 7.1) for the box Q of the joint limits. It is the alpha shape of the points to which
 low-discrepancy samples of Q are mapped: the simplices of scipy's Delaunay triangulation whose circumscribed ball has at
-most a given radius. The radius follows from the samples. A circumscribed ball contains no
-sample; if its centre is in the sampled set, it is therefore at most as large as the largest ball in that set without a
-sample.
+most a given radius. The radius follows from the samples. A circumscribed ball contains no sample; if its centre is in
+the sampled set, it is therefore at most as large as the largest ball in that set without a sample.
 """
 
 from __future__ import annotations

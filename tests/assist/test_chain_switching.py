@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.priors import Cylinder, PressureLimits, Setting
+from mocap_id.dynamics.cylinder import Cylinder, PressureLimits, Setting
 from mocap_id_assist.controllers import (
     CHAIN_STEP,
     Actuator,

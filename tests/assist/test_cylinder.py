@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from mocap_id.config.device import load_device
-from mocap_id.dynamics.priors import ADIABATIC, ISOTHERMAL, Cylinder, Setting, compute_torque_and_sd
+from mocap_id.dynamics.cylinder import ADIABATIC, ISOTHERMAL, Cylinder, Setting, compute_torque_and_sd
 
 ROOT = Path(__file__).resolve().parents[2]
 ELBOW = Cylinder(0.03, 2.8e-4, 2.5e-4, 0.05, 0.07, 0.08, 2.4, 1.2, 0.2, 0.02)

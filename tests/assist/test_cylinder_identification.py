@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mocap_id.dynamics.priors import Cylinder, Setting
+from mocap_id.dynamics.cylinder import Cylinder, Setting
 from mocap_id.errors import NumericalError
 from mocap_id_assist.devices import TorqueLog, identify_cylinder, predict_torque
 

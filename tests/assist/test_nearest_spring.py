@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from mocap_id.dynamics.priors import Cylinder, PressureLimits, Setting
+from mocap_id.dynamics.cylinder import Cylinder, PressureLimits, Setting
 from mocap_id_assist.devices import find_nearest_setting, gas_of_change, normal_litres
 
 LIMITS = PressureLimits(101_325.0, 7e5)

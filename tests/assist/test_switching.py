@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mocap_id.dynamics.priors import Cylinder, PressureLimits, Setting
+from mocap_id.dynamics.cylinder import Cylinder, PressureLimits, Setting
 from mocap_id_assist.controllers import (
     JOINT_STEP,
     Actuator,

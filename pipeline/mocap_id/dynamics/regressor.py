@@ -13,7 +13,6 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from mocap_id.arrays import GRAVITY, BoolArray, FloatArray, IntArray
 from mocap_id.geometry import Chain, link_motion, planar, se3, so3, spatial_jacobian
@@ -451,6 +450,8 @@ def estimate_covariance(
     X_gᵀ r_g r_gᵀ X_g + PᵀS²P) (XᵀX + PᵀP)⁻¹. The diagonal ``spread`` of S contains the standard deviations of the
     prior's errors, divided by those in P; below 1 for a prior that is wider than its errors.
     """
+    from scipy.linalg import solve_triangular  # noqa: PLC0415  what uses the regressor alone needs no scipy
+
     columns = design.shape[-1]
     rows = design.reshape(-1, columns)
     factor = triangularise(rows if prior is None else np.concatenate([rows, prior]))

@@ -597,7 +597,7 @@ def refine(  # noqa: PLR0917
 
     ``markers`` (F, M, 2), m, are used where ``used`` (F, M). ``angles`` (F, n), rad, are the start and the result, and
     ``normal`` (F, n, n) becomes Jᵀ J at the last linearisation, m^2/rad^2. ``damping`` is added to its diagonal. The
-    chain is as in :class:`mocap_id.estimation.noise.MarkerChain`. With ``iterations`` = 0 only ``normal``
+    chain is as in :class:`mocap_id.estimation.filter_problem.MarkerChain`. With ``iterations`` = 0 only ``normal``
     is computed: one function for both tasks saves time of compilation.
     """
     n = angles.shape[1]

@@ -9,7 +9,7 @@ from math import factorial
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.errors import NumericalError
+from mocap_id.errors import ConfigError, NumericalError
 from mocap_id.estimation.filter_kernels import FilterModel, Inertial, Measurements, run_filter, run_smoother
 
 ORDER = 4  # quantities in the state of one joint: angle, velocity, acceleration, jerk
@@ -183,7 +183,7 @@ def filter_forwards(problem: FilterProblem) -> Track:
 
 
 def smooth_backwards(problem: FilterProblem, track: Track) -> Track:
-    """Return a filtered track with its arrays overwritten by the Rauch–Tung–Striebel smoother; errors as above."""
+    """Smooth a track in place (Rauch–Tung–Striebel); NumericalError if a covariance is not positive definite."""
     failed = run_smoother(_make_model(problem), track.restarted, track.mean, track.covariance)
     if failed >= 0:
         raise NumericalError(f"the smoother's covariance is not positive definite at sample {failed}")
@@ -201,6 +201,8 @@ def _make_model(problem: FilterProblem) -> FilterModel:
     still nearly linear between them.
     """
     size, chain = 4 * problem.joints, problem.chain
+    if not size:
+        raise ConfigError("sigma points: alpha^2 (L + kappa) is 0 for L = 0; it must be positive")
     return FilterModel(
         step=transition(problem.dt)[0],
         shape=noise_shape(problem.dt),

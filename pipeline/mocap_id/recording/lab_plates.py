@@ -189,7 +189,7 @@ def is_force_on_plate(vertical: FloatArray) -> bool:
 
 
 def compute_centre_of_pressure(plate: Plate, wrench: Plate | PlateSamples) -> FloatArray:
-    """Return the centre of pressure (K, 2) of ``wrench`` on ``plate`` in the lab, m; NaN below a load of 20 N."""
+    """Return the centre of pressure (K, 2) of ``wrench`` on ``plate`` in the lab, m; NaN at 20 N or less."""
     centre = np.zeros(3) if plate.centre is None else plate.centre
     about = wrench.moment - np.cross(centre, wrench.force)
     vertical = np.where(wrench.force[:, 2] > LOADED_N, wrench.force[:, 2], np.nan)

@@ -304,7 +304,7 @@ def list_held(sensor: str, time: FloatArray, held: BoolArray, straight: BoolArra
 
 
 def describe_held(found: Sequence[HeldSamples], start: float = -np.inf, end: float = np.inf) -> tuple[Reason, ...]:
-    """Return a reason with the sensors that have such stretches between two times, s; a caution if they are long."""
+    """Return a reason with the sensors that have such stretches between two times, s; a caution if long or many."""
     found = [each for each in found if any(first <= end and last >= start for first, last in each.stretches)]
     if not found:
         return ()

@@ -12,7 +12,7 @@ import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
@@ -24,7 +24,6 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure as MplFigure
 from matplotlib.lines import Line2D
 
-from mocap_id.design.proposal import MovementLimits, Trajectory
 from mocap_id.reporting import CAPTIONS_FILE, PdfFonts, style
 from mocap_id.reporting.figure import (
     Band,
@@ -40,6 +39,9 @@ from mocap_id.reporting.figure import (
     Spans,
     Text,
 )
+
+if TYPE_CHECKING:
+    from mocap_id.design.proposal import MovementLimits, Trajectory
 
 WIDTH = 7.2
 """Width of a figure, inches: two columns of a journal page."""

@@ -157,7 +157,8 @@ def _summarise_chain(data: ReportData) -> tuple[list[schema.JointEntry] | None, 
     if skeleton is None:
         return None, None
     joints = []
-    for j, (name, (source, value, sd)) in enumerate(zip(skeleton.joints, data.zeros, strict=False)):
+    for j, name in enumerate(skeleton.joints):
+        source, value, sd = data.zeros[j]
         joints.append(
             schema.JointEntry.explain(
                 _NOT_FINITE if sd is not None else _NO_STATE_SD,

@@ -44,9 +44,9 @@ _LARGEST = 1_000_000  # bytes; a longer log is cut to its newer half
 def keep_log(folder: Path, trial: str, files: Mapping[str, Path]) -> Iterator[logging.Logger]:
     """Collect log messages and warnings, and append them to the log of the run folder at the end of the run.
 
-    Nothing is written to a folder without other files, and a log that cannot be written causes no error. Instead of the
-    names of the user ``files``, which may identify a person, the log contains their YAML keys. The logger that is
-    yielded is for messages that go only to the log.
+    Nothing is written to a folder without other files. A log that cannot be written causes no error. The caller must
+    have locked the folder. Instead of the names of the user ``files``, which may identify a person, the log contains
+    their YAML keys. The logger that is yielded is for messages that go only to the log.
     """
     lines = _Lines(files)
     every, own = logging.getLogger("mocap_id"), logging.Logger("mocap_id.run", logging.INFO)

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.priors import ADIABATIC, ISOTHERMAL, Cylinder, PressureLimits, Setting, compute_torque_and_sd
+from mocap_id.dynamics.cylinder import ADIABATIC, ISOTHERMAL, Cylinder, PressureLimits, Setting, compute_torque_and_sd
 from mocap_id.stages.base import Settings
 
 _Chamber = float | Literal["open"]
@@ -144,7 +144,7 @@ class DeviceFile(Settings):
     ) -> tuple[FloatArray, FloatArray]:
         """Return the torque on the joint and its standard deviation, N·m; zeros if the device is not worn.
 
-        The arguments are those of :func:`~mocap_id.dynamics.priors.compute_torque_and_sd`.
+        The arguments are those of :func:`~mocap_id.dynamics.cylinder.compute_torque_and_sd`.
         """
         if not condition.worn:
             return np.zeros(np.shape(angle)), np.zeros(np.shape(angle))

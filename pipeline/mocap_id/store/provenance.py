@@ -209,6 +209,8 @@ class Record:
         strings = json.loads(content)
         documents = {str(file): str(digest) for file, digest in strings["documents"].items()}
         checksums = strings["artefacts"].items()
+        if any(len(each) != 2 for _, each in checksums):
+            raise ValueError("a checksum has other keys")
         artefacts = {str(file): (each["schema_version"], each["digest"]) for file, each in checksums}
         return cls(Provenance.decode(strings).origin, documents, artefacts)
 

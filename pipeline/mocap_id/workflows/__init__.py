@@ -1,7 +1,7 @@
 """Commands on many trials, on the results of finished trials, on recordings or on the installation.
 
 After ``from mocap_id import workflows``, a workflow is imported when it is first used, for example in
-``workflows.regress.compare_runs(…)``, so that no command has to wait for the workflow of another one.
+``workflows.regress.compare_runs(…)``, so that no command has to wait for all of them.
 """
 
 from importlib import import_module

@@ -631,10 +631,10 @@ def study_sensitivity(
 ) -> tuple[Path, tuple[PerturbationRun, ...], Mapping[str, Any]]:
     """Perturb a trial, write the results, and return their folder, all runs, and the content of sensitivity.json.
 
-    The run folder is not changed.
-    ``jobs`` perturbations run at the same time, in separate processes, which does not affect the results. The results
-    are in ``out``, by default beside the run folder, with its name and ``-sensitivity``. ``progress`` is called with
-    each step of the run that must come first, and ``tell`` with each finished perturbation.
+    The run folder is not changed. ``jobs`` perturbations run at the same time, in separate processes, which does not
+    affect the results. The results are in ``out``, by default beside the run folder, with its name and
+    ``-sensitivity``. ``progress`` is called with each step of the run that must come first, and ``tell`` with each
+    finished perturbation.
 
     Raises
     ------
