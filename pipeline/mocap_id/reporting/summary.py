@@ -186,7 +186,7 @@ def _summarise_dynamics(data: ReportData) -> schema.DynamicsEntry:
     motion, found = None, facts.get("motion")
     if found is not None:
         gaps = found.get("joints") or {}
-        order = {name: k for k, name in enumerate(data.joint_names)}
+        order = {name: k for k, name in reversed([*enumerate(data.joint_names)])}
         joints = {
             name: schema.GapEntry.explain("no interval without gaps is long enough", gaps[name])
             for name in sorted(gaps, key=lambda name: order.get(name, len(order)))
