@@ -11,7 +11,7 @@ import numpy as np
 
 from mocap_id.arrays import GRAVITY, BoolArray, FloatArray, IntArray, sobol
 from mocap_id.geometry import so3
-from mocap_id.recording.sensor_logs import ImuLog, format_imu_csv
+from mocap_id.recording.imu_log import ImuLog, format_imu_csv
 from mocap_id_simulation.arm import (
     FOREARM,
     HAND,

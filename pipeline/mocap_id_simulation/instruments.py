@@ -18,8 +18,8 @@ from mocap_id.anatomy.frames import WANDER, draw_slide, draw_wander, mid_range
 from mocap_id.arrays import GRAVITY, BoolArray, FloatArray
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.geometry import so3
+from mocap_id.recording.imu_log import ImuLog
 from mocap_id.recording.lab_plates import PlateSignals
-from mocap_id.recording.sensor_logs import ImuLog
 from mocap_id_simulation.bodies import MIDDLE, MarkerSet
 from mocap_id_simulation.options import FaultOptions, Sense
 from mocap_id_simulation.sit_to_stand import Schedule, draw_direction, smoothstep

@@ -14,8 +14,8 @@ import numpy as np
 
 from mocap_id.arrays import GRAVITY, FloatArray
 from mocap_id.errors import ConfigError, StoreError
+from mocap_id.recording.imu_log import format_imu_csv
 from mocap_id.recording.lab_plates import PlateSignals
-from mocap_id.recording.sensor_logs import format_imu_csv
 from mocap_id.recording.writer import write_c3d
 from mocap_id.store.atomic import converting_errors, write_files
 from mocap_id_simulation.forces import BodiesState, DividedBody

@@ -22,7 +22,7 @@ from mocap_id import recording, runner
 from mocap_id.config import load
 from mocap_id.config.study import load_study
 from mocap_id.errors import MocapIdError, NumericalError
-from mocap_id.recording.sensor_logs import read_imu
+from mocap_id.recording.imu_log import read_imu
 from mocap_id.recording.skeleton_log import read_skeleton
 from mocap_id.recording.text_tables import read_table
 from mocap_id.runner.dependencies import FileHashes

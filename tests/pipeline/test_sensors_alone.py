@@ -15,7 +15,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry import so3
-from mocap_id.recording.sensor_logs import read_imu
+from mocap_id.recording.imu_log import read_imu
 from mocap_id.runner.dependencies import collect_parameters, find_user_files
 from mocap_id.runner.execution import run
 from mocap_id.stages import STAGES

@@ -11,7 +11,7 @@ import pytest
 
 from mocap_id.config import load
 from mocap_id.errors import ConfigError
-from mocap_id.recording.sensor_logs import read_imu
+from mocap_id.recording.imu_log import read_imu
 from mocap_id.runner.execution import run
 from mocap_id_simulation import ArmOptions, Options, simulate, write_arm
 

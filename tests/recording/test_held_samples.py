@@ -11,8 +11,8 @@ from recording_cases import CORNERS, signals
 
 from mocap_id.estimation.inertial import SensorSignals
 from mocap_id.recording import Recording, read, read_board, read_encoder, read_force_log, write_c3d, write_trc
+from mocap_id.recording.imu_log import ImuLog, format_imu_csv, read_imu
 from mocap_id.recording.sample_checks import describe_held, find_held, list_held
-from mocap_id.recording.sensor_logs import ImuLog, format_imu_csv, read_imu
 from mocap_id.recording.skeleton_log import read_skeleton
 from mocap_id.workflows.recording_trial import describe_recording
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mocap_id.errors import RecordingError
-from mocap_id.recording.sensor_logs import read_imu
+from mocap_id.recording.imu_log import read_imu
 
 ROWS = 60
 TIME = np.arange(ROWS) / 100

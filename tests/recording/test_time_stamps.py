@@ -24,8 +24,8 @@ from mocap_id.recording import (
     read_force_log,
     read_table,
 )
+from mocap_id.recording.imu_log import read_imu
 from mocap_id.recording.sample_checks import fit_even_clock
-from mocap_id.recording.sensor_logs import read_imu
 from mocap_id.recording.skeleton_log import read_skeleton
 
 FILE = Path("trial.trc")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mocap_id.errors import ConfigError
-from mocap_id.recording.sensor_logs import ImuLog
+from mocap_id.recording.imu_log import ImuLog
 from mocap_id.workflows.sensitivity.perturbations import (
     ALL_KINDS,
     COMPONENTS,

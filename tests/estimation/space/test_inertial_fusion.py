@@ -15,7 +15,7 @@ from mocap_id.estimation.space.frame_poses import degrees_of_freedom, make_chain
 from mocap_id.estimation.space.skeleton_smoothing import SensorResult, fuse_in_space
 from mocap_id.estimation.space.space_kernels import Pose, Sensors, predict_sensors
 from mocap_id.geometry import so3
-from mocap_id.recording.sensor_logs import ImuLog
+from mocap_id.recording.imu_log import ImuLog
 from mocap_id.stages.skin_motion import add_axial_rotation_errors
 from mocap_id_simulation import ArmOptions, SimulatedSpaceTrial, generate_arm
 from mocap_id_simulation.arm_files import simulate_sensors

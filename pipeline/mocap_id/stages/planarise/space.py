@@ -15,10 +15,10 @@ from mocap_id.kinematics.plane import fit_plane
 from mocap_id.plates.choice import PlateChoice
 from mocap_id.plates.placement import find_standing_feet
 from mocap_id.recording import Recording, ThinnedFrames
+from mocap_id.recording.imu_log import read_imu
 from mocap_id.recording.markers import rotate_z_up
 from mocap_id.recording.model import nearest_axis
 from mocap_id.recording.sample_checks import find_upright, shows_standing
-from mocap_id.recording.sensor_logs import read_imu
 from mocap_id.recording.skeleton_log import read_skeleton
 from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.calibration_trial import FORMAT, get_calibration, read_chain

@@ -21,8 +21,8 @@ from mocap_id.estimation.inertial_tracking import (
     track_without_markers,
 )
 from mocap_id.geometry.planar import marker_positions
+from mocap_id.recording.imu_log import read_imu
 from mocap_id.recording.sample_checks import describe_held
-from mocap_id.recording.sensor_logs import read_imu
 from mocap_id.stages import skin_motion
 from mocap_id.stages.base import Context, Findings, Outputs
 from mocap_id.stages.calibration_trial import get_calibration, read_states

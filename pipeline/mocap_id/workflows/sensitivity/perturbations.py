@@ -25,7 +25,7 @@ from mocap_id.dynamics.preparation import SampledWrench
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.geometry import so3
 from mocap_id.geometry.planar import marker_positions, rotate
-from mocap_id.recording.sensor_logs import ImuLog, format_imu_csv, read_imu
+from mocap_id.recording.imu_log import ImuLog, format_imu_csv, read_imu
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Settings
 from mocap_id.stages.trial_keys import Subject, TrialKeys, list_sensors
