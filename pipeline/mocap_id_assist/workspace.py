@@ -153,10 +153,10 @@ class JointLimits:
 def find_limits(q: FloatArray, sd: FloatArray, measured: BoolArray, quantile: float = 0.0) -> JointLimits:
     """Return the extremes of an observed motion as limits.
 
-    Of the angles ``q`` (T, n) with standard deviations ``sd`` (T, n), rad, those that markers determine (``measured``)
-    are used. ``quantile``, below 0.5, is the fraction of each joint's samples that is left out at either end. The
-    standard deviation of a limit is that of the angle at the extreme sample, or with a quantile the root mean square
-    over the samples between 0.5 and 1.5 times the quantile.
+    ``q`` (T, n) are the angles and ``sd`` (T, n) their standard deviations, rad. Only samples that markers determine
+    are used; ``measured`` (T, n) marks them. ``quantile``, below 0.5, is the fraction of each joint's samples that is
+    left out at either end. The standard deviation of a limit is that of the angle at the extreme sample, or with a
+    quantile the root mean square over the samples between 0.5 and 1.5 times the quantile.
 
     ValueError is raised if a joint was never measured, or did not move.
     """

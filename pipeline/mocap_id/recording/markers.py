@@ -72,9 +72,10 @@ def name_markers(
 ) -> MarkerNames:
     """Select the markers among the trajectories and give each a unique name without the name of a person.
 
-    ``raw`` are the labels of all trajectories, possibly empty, and ``outputs`` those that the file declares not to be
-    markers (POINT:ANGLES …). The names of ``subjects`` that the file declares are removed from the start of labels, as
-    is everything up to a colon; no message contains them. With ``apart``, every label says the number of its subject.
+    ``raw`` are the labels of all trajectories; a label may be empty. ``outputs`` are the labels that the file declares
+    as other data than markers (POINT:ANGLES …). The names of ``subjects`` that the file declares are removed from the
+    start of labels, as is everything up to a colon; no message contains them. With ``apart``, every label says the
+    number of its subject.
     """
     known = sorted({name.strip() for name in subjects if name.strip()}, key=len, reverse=True)
     split = [_split_prefix(strip_padding(text), known) for text in raw]
